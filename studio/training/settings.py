@@ -1,0 +1,107 @@
+"""Plain settings of group training. Defaults are the paper's where the paper names a value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from studio.errors import StudioError
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Adam learning rates (3DGS's; the released V3 code uses the same).
+
+    Attributes:
+        means: first step, times the scene extent; decays exponentially to `means_final` over the keyframe.
+        means_final: last step of that decay, times the scene extent.
+        sh_dc: constant colour; `sh_rest` for the higher coefficients.
+        opacity, scale, rotation: logit opacity, log scale, quaternion.
+    """
+
+    means: float = 1.6e-4
+    means_final: float = 1.6e-6
+    sh_dc: float = 2.5e-3
+    sh_rest: float = 1.25e-4
+    opacity: float = 0.05
+    scale: float = 5e-3
+    rotation: float = 1e-3
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """How keyframes and the frames after them are trained.
+
+    Attributes:
+        sh_degree: 0 to 3.
+        dssim_weight: lambda of equation 7, weight of D-SSIM against L1.
+        alpha_weight: weight of the L1 between drawn alpha and matte; 0 leaves coverage to the background.
+        background: what shows behind the performer while training: "random" (a new colour each step, so that
+            coverage is learnt), "black" or "white".
+        crop_margin: the loss is computed in the performer's box, padded by this share of its size (and 16 px).
+        keyframe_iterations: 3DGS steps of the keyframe, before pruning.
+        densify_from, densify_until, densify_every: 3DGS densification, in steps.
+        densify_gradient: mean screen gradient (NDC) above which a splat is cloned or split.
+        densify_max_splats: no densification beyond this count (before pruning).
+        opacity_reset_every: 3DGS's opacity reset, in steps; none in the last quarter of densification.
+        sh_degree_every: one more SH degree is optimised after this many steps.
+        prune_ratio: share with the lowest opacity that one pruning round removes (section 4.1: 30 %).
+        prune_rounds: pruning rounds at least; more follow until `max_splats` holds.
+        max_splats: cap after pruning.
+        prune_finetune_iterations: steps after each pruning round, without densification.
+        motion_iterations: steps of the motion network a frame (section 5: 500).
+        motion_learning_rate: Adam, MLP weights; the hash table takes ten times that.
+        motion_velocity: start from the constant-velocity guess x_{t-1} + (x_{t-1} - x_{t-2}) and learn the rest.
+        hash_levels, hash_features, hash_log2_size, hash_base_resolution, hash_growth: the multiresolution grid.
+        mlp_width, mlp_layers: hidden layers of the motion MLP.
+        finetune_iterations: steps of fine-tuning a frame (section 5: 2000).
+        finetune_means: tune positions as well (the paper tunes "other attributes" only).
+        entropy_weight: lambda_e of equation 13.
+        temporal_weight: lambda_t of equation 13.
+        rates: learning rates of the splats.
+        snapshot_every: steps between calls of the `snapshot` callback.
+    """
+
+    sh_degree: int = 0
+    dssim_weight: float = 0.2
+    alpha_weight: float = 0.0
+    background: str = "random"
+    crop_margin: float = 0.15
+    keyframe_iterations: int = 12_000
+    densify_from: int = 500
+    densify_until: int = 9_000
+    densify_every: int = 100
+    densify_gradient: float = 2e-4
+    densify_max_splats: int = 300_000
+    opacity_reset_every: int = 3_000
+    sh_degree_every: int = 1_000
+    prune_ratio: float = 0.3
+    prune_rounds: int = 1
+    max_splats: int = 100_000
+    prune_finetune_iterations: int = 2_000
+    motion_iterations: int = 500
+    motion_learning_rate: float = 1e-3
+    motion_velocity: bool = False
+    hash_levels: int = 16
+    hash_features: int = 4
+    hash_log2_size: int = 15
+    hash_base_resolution: int = 16
+    hash_growth: float = 1.5
+    mlp_width: int = 64
+    mlp_layers: int = 2
+    finetune_iterations: int = 2_000
+    finetune_means: bool = False
+    entropy_weight: float = 1e-4
+    temporal_weight: float = 1e-3
+    rates: LearningRates = LearningRates()
+    snapshot_every: int = 500
+
+    def __post_init__(self) -> None:
+        """Raises StudioError on values that no training could use."""
+        if self.sh_degree not in (0, 1, 2, 3):
+            raise StudioError(f"sh_degree is {self.sh_degree}; it must be 0, 1, 2 or 3.")
+        if self.background not in ("random", "black", "white"):
+            raise StudioError(f"background is '{self.background}'; it must be random, black or white.")
+        if not 0 < self.prune_ratio < 1:
+            raise StudioError(f"prune_ratio is {self.prune_ratio}; it must lie between 0 and 1.")
+        if self.max_splats < 1:
+            raise StudioError(f"max_splats is {self.max_splats}; at least one splat is needed.")
