@@ -1,0 +1,63 @@
+# V3 Studio's commands; `make help` lists them. Everything lands in this folder (.venv, build, demo-take).
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+PY := .venv/bin/python
+DEMO_TAKE ?= demo-take
+PYTEST_ARGS ?=
+SOURCES_CPP := $(shell find studio/rasterizer -name '*.cpp' -o -name '*.h' -o -name '*.hpp' 2>/dev/null)
+
+.PHONY: help setup setup-tests system system-tests demo gui test lint format lock clean
+
+help: ## list the commands
+	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
+	    printf '  make %-8s %s\n' "$$name" "$$what"; done
+
+setup: system .venv/package.stamp ## install what is missing: system packages, .venv, the package
+
+demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses the take folder)
+	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
+	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
+
+gui: setup ## open the window (TAKE=DIR: on that take or stream)
+	@.venv/bin/v3studio-gui $(if $(TAKE),"$(TAKE)")
+
+test: system-tests .venv/package.stamp ## install what is missing and run all tests (PYTEST_ARGS="-k name")
+	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+
+lint: system .venv/package.stamp ## ruff (rules and format) and mypy
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+
+format: system .venv/package.stamp ## let ruff mend what it can
+	$(PY) -m ruff check --fix .
+	$(PY) -m ruff format .
+
+lock: .venv/package.stamp ## write requirements.lock from what .venv holds
+	@{ grep '^#' requirements.lock; $(PY) -m pip freeze --exclude v3studio --exclude-editable | sed 's/+cpu$$//'; } > requirements.lock.new
+	@mv requirements.lock.new requirements.lock
+
+clean: ## remove .venv, builds and caches (takes stay)
+	rm -rf .venv build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artefacts
+	find studio pipelines gui tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+system:
+	@bash scripts/system_packages.sh
+
+system-tests:
+	@bash scripts/system_packages.sh --tests
+
+.venv/requirements.stamp: requirements.lock | system
+	@[ -x $(PY) ] || "$$(bash scripts/find_python.sh)" -m venv .venv
+	@echo "Installing the pinned requirements into .venv (some minutes the first time)"
+	@$(PY) -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	@touch $@
+
+# Without isolation and dependencies: the lock has both already, build tools included.
+.venv/package.stamp: .venv/requirements.stamp pyproject.toml $(wildcard CMakeLists.txt) $(SOURCES_CPP)
+	@echo "Building and installing v3studio into .venv (editable)"
+	@PATH="$(CURDIR)/.venv/bin:$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
+	@touch $@

@@ -1,0 +1,1 @@
+"""What an operator sees and touches. Widgets in `panels`, state in `presenters` (no Open3D there)."""
