@@ -1,0 +1,97 @@
+"""3DGS's adaptive density control (Kerbl et al. 2023, section 5.2) for the keyframe."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from studio.gaussians import Gaussians
+from studio.training.settings import TrainSettings
+from studio.training.splat_optimizer import SplatOptimizer
+
+_DENSE_SHARE = 0.01
+"""Splats larger than this share of the extent are split, smaller ones cloned (3DGS's percent_dense)."""
+_MIN_OPACITY = 0.005
+_HUGE_SHARE = 0.1
+"""Splats larger than this share of the extent are removed."""
+
+
+class DensityControl:
+    """Gathers screen-space gradients and, when told to, clones, splits and removes splats.
+
+    Args:
+        count: number of splats now.
+        extent: scene extent, world units.
+        settings: thresholds and the budget.
+        device: where the statistics live.
+    """
+
+    def __init__(self, count: int, extent: float, settings: TrainSettings, device: torch.device) -> None:
+        self._extent = extent
+        self._settings = settings
+        self._device = device
+        self._restart(count)
+
+    def _restart(self, count: int) -> None:
+        self._sum = torch.zeros(count, device=self._device)
+        self._seen = torch.zeros(count, device=self._device)
+
+    def observe(
+        self, screen_gradient: Tensor, radii: Tensor, drawn_size: tuple[int, int], full_size: tuple[int, int]
+    ) -> None:
+        """Add one step's gradients.
+
+        3DGS's threshold is meant for NDC units and a loss averaged over the whole picture. A loss over a crop has
+        larger gradients by the ratio of the areas, so they are brought back to the whole picture.
+
+        Args:
+            screen_gradient: (N, 2) gradient by the projected mean, pixels.
+            radii: (N,) 0 where a splat was not drawn.
+            drawn_size: (width, height) over which the loss was averaged.
+            full_size: (width, height) of the uncropped picture.
+        """
+        width, height = full_size
+        area_ratio = drawn_size[0] * drawn_size[1] / (width * height)
+        half = torch.tensor([width / 2, height / 2], device=self._device, dtype=screen_gradient.dtype)
+        drawn = radii > 0
+        self._sum += torch.where(drawn, (screen_gradient * half * area_ratio).norm(dim=-1), 0.0)
+        self._seen += drawn
+
+    @torch.no_grad()
+    def densify(self, optimizer: SplatOptimizer, generator: torch.Generator, remove_huge: bool) -> None:
+        """Clone, split and remove once; statistics start again."""
+        gaussians = optimizer.gaussians.detach()
+        mean_gradient = self._sum / self._seen.clamp_min(1)
+        wanted = mean_gradient > self._settings.densify_gradient
+        budget = max(0, self._settings.densify_max_splats - len(optimizer))
+        if int(wanted.sum()) > budget:
+            order = torch.argsort(torch.where(wanted, mean_gradient, -1.0), descending=True, stable=True)
+            wanted = torch.zeros_like(wanted)
+            wanted[order[:budget]] = True
+        size = gaussians.scales.amax(-1)
+        large = size > _DENSE_SHARE * self._extent
+        clone, split = wanted & ~large, wanted & large
+        optimizer.append(Gaussians.cat(gaussians[clone], _halves(gaussians[split], generator)))
+        after = optimizer.gaussians.detach()
+        keep = after.opacities > _MIN_OPACITY
+        keep[: len(gaussians)] &= ~split
+        if remove_huge:
+            keep &= after.scales.amax(-1) < _HUGE_SHARE * self._extent
+        optimizer.keep(keep)
+        self._restart(len(optimizer))
+
+
+def _halves(gaussians: Gaussians, generator: torch.Generator) -> Gaussians:
+    """Two children a splat, drawn from it, 1.6 times smaller."""
+    twice = Gaussians.cat(gaussians, gaussians)
+    draws = torch.randn(twice.means.shape, generator=generator).to(twice.device) * twice.scales
+    twice.means = twice.means + _rotate(twice.unit_quats, draws)
+    twice.log_scales = twice.log_scales - torch.log(torch.tensor(1.6))
+    return twice
+
+
+def _rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """(N, 3) vectors turned by (N, 4) unit quaternions, wxyz."""
+    scalar, axis = quats[:, :1], quats[:, 1:]
+    twist = 2 * torch.linalg.cross(axis, vectors)
+    return vectors + scalar * twist + torch.linalg.cross(axis, twist)

@@ -1,0 +1,124 @@
+"""Multiresolution hash encoding (paper equation 5; Mueller et al. 2022, section 3) in plain torch, CPU and CUDA.
+
+During one frame's motion stage the encoded positions do not move, so which table rows each position reads, and with
+what trilinear weights, is a constant sparse matrix. It is built once; each step is then a sparse-dense product, and
+its gradient the product with the transpose. That is exact, deterministic, and on a CPU over ten times faster than
+gathering and scattering corners anew.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+_PRIMES = (1, 2_654_435_761, 805_459_861)
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Where fixed positions read the table, as a sparse matrix and its transpose (both CSR).
+
+    Attributes:
+        read: (N * L, rows) interpolation weights; row n * L + l is position n at level l.
+        spread: (rows, N * L) its transpose.
+        positions: N.
+    """
+
+    read: Tensor
+    spread: Tensor
+    positions: int
+
+
+class _Interpolate(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, table, read, spread):  # type: ignore[no-untyped-def]
+        ctx.spread = spread
+        return read @ table
+
+    @staticmethod
+    def backward(ctx, gradient):  # type: ignore[no-untyped-def,override]
+        return ctx.spread @ gradient.contiguous(), None, None
+
+
+class HashGrid(nn.Module):
+    """L levels of F features; positions in [0, 1]^3.
+
+    Level l has floor(base_resolution * growth^l) cells a side. A level whose grid fits into 2^log2_size rows is
+    stored densely, finer ones are hashed.
+
+    Args:
+        levels: L.
+        features: F.
+        log2_size: logarithm of the rows of a hashed level.
+        base_resolution: cells a side at level 0.
+        growth: factor between levels.
+        generator: draws the table's first values, uniform in +-1e-4.
+    """
+
+    def __init__(
+        self,
+        levels: int = 16,
+        features: int = 4,
+        log2_size: int = 15,
+        base_resolution: int = 16,
+        growth: float = 1.5,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        super().__init__()
+        self.resolutions = [int(base_resolution * growth**level) for level in range(levels)]
+        capacity = 2**log2_size
+        self.rows = [min((resolution + 1) ** 3, capacity) for resolution in self.resolutions]
+        self.features = features
+        table = torch.rand(sum(self.rows), features, generator=generator) * 2e-4 - 1e-4
+        self.table = nn.Parameter(table)
+
+    @property
+    def width(self) -> int:
+        """Length of an encoding: levels times features."""
+        return len(self.rows) * self.features
+
+    @torch.no_grad()
+    def corners(self, positions: Tensor) -> Corners:
+        """The sparse matrix for (N, 3) positions in [0, 1]; those outside are clamped to the border."""
+        n = positions.shape[0]
+        device = positions.device
+        indices, weights = [], []
+        first_row = 0
+        offsets = torch.tensor([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], device=device)
+        for resolution, rows in zip(self.resolutions, self.rows, strict=True):
+            scaled = positions.clamp(0, 1) * resolution
+            cell = scaled.floor().clamp(max=resolution - 1)
+            fraction = (scaled - cell)[:, None, :]
+            corner = cell.long()[:, None, :] + offsets
+            weights.append(torch.where(offsets.bool(), fraction, 1 - fraction).prod(-1))
+            if (resolution + 1) ** 3 <= rows:
+                index = (corner[..., 0] * (resolution + 1) + corner[..., 1]) * (resolution + 1) + corner[..., 2]
+            else:
+                mixed = corner[..., 0] * _PRIMES[0] ^ corner[..., 1] * _PRIMES[1] ^ corner[..., 2] * _PRIMES[2]
+                index = mixed % rows
+            indices.append(index + first_row)
+            first_row += rows
+        index = torch.stack(indices, 1).reshape(-1)
+        weight = torch.stack(weights, 1).reshape(-1).to(self.table.dtype)
+        encodings = n * len(self.rows)
+        order = torch.argsort(index, stable=True)
+        counts = torch.bincount(index, minlength=first_row)
+        starts = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
+        row_starts = torch.arange(0, encodings * 8 + 1, 8, device=device)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # "CSR support is in beta"
+            read = torch.sparse_csr_tensor(
+                row_starts.int(), index.int(), weight, (encodings, first_row), check_invariants=False
+            )
+            spread = torch.sparse_csr_tensor(
+                starts.int(), (order // 8).int(), weight[order], (first_row, encodings), check_invariants=False
+            )
+        return Corners(read, spread, n)
+
+    def forward(self, corners: Corners) -> Tensor:
+        """(N, L * F) encodings, level-major, of the positions that `corners` was made for."""
+        out = _Interpolate.apply(self.table, corners.read, corners.spread)
+        return out.reshape(corners.positions, self.width)

@@ -1,0 +1,121 @@
+"""Adam over the attributes of splats whose number changes while training."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from studio.gaussians import Gaussians
+from studio.training.settings import LearningRates
+
+
+class SplatOptimizer:
+    """Holds splats as leaf tensors with one Adam parameter group each; rows can be dropped and added.
+
+    Args:
+        gaussians: first values (copied).
+        rates: learning rates.
+        extent: scene extent by which the positions' rate is multiplied.
+        train_means: False freezes the positions.
+    """
+
+    def __init__(self, gaussians: Gaussians, rates: LearningRates, extent: float, train_means: bool = True) -> None:
+        self._rates = rates
+        self._extent = extent
+        self._leaves = {
+            "means": gaussians.means,
+            "quats": gaussians.quats,
+            "log_scales": gaussians.log_scales,
+            "logit_opacities": gaussians.logit_opacities,
+            "sh_dc": gaussians.sh[:, :1],
+        }
+        if gaussians.sh.shape[1] > 1:
+            self._leaves["sh_rest"] = gaussians.sh[:, 1:]
+        self._leaves = {
+            name: tensor.detach().clone().contiguous().requires_grad_(name != "means" or train_means)
+            for name, tensor in self._leaves.items()
+        }
+        rate = {
+            "means": rates.means * extent,
+            "quats": rates.rotation,
+            "log_scales": rates.scale,
+            "logit_opacities": rates.opacity,
+            "sh_dc": rates.sh_dc,
+            "sh_rest": rates.sh_rest,
+        }
+        groups = [
+            {"params": [leaf], "lr": rate[name], "name": name}
+            for name, leaf in self._leaves.items()
+            if leaf.requires_grad
+        ]
+        self._adam = torch.optim.Adam(groups, eps=1e-15, fused=True)
+
+    def __len__(self) -> int:
+        return self._leaves["means"].shape[0]
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """The current splats; gradients flow back into the leaves."""
+        sh = self._leaves["sh_dc"]
+        if "sh_rest" in self._leaves:
+            sh = torch.cat([sh, self._leaves["sh_rest"]], dim=1)
+        leaves = self._leaves
+        return Gaussians(leaves["means"], leaves["quats"], leaves["log_scales"], leaves["logit_opacities"], sh)
+
+    def set_means_progress(self, fraction: float) -> None:
+        """Positions' rate, decayed exponentially; `fraction` 0 is the first step, 1 the last."""
+        for group in self._adam.param_groups:
+            if group["name"] == "means":
+                ratio = self._rates.means_final / self._rates.means
+                group["lr"] = self._rates.means * self._extent * ratio ** min(1.0, fraction)
+
+    def step(self) -> None:
+        """One Adam step; gradients are cleared."""
+        self._adam.step()
+        self._adam.zero_grad(set_to_none=True)
+
+    def _replace(self, name: str, value: Tensor, moment: dict[str, Tensor]) -> None:
+        old = self._leaves[name]
+        new = value.detach().contiguous().requires_grad_(old.requires_grad)
+        self._leaves[name] = new
+        for group in self._adam.param_groups:
+            if group["name"] == name:
+                group["params"] = [new]
+        state = self._adam.state.pop(old, None)
+        if state:
+            self._adam.state[new] = {**state, **moment}
+
+    def _moments(self, name: str) -> dict[str, Tensor]:
+        state = self._adam.state.get(self._leaves[name], {})
+        return {key: state[key] for key in ("exp_avg", "exp_avg_sq") if key in state}
+
+    @torch.no_grad()
+    def keep(self, index: Tensor) -> None:
+        """Keep the rows of a boolean mask or an index tensor, with their moments."""
+        for name in list(self._leaves):
+            moments = {key: value[index].contiguous() for key, value in self._moments(name).items()}
+            self._replace(name, self._leaves[name][index], moments)
+
+    @torch.no_grad()
+    def append(self, new: Gaussians) -> None:
+        """Add splats at the end; their moments start at zero."""
+        values = {
+            "means": new.means,
+            "quats": new.quats,
+            "log_scales": new.log_scales,
+            "logit_opacities": new.logit_opacities,
+            "sh_dc": new.sh[:, :1],
+            "sh_rest": new.sh[:, 1:],
+        }
+        for name in list(self._leaves):
+            moments = {
+                key: torch.cat([value, torch.zeros_like(values[name])]) for key, value in self._moments(name).items()
+            }
+            self._replace(name, torch.cat([self._leaves[name], values[name]]), moments)
+
+    @torch.no_grad()
+    def cap_opacity(self, opacity: float) -> None:
+        """3DGS's opacity reset: no opacity above `opacity`; the moments of opacity start again."""
+        limit = torch.logit(torch.tensor(opacity)).item()
+        moments = {key: torch.zeros_like(value) for key, value in self._moments("logit_opacities").items()}
+        self._replace("logit_opacities", self._leaves["logit_opacities"].clamp(max=limit), moments)
