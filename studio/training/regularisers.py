@@ -107,7 +107,10 @@ class ResidualEntropy(nn.Module):
 
 def temporal_loss(current: dict[str, Tensor], previous: dict[str, Tensor], plane_pixels: int) -> Tensor:
     """Equation 12: sum over attributes of |y_t - y_{t-1}|_1, divided by W x H of the Gaussian video's plane."""
-    return sum(
-        ((value - previous[name]).abs().sum() for name, value in current.items()),
-        start=torch.zeros((), device=next(iter(current.values())).device),
-    ) / plane_pixels
+    return (
+        sum(
+            ((value - previous[name]).abs().sum() for name, value in current.items()),
+            start=torch.zeros((), device=next(iter(current.values())).device),
+        )
+        / plane_pixels
+    )

@@ -1,0 +1,178 @@
+"""The frames after the keyframe: motion, then fine-tuning (paper sections 4.1 and 4.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from studio.gaussians import Gaussians
+from studio.progress import ProgressFn, no_progress
+from studio.training.keyframe import scene_extent
+from studio.training.motion import MotionField
+from studio.training.regularisers import ResidualEntropy, baked_values, quantisation_steps, temporal_loss
+from studio.training.settings import TrainSettings
+from studio.training.splat_optimizer import SplatOptimizer
+from studio.training.step import SnapshotFn, Step, Stepper, check_finite
+from studio.training.views import TrainView
+
+_FIGURES_EVERY = 20
+_ENTROPY_RATE = 0.01
+_BOX_QUANTILE = 1e-3
+
+
+@dataclass
+class InterframeResult:
+    """A trained frame.
+
+    Attributes:
+        gaussians: after fine-tuning.
+        warped: after the motion stage only; the same splats, moved.
+    """
+
+    gaussians: Gaussians
+    warped: Gaussians
+
+
+def interframe_steps(settings: TrainSettings) -> int:
+    """Training steps of one frame after the keyframe."""
+    return settings.motion_iterations + settings.finetune_iterations
+
+
+def train_interframe(
+    previous: Gaussians,
+    views: Sequence[TrainView],
+    settings: TrainSettings,
+    *,
+    before_previous: Gaussians | None = None,
+    seed: int = 0,
+    progress: ProgressFn = no_progress,
+    snapshot: SnapshotFn | None = None,
+) -> InterframeResult:
+    """From the splats of frame t-1 to those of frame t; their number and order stay.
+
+    Args:
+        previous: splats of frame t-1, as trained.
+        views: training cameras at frame t.
+        settings: see `TrainSettings`.
+        before_previous: splats of frame t-2 of the same group; used when `settings.motion_velocity` is on.
+        seed: the same seed and input give the same splats.
+        progress: told steps done and total, with `phase` ("motion" or "fine-tune"), `loss`, `psnr` and `splats`.
+        snapshot: given the splats every `settings.snapshot_every` steps.
+
+    Raises:
+        StudioError: training diverged.
+        Cancelled: from `progress`.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    total = interframe_steps(settings)
+
+    def tell(step: int, what: str) -> ProgressFn:
+        return lambda done, _, **figures: progress(step + done, total, phase=what, **figures)
+
+    previous = previous.detach()
+    warped = _move(previous, before_previous, views, settings, generator, tell(0, "motion"), snapshot)
+    tuned = _fine_tune(
+        previous, warped, views, settings, generator, tell(settings.motion_iterations, "fine-tune"), snapshot
+    )
+    return InterframeResult(tuned, warped)
+
+
+def _move(
+    previous: Gaussians,
+    before_previous: Gaussians | None,
+    views: Sequence[TrainView],
+    settings: TrainSettings,
+    generator: torch.Generator,
+    progress: ProgressFn,
+    snapshot: SnapshotFn | None,
+) -> Gaussians:
+    """Stage 1: only the motion field learns; rotation, scale, opacity and colour stay as they were."""
+    start = previous.means
+    if settings.motion_velocity and before_previous is not None:
+        start = 2 * previous.means - before_previous.means
+    if settings.motion_iterations == 0:
+        return replace(previous, means=start.clone())
+    low, high = performer_box(previous.means)
+    field = MotionField(low, high, settings, generator).to(start.device)
+    optimizer = field.optimizer(settings.motion_learning_rate)
+    corners = field.corners(previous.means)
+    stepper = Stepper(views, settings, generator)
+    for iteration in range(1, settings.motion_iterations + 1):
+        moved = replace(previous, means=start + field(corners))
+        step = stepper(moved)
+        step.loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        optimizer.zero_grad(set_to_none=True)
+        _report(iteration, step, len(previous), "Motion", progress)
+        if snapshot is not None and iteration % settings.snapshot_every == 0:
+            snapshot(iteration, moved.detach())
+    with torch.no_grad():
+        return replace(previous, means=start + field(corners)).clone()
+
+
+def _fine_tune(
+    previous: Gaussians,
+    warped: Gaussians,
+    views: Sequence[TrainView],
+    settings: TrainSettings,
+    generator: torch.Generator,
+    progress: ProgressFn,
+    snapshot: SnapshotFn | None,
+) -> Gaussians:
+    """Stage 2, equation 13: the other attributes learn, held to frame t-1 by entropy and temporal losses."""
+    extent = scene_extent(torch.stack(performer_box(warped.means)))
+    optimizer = SplatOptimizer(warped, settings.rates, extent, train_means=settings.finetune_means)
+    optimizer.set_means_progress(1.0)  # positions, if tuned at all, move at the keyframe's last rate
+    stepper = Stepper(views, settings, generator)
+    reference = previous.unit_quats
+    before = {name: value.detach() for name, value in baked_values(previous, reference).items()}
+    entropy = ResidualEntropy(before, quantisation_steps(before)).to(reference.device)
+    entropy_adam = torch.optim.Adam(entropy.parameters(), lr=_ENTROPY_RATE, fused=True)
+    plane = plane_pixels(len(previous))
+    for iteration in range(1, settings.finetune_iterations + 1):
+        gaussians = optimizer.gaussians
+        step = stepper(gaussians)
+        loss = step.loss
+        figures: dict[str, float] = {}
+        if settings.entropy_weight or settings.temporal_weight:
+            now = baked_values(gaussians, reference)
+            if settings.entropy_weight:
+                bits = entropy(now, generator)
+                loss = loss + settings.entropy_weight * bits
+                if iteration % _FIGURES_EVERY == 0:
+                    figures["bits_per_splat"] = float(bits.detach())
+            if settings.temporal_weight:
+                loss = loss + settings.temporal_weight * temporal_loss(now, before, plane)
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        entropy_adam.step()
+        entropy_adam.zero_grad(set_to_none=True)
+        _report(iteration, step, len(previous), "Fine-tuning", progress, **figures)
+        if snapshot is not None and iteration % settings.snapshot_every == 0:
+            snapshot(settings.motion_iterations + iteration, optimizer.gaussians.detach())
+    return optimizer.gaussians.clone()
+
+
+def performer_box(means: Tensor) -> tuple[Tensor, Tensor]:
+    """(3,) low and high corners that hold all but the outermost thousandth of the splats on each side."""
+    ordered = means.sort(dim=0).values
+    margin = int(len(means) * _BOX_QUANTILE)
+    return ordered[margin], ordered[len(means) - 1 - margin]
+
+
+def plane_pixels(splats: int) -> int:
+    """W x H of the plane that holds `splats` (section 4.3: the smallest square with a side that is a multiple of 8)."""
+    side = 8 * math.ceil(math.ceil(math.sqrt(splats)) / 8)
+    return side * side
+
+
+def _report(iteration: int, step: Step, splats: int, what: str, progress: ProgressFn, **figures: float) -> None:
+    if iteration % _FIGURES_EVERY == 0:
+        check_finite(step.loss, what)
+        progress(iteration, 0, loss=float(step.loss.detach()), psnr=step.psnr, splats=splats, **figures)
+    else:
+        progress(iteration, 0)

@@ -1,0 +1,71 @@
+"""One photometric step, shared by keyframe, motion and fine-tuning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.rasterizer import Render, rasterize
+from studio.training.photometric import photometric_loss
+from studio.training.settings import TrainSettings
+from studio.training.views import TrainView, backgrounds, shuffled
+
+SnapshotFn = Callable[[int, Gaussians], None]
+"""`snapshot(iteration, gaussians)`: called now and then with detached splats, for previews."""
+
+
+@dataclass
+class Step:
+    """What one step drew.
+
+    Attributes:
+        loss: scalar, equation 7 (and the alpha term where it is switched on); not yet propagated.
+        mse: mean squared error over the crop, for a running PSNR.
+        render: the picture.
+        view: what it was compared with.
+    """
+
+    loss: Tensor
+    mse: Tensor
+    render: Render
+    view: TrainView
+
+    @property
+    def psnr(self) -> float:
+        """Of this step's crop, dB, against the training background."""
+        return -10 * float(torch.log10(self.mse.clamp_min(1e-12)))
+
+
+class Stepper:
+    """Draws views and backgrounds in a random order fixed by the generator and computes equation 7."""
+
+    def __init__(self, views: Sequence[TrainView], settings: TrainSettings, generator: torch.Generator) -> None:
+        if not views:
+            raise StudioError("There is no view to train on; at least one training camera is needed.")
+        self._settings = settings
+        self._views: Iterator[TrainView] = shuffled(views, generator)
+        self._backgrounds = backgrounds(settings.background, generator, views[0].image.device)
+
+    def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None) -> Step:
+        """Draw the next view of `gaussians` and compare."""
+        view, background = next(self._views), next(self._backgrounds)
+        target = view.composited(background)
+        render = rasterize(gaussians, view.camera, background, screen_offsets=screen_offsets)
+        loss = photometric_loss(render.image, target, self._settings.dssim_weight)
+        if self._settings.alpha_weight:
+            loss = loss + self._settings.alpha_weight * (render.alpha - view.matte).abs().mean()
+        mse = torch.nn.functional.mse_loss(render.image.detach(), target)
+        return Step(loss, mse, render, view)
+
+
+def check_finite(loss: Tensor, what: str) -> None:
+    """Raises StudioError when training has diverged."""
+    if not torch.isfinite(loss):
+        raise StudioError(
+            f"{what}: the loss is no longer a finite number; lower the learning rates or check the images."
+        )
