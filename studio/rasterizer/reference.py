@@ -1,0 +1,164 @@
+"""The definition of how splats are drawn: plain torch, any floating dtype, any device, gradients by autograd.
+
+Every other backend is held to this one. It follows 3DGS (Kerbl et al. 2023, sections 4 and 6) with gsplat's choices
+where the two differ: EWA projection with a dilation of 0.3 square pixels, no cut of a splat's footprint other than
+where its alpha falls below 1/255, blending from front to back, a pixel is finished before the splat that would bring
+its transmittance to 1e-4. Splats at the same depth are drawn in the order in which they are given.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from studio.gaussians import Gaussians
+from studio.rasterizer.harmonics import sh_colors
+from studio.rasterizer.types import ALPHA_MIN, DILATION, TRANSMITTANCE_MIN, Pinhole, Render
+
+TILE = 16
+"""Side of the squares of pixels that are blended at once; a matter of memory only."""
+
+
+def rotation_matrices(quats: Tensor) -> Tensor:
+    """(N, 4) quaternions wxyz of any length above 0 to (N, 3, 3) rotations."""
+    w, x, y, z = (quats / quats.norm(dim=-1, keepdim=True)).unbind(-1)
+    rows = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+    ]
+    return torch.stack(rows, dim=-2)
+
+
+def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """EWA projection of splats in front of the camera (Zwicker et al. 2001; 3DGS, equation 5).
+
+    Returns:
+        means2d (N, 2) pixels; cov2d (N, 3) xx, xy, yy, square pixels, dilated; det (N,) its determinant;
+        depths (N,); colors (N, 3).
+    """
+    like = gaussians.means
+    rotation = torch.as_tensor(pinhole.rotation).to(like)
+    local = like @ rotation.T + torch.as_tensor(pinhole.translation).to(like)
+    x, y, depths = local.unbind(-1)
+    x_z, y_z = x / depths, y / depths
+    means2d = torch.stack([pinhole.fx * x_z + pinhole.cx, pinhole.fy * y_z + pinhole.cy], -1)
+
+    left, right, top, bottom = pinhole.limits
+    x_lim, y_lim = x_z.clamp(left, right), y_z.clamp(top, bottom)
+    zero = torch.zeros_like(x)
+    jacobian = torch.stack(
+        [
+            torch.stack([pinhole.fx / depths, zero, -pinhole.fx * x_lim / depths], -1),
+            torch.stack([zero, pinhole.fy / depths, -pinhole.fy * y_lim / depths], -1),
+        ],
+        dim=-2,
+    )
+    # factor: (N, 2, 3), cov2d = factor factor^T + dilation.
+    factor = jacobian @ rotation @ rotation_matrices(gaussians.quats) * gaussians.scales[:, None, :]
+    u, v = factor.unbind(-2)
+    xx, xy, yy = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
+    cov2d = torch.stack([xx + DILATION, xy, yy + DILATION], -1)
+    # Lagrange's identity: |u|^2 |v|^2 - (u.v)^2 = |u x v|^2 keeps its digits for needles, the left side does not.
+    det = torch.linalg.cross(u, v).square().sum(-1) + DILATION * (xx + yy) + DILATION**2
+
+    directions = torch.nn.functional.normalize(like - torch.as_tensor(pinhole.center).to(like), dim=-1)
+    return means2d, cov2d, det, depths, sh_colors(directions, gaussians.sh)
+
+
+@torch.no_grad()
+def visible_radii(gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None, near: float) -> tuple[Tensor, Tensor]:
+    """Half sides (N, 2) in pixels of the box outside which alpha < 1/255, 0 where nothing is drawn; depths (N,)."""
+    finite = torch.isfinite(gaussians.means).all(-1) & torch.isfinite(gaussians.log_scales).all(-1)
+    finite &= torch.isfinite(gaussians.quats).all(-1) & (gaussians.quats.norm(dim=-1) > 0)
+    means2d, cov2d, det, depths, colors = project(gaussians, pinhole)
+    if offsets is not None:
+        means2d = means2d + offsets
+    opacities = gaussians.opacities
+    reach = torch.sqrt(2 * torch.log((opacities / ALPHA_MIN).clamp_min(1.0)))
+    half = reach[:, None] * torch.sqrt(cov2d[:, [0, 2]])
+    size = half.new_tensor([pinhole.width, pinhole.height])
+    shown = finite & (depths >= near) & (opacities >= ALPHA_MIN) & torch.isfinite(det) & (det > 0)
+    shown &= torch.isfinite(half).all(-1) & torch.isfinite(means2d).all(-1) & torch.isfinite(colors).all(-1)
+    shown &= ((means2d + half > 0) & (means2d - half < size)).all(-1)
+    return torch.where(shown[:, None], half, torch.zeros_like(half)), depths
+
+
+def blend(
+    pixels: Tensor, means2d: Tensor, conics: Tensor, opacities: Tensor, features: Tensor, alpha_max: float
+) -> tuple[Tensor, Tensor]:
+    """Blend splats, nearest first, over pixels.
+
+    Args:
+        pixels: (P, 2) pixel centres.
+        means2d, conics, opacities, features: (S, 2), (S, 3) inverse covariance xx xy yy, (S,), (S, F).
+        alpha_max: upper clamp of alpha.
+
+    Returns:
+        (P, F) sum of weight times feature, and (P,) the transmittance that is left.
+    """
+    dx, dy = (pixels[:, None] - means2d[None]).unbind(-1)
+    sigma = 0.5 * (conics[:, 0] * dx * dx + conics[:, 2] * dy * dy) + conics[:, 1] * dx * dy
+    alpha = (opacities * torch.exp(-sigma.clamp_min(0.0))).clamp_max(alpha_max)
+    alpha = torch.where(alpha >= ALPHA_MIN, alpha, torch.zeros_like(alpha))
+    through = torch.cumprod(1 - alpha, dim=1)
+    # `through` never grows, so that everything behind the splat which ends a pixel is dropped with it.
+    alpha = torch.where(through > TRANSMITTANCE_MIN, alpha, torch.zeros_like(alpha))
+    before = torch.cat([torch.ones_like(through[:, :1]), through[:, :-1]], dim=1)
+    return (alpha * before) @ features, torch.prod(1 - alpha, dim=1)
+
+
+def rasterize_reference(
+    gaussians: Gaussians,
+    pinhole: Pinhole,
+    background: Tensor | None,
+    screen_offsets: Tensor | None,
+    near: float,
+    alpha_max: float,
+) -> Render:
+    """Draw; arguments as in `studio.rasterizer.rasterize`, already checked."""
+    half, all_depths = visible_radii(gaussians, pinhole, screen_offsets, near)
+    index = torch.nonzero(half[:, 0] > 0)[:, 0]
+    index = index[torch.argsort(all_depths[index], stable=True)]
+    splats, half_sides = gaussians[index], half[index]
+    means2d, cov2d, det, depths, colors = project(splats, pinhole)
+    if screen_offsets is not None:
+        means2d = means2d + screen_offsets[index]
+    conics = torch.stack([cov2d[:, 2], -cov2d[:, 1], cov2d[:, 0]], -1) / det[:, None]
+    features = torch.cat([colors, depths[:, None]], -1)
+    opacities = splats.opacities
+
+    like = gaussians.means
+    low, high = (means2d - half_sides).detach(), (means2d + half_sides).detach()
+    rows = []
+    for top in range(0, pinhole.height, TILE):
+        bottom = min(top + TILE, pinhole.height)
+        row = []
+        in_row = (high[:, 1] > top) & (low[:, 1] < bottom)
+        for left in range(0, pinhole.width, TILE):
+            right = min(left + TILE, pinhole.width)
+            inside = torch.nonzero(in_row & (high[:, 0] > left) & (low[:, 0] < right))[:, 0]
+            ys = torch.arange(top, bottom, device=like.device, dtype=like.dtype) + 0.5
+            xs = torch.arange(left, right, device=like.device, dtype=like.dtype) + 0.5
+            pixels = torch.cartesian_prod(ys, xs).flip(-1)
+            total, left_over = blend(
+                pixels, means2d[inside], conics[inside], opacities[inside], features[inside], alpha_max
+            )
+            row.append(torch.cat([total, left_over[:, None]], -1).reshape(bottom - top, right - left, 5))
+        rows.append(torch.cat(row, dim=1))
+    drawn = torch.cat(rows, dim=0)
+
+    image, through = drawn[..., :3], drawn[..., 4]
+    if background is not None:
+        image = image + through[..., None] * background
+    alpha = 1 - through
+    covered = alpha > 0
+    depth = torch.where(covered, drawn[..., 3] / torch.where(covered, alpha, torch.ones_like(alpha)), 0.0)
+    return Render(image=image, alpha=alpha, depth=depth, radii=half.amax(-1))
+
+
+def alpha_reach(opacity: float) -> float:
+    """How many standard deviations from its centre a splat of this opacity still has an alpha of 1/255."""
+    return math.sqrt(max(0.0, 2.0 * math.log(opacity / ALPHA_MIN)))
