@@ -1,0 +1,122 @@
+"""Rows of splats and their Adam moments stay together when splats come and go."""
+
+import pytest
+import torch
+
+from studio.gaussians import Gaussians
+from studio.training.densify import DensityControl
+from studio.training.keyframe import initial_gaussians, prune_by_opacity, prune_rounds
+from studio.training.settings import LearningRates, TrainSettings
+from studio.training.splat_optimizer import SplatOptimizer
+
+
+def splats(count: int, degree: int = 1) -> Gaussians:
+    torch.manual_seed(count)
+    return Gaussians(
+        torch.randn(count, 3),
+        torch.randn(count, 4),
+        torch.full((count, 3), -3.0),
+        torch.randn(count),
+        torch.randn(count, (degree + 1) ** 2, 3),
+    )
+
+
+def drive(optimizer: SplatOptimizer, weights: torch.Tensor, steps: int) -> None:
+    for _ in range(steps):
+        gaussians = optimizer.gaussians
+        loss = sum((tensor.flatten(1) if tensor.ndim > 1 else tensor[:, None]).sum(1) for _, tensor in gaussians.items())
+        (loss * weights).sum().backward()
+        optimizer.step()
+
+
+def test_kept_rows_train_on_as_if_alone() -> None:
+    everything = splats(12)
+    weights = torch.linspace(-1, 1, 12)
+    kept = torch.tensor([1, 4, 7])
+    both = SplatOptimizer(everything, LearningRates(), 1.0)
+    alone = SplatOptimizer(everything[kept], LearningRates(), 1.0)
+    drive(both, weights, 3)
+    drive(alone, weights[kept], 3)
+    both.keep(kept)
+    drive(both, weights[kept], 3)
+    drive(alone, weights[kept], 3)
+    for (name, one), (_, other) in zip(both.gaussians.items(), alone.gaussians.items(), strict=True):
+        assert torch.allclose(one, other, atol=1e-6), name
+
+
+def test_appended_rows_do_not_disturb_the_others() -> None:
+    first, extra = splats(5), splats(3)
+    grown = SplatOptimizer(first, LearningRates(), 1.0)
+    plain = SplatOptimizer(first, LearningRates(), 1.0)
+    weights = torch.ones(5)
+    drive(grown, weights, 2)
+    drive(plain, weights, 2)
+    grown.append(extra)
+    assert len(grown) == 8
+    drive(grown, torch.ones(8), 2)
+    drive(plain, weights, 2)
+    for (name, one), (_, other) in zip(grown.gaussians[:5].items(), plain.gaussians.items(), strict=True):
+        assert torch.allclose(one, other, atol=1e-6), name
+
+
+def test_frozen_positions_stay() -> None:
+    start = splats(6)
+    optimizer = SplatOptimizer(start, LearningRates(), 1.0, train_means=False)
+    drive(optimizer, torch.ones(6), 3)
+    assert torch.equal(optimizer.gaussians.means, start.means)
+    assert not torch.equal(optimizer.gaussians.log_scales, start.log_scales)
+
+
+def test_pruning_removes_the_least_opaque_and_keeps_the_count() -> None:
+    start = splats(100)
+    optimizer = SplatOptimizer(start, LearningRates(), 1.0)
+    prune_by_opacity(optimizer, 0.3)
+    left = optimizer.gaussians.opacities
+    assert len(left) == 70
+    assert float(left.min()) >= float(start.opacities.sort().values[30]) - 1e-7
+
+
+def test_rounds_reach_the_cap() -> None:
+    settings = TrainSettings(max_splats=1000, prune_ratio=0.3, prune_rounds=1)
+    assert prune_rounds(settings, 500) == 1
+    assert prune_rounds(settings, 4000) == 4  # 2800, 1960, 1372, 961
+
+
+def test_opacity_reset_caps() -> None:
+    optimizer = SplatOptimizer(splats(50), LearningRates(), 1.0)
+    drive(optimizer, torch.ones(50), 1)
+    optimizer.cap_opacity(0.01)
+    assert float(optimizer.gaussians.opacities.max()) <= 0.01 + 1e-6
+
+
+def test_densification_clones_small_splits_large_and_drops_invisible() -> None:
+    start = splats(4)
+    start.logit_opacities = torch.tensor([2.0, 2.0, 2.0, -9.0])
+    start.log_scales = torch.log(torch.tensor([0.001, 0.5, 0.001, 0.001]))[:, None].repeat(1, 3)
+    optimizer = SplatOptimizer(start, LearningRates(), 1.0)
+    control = DensityControl(4, 10.0, TrainSettings(densify_gradient=0.1), torch.device("cpu"))
+    gradient = torch.tensor([[1.0, 0], [1.0, 0], [0, 0], [0, 0]])
+    control.observe(gradient, torch.ones(4), (100, 100), (100, 100))
+    control.densify(optimizer, torch.Generator().manual_seed(0), remove_huge=False)
+    # 4 - the invisible one - the split one + its two children + one clone
+    assert len(optimizer) == 5
+    sizes = optimizer.gaussians.scales.amax(-1).detach().sort().values
+    assert torch.allclose(sizes[-2:], torch.tensor(0.5 / 1.6), rtol=1e-4)
+
+
+def test_budget_bounds_densification() -> None:
+    start = splats(40)
+    start.logit_opacities = torch.full((40,), 2.0)
+    optimizer = SplatOptimizer(start, LearningRates(), 1.0)
+    control = DensityControl(40, 10.0, TrainSettings(densify_gradient=0.1, densify_max_splats=45), torch.device("cpu"))
+    control.observe(torch.ones(40, 2), torch.ones(40), (10, 10), (10, 10))
+    control.densify(optimizer, torch.Generator(), remove_huge=False)
+    assert len(optimizer) == 45
+
+
+def test_first_splats_are_as_large_as_their_neighbours_are_far() -> None:
+    grid = torch.stack(torch.meshgrid(*[torch.arange(5.0)] * 3, indexing="ij"), -1).reshape(-1, 3) * 0.2
+    first = initial_gaussians(grid, torch.full((125, 3), 0.25), 0)
+    assert torch.allclose(first.scales, torch.full((125, 3), 0.2), rtol=1e-4)
+    assert float(first.opacities[0]) == pytest.approx(0.1, rel=1e-4)
+    assert torch.allclose(0.5 + 0.28209479 * first.sh[:, 0], torch.full((125, 3), 0.25), atol=1e-5)
