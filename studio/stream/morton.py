@@ -1,0 +1,57 @@
+"""Morton order: splats near each other in space become neighbours on the planes (paper, "Morton Sort")."""
+
+from __future__ import annotations
+
+import numpy as np
+
+MORTON_BITS = 21
+"""Bits an axis: coordinates are integers below 2^21, and 3 x 21 bits fit a uint64."""
+
+_SPREAD = (
+    (32, 0x1F00000000FFFF),
+    (16, 0x1F0000FF0000FF),
+    (8, 0x100F00F00F00F00F),
+    (4, 0x10C30C30C30C30C3),
+    (2, 0x1249249249249249),
+)
+
+
+def interleave(cells: np.ndarray) -> np.ndarray:
+    """Morton codes of integer cells.
+
+    Args:
+        cells: (N, 3) integers in 0 to 2^21 - 1.
+
+    Returns:
+        (N,) uint64: bit 3i is bit i of x, bit 3i + 1 of y, bit 3i + 2 of z.
+    """
+    codes = np.zeros(len(cells), dtype=np.uint64)
+    for axis in range(3):
+        bits = cells[:, axis].astype(np.uint64)
+        for shift, mask in _SPREAD:
+            bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
+        codes |= bits << np.uint64(axis)
+    return codes
+
+
+def morton_order(points: np.ndarray) -> np.ndarray:
+    """The order in which splats are laid on the planes.
+
+    Coordinates are scaled to 2^21 cells by the longest side of the bounding box, the same for all axes, so that cells
+    are cubes. Equal codes keep the order of the input, so the result depends on nothing but the points.
+
+    Args:
+        points: (N, 3) finite positions.
+
+    Returns:
+        (N,) int64: `points[morton_order(points)]` is sorted.
+    """
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.int64)
+    low = points.min(axis=0)
+    extent = float((points.max(axis=0) - low).max())
+    last = (1 << MORTON_BITS) - 1
+    factor = last / extent if extent > 0 else 0.0
+    cells = np.clip(np.rint((points - low) * factor), 0, last).astype(np.int64)
+    return np.argsort(interleave(cells), kind="stable")
