@@ -1,0 +1,8 @@
+"""Footage: frames x cameras in files -> image, matte and camera of a view."""
+
+from studio.capture.footage import Footage, View
+from studio.capture.masks import Matter
+from studio.capture.opening import match_rig, open_footage
+from studio.capture.spec import CaptureSpec
+
+__all__ = ["CaptureSpec", "Footage", "Matter", "View", "match_rig", "open_footage"]

@@ -1,0 +1,114 @@
+"""`images: auto` and its like: finding out how a capture's folder is laid out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, _walk, find_files
+from studio.errors import StudioError
+
+MASK_FOLDERS = ("masks", "mask", "mattes", "matte", "alpha", "alphas")
+PLATE_FOLDERS = ("clean_plates", "clean_plate", "bg", "background", "backgrounds", "plates")
+_NOT_FOOTAGE = frozenset(
+    (*MASK_FOLDERS, *PLATE_FOLDERS, "intrinsics", "intrinsic", "depth", "depths", "normals", "sparse", "meshes", "mesh")
+)
+# In the order of preference where several fit: what a camera recorded before what was made from it.
+_LAYOUTS = (
+    "videos/{camera}.*",
+    "video/{camera}.*",
+    "images/{camera}/{frame}.*",
+    "images/{camera}/*_{frame}.*",
+    "{frame}/images/{camera}.*",
+    "images/{camera}.*",
+    "images/{camera}_{frame}.*",
+    "rgba/{camera}/{frame}.*",
+    "rgb/{camera}/{frame}.*",
+    "frames/{camera}/{frame}.*",
+    "frames/{frame}/{camera}.*",
+    "{camera}/{frame}.*",
+    "{camera}/images/{frame}.*",
+    "{camera}.*",
+)
+
+
+def detect_images(root: Path) -> tuple[str, list[Match]]:
+    """The layout of the footage below `root`: a pattern and the files that it finds.
+
+    Raises:
+        StudioError: nothing usable was found, or several folders of videos fit equally well.
+    """
+    for layout in _LAYOUTS:
+        matches = find_files(root, layout)
+        matches = [match for match in matches if match.camera.lower() not in _NOT_FOOTAGE]
+        if layout == "{camera}.*":  # loose files: only videos, pictures beside a capture are rarely footage
+            matches = [match for match in matches if match.path.suffix.lower() in VIDEO_EXTENSIONS]
+        if layout == "images/{camera}.*" and _numbered(matches):
+            continue
+        if matches:
+            return _with_extension(layout, matches), matches
+    folders: dict[str, int] = {}
+    for relative in _walk(root, 4):
+        path = Path(relative)
+        parts = {part.lower() for part in path.parts[:-1]}
+        if path.suffix.lower() in VIDEO_EXTENSIONS and not parts & _NOT_FOOTAGE:
+            folders[path.parent.as_posix()] = folders.get(path.parent.as_posix(), 0) + 1
+    several = sorted((folder for folder, count in folders.items() if count > 1))
+    if len(several) == 1:
+        layout = f"{several[0]}/{{camera}}.*"
+        matches = find_files(root, layout)
+        return _with_extension(layout, matches), matches
+    if several:
+        raise StudioError(
+            f"{root}: videos lie in {' and in '.join(several)}; say which are the footage, for example images: "
+            f"'{several[0]}/{{camera}}.*'."
+        )
+    raise StudioError(
+        f"{root}: no footage was found; put videos in videos/, or images in images/CAMERA/FRAME.png, or say where they "
+        "are, for example images: 'rushes/{camera}.mp4'."
+    )
+
+
+def _numbered(matches: Sequence[Match]) -> bool:
+    """Whether names look like cam01_000000, cam01_000001 ...: several frames of each camera in one folder."""
+    stems: dict[str, int] = {}
+    for match in matches:
+        head, _, tail = match.camera.rpartition("_")
+        if not head or not tail.isdigit() or len(tail) < 3:
+            return False
+        stems[head] = stems.get(head, 0) + 1
+    return len(stems) > 1 and min(stems.values()) > 1
+
+
+def _with_extension(layout: str, matches: Sequence[Match]) -> str:
+    """The layout with the extension that its files share, where they do."""
+    extensions = {match.path.suffix for match in matches}
+    return layout[:-2] + extensions.pop() if len(extensions) == 1 and layout.endswith(".*") else layout
+
+
+def detect_beside(root: Path, folders: Sequence[str], cameras: Sequence[str]) -> tuple[str, list[Match]] | None:
+    """Masks or clean plates: the first of `folders` below `root` with files named after the cameras.
+
+    Returns:
+        The pattern and its files, those of other cameras left out; None where there is no such folder.
+    """
+    wanted = set(cameras)
+    for folder in folders:
+        if not (root / folder).is_dir():
+            continue
+        for layout in (f"{folder}/{{camera}}/{{frame}}.*", f"{folder}/{{camera}}.*", f"{folder}/{{camera}}_{{frame}}.*"):
+            matches = [match for match in find_files(root, layout) if match.camera in wanted]
+            if matches:
+                return _with_extension(layout, matches), matches
+    matches = []
+    for folder in folders:
+        layout = f"{{frame}}/{folder}/{{camera}}.*"
+        matches = [match for match in find_files(root, layout) if match.camera in wanted]
+        if matches:
+            return _with_extension(layout, matches), matches
+    return None
+
+
+def is_media(path: Path) -> bool:
+    """Whether the extension is one of an image or a video."""
+    return path.suffix.lower() in IMAGE_EXTENSIONS | VIDEO_EXTENSIONS

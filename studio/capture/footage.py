@@ -1,0 +1,242 @@
+"""Footage: frames x cameras of a capture, each an image with its matte and its camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from studio.cameras import Camera, Rig
+from studio.capture.masks import Matter
+from studio.capture.memory import ByteCache
+from studio.capture.sources import DecoderPool, FrameSource
+from studio.capture.spec import CaptureSpec
+from studio.capture.warp import Warp
+from studio.errors import StudioError
+from studio.progress import ProgressFn, no_progress
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What one camera saw at one moment.
+
+    Attributes:
+        camera: pinhole camera that fits the image.
+        image: (H, W, 3) uint8 RGB.
+        matte: (H, W) uint8, 255 foreground.
+        frame: frame number.
+    """
+
+    camera: Camera
+    image: np.ndarray
+    matte: np.ndarray
+    frame: int = 0
+
+
+class Footage:
+    """See `open_footage`, which makes it. Thread safe; images are decoded when asked for, and cached within a bound.
+
+    Attributes:
+        spec: what it was opened with.
+        camera_names: all cameras, in name order (2 before 10).
+        train_cameras, held_out_cameras: the two parts of them.
+        frames: frame numbers as in the files, after start, stop and step.
+        fps: frames a second.
+        description: one sentence a line on what was found and how it is read.
+        problems: what is wrong with the set of files; empty unless opened with strict=False.
+    """
+
+    def __init__(
+        self,
+        spec: CaptureSpec,
+        sources: Mapping[str, FrameSource],
+        frames: tuple[int, ...],
+        held_out: tuple[str, ...],
+        fps: float,
+        matter: Matter,
+        exact_matter: Matter | None,
+        warps: Mapping[str, Warp] | None,
+        pool: DecoderPool,
+        cache: ByteCache,
+        description: str,
+        problems: tuple[str, ...] = (),
+    ) -> None:
+        self.spec = spec
+        self.camera_names = tuple(sources)
+        self.held_out_cameras = held_out
+        self.train_cameras = tuple(name for name in sources if name not in held_out)
+        self.frames = frames
+        self.fps = fps
+        self.description = description
+        self.problems = problems
+        self._sources = dict(sources)
+        self._matter = matter
+        self._exact_matter = exact_matter
+        self._warps = dict(warps) if warps is not None else None
+        self._pool = pool
+        self._cache = cache
+        self._rig = Rig(tuple(warp.camera for warp in self._warps.values())) if self._warps is not None else None
+        self._digest: str | None = None
+
+    @property
+    def rig(self) -> Rig:
+        """Pinhole cameras that fit the images handed out (undistorted, scaled), named and ordered as `camera_names`.
+
+        Raises:
+            StudioError: the footage was opened without calibrated cameras.
+        """
+        if self._rig is None:
+            raise StudioError("This footage has no calibrated cameras yet; calibrate it or give a calibration file.")
+        return self._rig
+
+    @property
+    def has_evaluation_mattes(self) -> bool:
+        """Whether the capture ships exact mattes."""
+        return self._exact_matter is not None
+
+    @property
+    def matter(self) -> Matter:
+        """Where the mattes come from."""
+        return self._matter
+
+    def raw_size(self, camera: str) -> tuple[int, int]:
+        """(width, height) of the camera's frames in the files."""
+        source = self._source(camera)
+        return source.width, source.height
+
+    def raw_image(self, camera: str, frame: int) -> np.ndarray:
+        """(H, W, 3) uint8 RGB as in the file: distorted, full size. For calibration.
+
+        Raises:
+            StudioError: no such camera or frame, or its file cannot be read.
+        """
+        return np.array(self._raw(camera, frame)[:, :, :3])
+
+    def raw_matte(self, camera: str, frame: int) -> np.ndarray:
+        """(H, W) uint8 foreground matte in the file's pixels, as `raw_image`."""
+        return self._matter.matte(camera, frame, self._raw(camera, frame))
+
+    def image(self, camera: str, frame: int) -> np.ndarray:
+        """(H, W, 3) uint8 RGB, undistorted and scaled. The array is the caller's own.
+
+        Raises:
+            StudioError: no such camera or frame, or its file cannot be read.
+        """
+        return self._image(camera, frame).copy()
+
+    def matte(self, camera: str, frame: int) -> np.ndarray:
+        """(H, W) uint8, 255 foreground, undistorted and scaled like the image.
+
+        Raises:
+            StudioError: as `image`; or the mask file is missing or does not fit.
+        """
+        return self._matte(camera, frame, self._matter, "matte").copy()
+
+    def evaluation_matte(self, camera: str, frame: int) -> np.ndarray:
+        """The exact matte where the capture ships one (`spec.evaluation_mattes`), else `matte`."""
+        if self._exact_matter is None:
+            return self.matte(camera, frame)
+        return self._matte(camera, frame, self._exact_matter, "exact").copy()
+
+    def view(self, camera: str, frame: int) -> View:
+        """Camera, image and matte together; the frame is decoded once."""
+        return View(self.rig[camera], self.image(camera, frame), self.matte(camera, frame), frame)
+
+    def check(self, progress: ProgressFn = no_progress, *, frames: tuple[int, ...] | None = None) -> list[str]:
+        """Read everything once and tell what is wrong; an empty list means the footage is sound.
+
+        Args:
+            frames: only these; None is all.
+        """
+        from studio.capture.checks import check_footage
+
+        return list(self.problems) + check_footage(self, progress, frames)
+
+    def digest(self) -> str:
+        """Hexadecimal digest of the files behind the footage: names, sizes and contents (see `digest_files`)."""
+        from studio.capture.digest import digest_files
+
+        if self._digest is None:
+            self._digest = digest_files(self.spec.root, self.files())
+        return self._digest
+
+    def files(self) -> list[Path]:
+        """All files that images and mattes are made from."""
+        paths = [path for source in self._sources.values() for path in source.files(self.frames)]
+        paths += self._matter.files()
+        if self._exact_matter is not None:
+            paths += self._exact_matter.files()
+        return paths
+
+    def close(self) -> None:
+        """Close all video decoders. Reading opens them again."""
+        self._pool.close()
+
+    def with_matter(self, matter: Matter) -> Footage:
+        """The same footage with mattes from elsewhere (a matting model, say)."""
+        return Footage(
+            self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, matter, self._exact_matter,
+            self._warps, self._pool, ByteCache(self._cache.limit), self.description, self.problems,
+        )  # fmt: skip
+
+    def where(self, camera: str, frame: int) -> str:
+        """What to call a frame in a message: its file."""
+        return self._source(camera).where(frame)
+
+    def _source(self, camera: str) -> FrameSource:
+        source = self._sources.get(camera)
+        if source is None:
+            raise StudioError(f"There is no footage of camera '{camera}'; there is {', '.join(self.camera_names)}.")
+        return source
+
+    def _raw(self, camera: str, frame: int) -> np.ndarray:
+        key = ("raw", camera, frame)
+        kept = self._cache.get(key)
+        if kept is not None:
+            return kept[0]
+        raw = self._source(camera).read(frame)
+        self._cache.put(key, raw)
+        return raw
+
+    def _image(self, camera: str, frame: int) -> np.ndarray:
+        warp = self._warp(camera)
+        if warp.is_identity:
+            return np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
+        key = ("image", camera, frame)
+        kept = self._cache.get(key)
+        if kept is None:
+            raw = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
+            kept = (warp.apply(raw, self._maps(camera, warp), smooth=True),)
+            self._cache.put(key, *kept)
+        return kept[0]
+
+    def _matte(self, camera: str, frame: int, matter: Matter, kind: str) -> np.ndarray:
+        key = (kind, camera, frame)
+        kept = self._cache.get(key)
+        if kept is None:
+            warp = self._warp(camera)
+            raw = matter.matte(camera, frame, self._raw(camera, frame))
+            matte = raw if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=False)
+            kept = (matte,)
+            self._cache.put(key, *kept)
+        return kept[0]
+
+    def _maps(self, camera: str, warp: Warp) -> tuple[np.ndarray, np.ndarray] | None:
+        if warp.source.is_pinhole:
+            return None
+        kept = self._cache.get(("maps", camera))
+        if kept is None:
+            kept = warp.maps()
+            self._cache.put(("maps", camera), *kept)
+        return kept[0], kept[1]
+
+    def _warp(self, camera: str) -> Warp:
+        source = self._source(camera)
+        if self._warps is not None:
+            return self._warps[camera]
+        # Without calibration the images are only scaled; any pinhole camera of the right size does.
+        K = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+        plain = Camera(camera, source.width, source.height, K, np.eye(4))
+        return Warp(replace(plain), source.width, source.height, self.spec.scale)

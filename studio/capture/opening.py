@@ -1,0 +1,322 @@
+"""From a `CaptureSpec` to `Footage`: find the files, match them with the rig, choose frames and masks."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from studio.cameras import Camera, Rig
+from studio.capture.background import background_plate
+from studio.capture.checks import number_ranges
+from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside, detect_images
+from studio.capture.footage import Footage
+from studio.capture.masks import AlphaMatter, FileMatter, FullMatter, Matter, PlateMatter, plates_from_files
+from studio.capture.memory import ByteCache
+from studio.capture.patterns import Match, find_files, natural_key
+from studio.capture.sources import DecoderPool, FrameSource, decoder_limit, make_sources
+from studio.capture.spec import CaptureSpec
+from studio.capture.warp import Warp, fit_size
+from studio.errors import StudioError
+
+_FEW_FRAMES = 10  # below this a temporal median says little about what stands still
+
+
+def open_footage(spec: CaptureSpec, rig: Rig | None = None, *, strict: bool = True) -> Footage:
+    """Open a capture. Finds and opens its files, reads one frame a camera, and decodes the rest when asked.
+
+    Args:
+        spec: where it lies and how to read it.
+        rig: its cameras, with lens distortion, at the size they were calibrated at; None before calibration
+            (`Footage.image` is then scaled only, and `Footage.rig` raises). Names must be those of the footage; a file
+            extension in a rig's name (COLMAP has them) is passed over.
+        strict: raise where cameras lack frames that others have. Otherwise such problems stand in
+            `Footage.problems`, and `Footage.frames` are those that all cameras have.
+
+    Raises:
+        StudioError: nothing found, a file cannot be opened, two files for one camera and frame, cameras of rig and
+            footage differ, sizes that do not fit the calibration, an unknown camera name in the settings, frames or
+            masks missing.
+    """
+    if not spec.root.is_dir():
+        raise StudioError(f"The capture folder {spec.root} is not there.")
+    pattern, matches = _find_images(spec)
+    matches = _chosen(spec, matches)
+    pool = DecoderPool(4)
+    try:
+        sources = make_sources(matches, pool, spec.color_matrix)
+    except BaseException:
+        pool.close()
+        raise
+    pool.limit = min(decoder_limit(source.width, source.height) for source in sources.values())
+    frames, problems = _frames(spec, sources)
+    if strict and problems:
+        raise StudioError(problems[0] if len(problems) == 1 else f"{problems[0]} ({len(problems) - 1} more like it.)")
+    fps, fps_note = _fps(spec, sources)
+    notes = [_found(spec, pattern, sources, frames), fps_note]
+    cache = ByteCache(spec.cache_bytes if spec.cache_bytes is not None else _cache_bytes())
+    warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
+    held_out = _held_out(spec, tuple(sources))
+    matter, mask_note = _matter(spec, sources, frames, pool)
+    exact, exact_note = _exact(spec, sources, frames)
+    notes += [mask_note, exact_note]
+    if held_out:
+        notes.append(f"Held out: {', '.join(held_out)}.")
+    description = "\n".join(note for note in notes if note)
+    return Footage(
+        spec, sources, frames, held_out, fps, matter, exact, warps, pool, cache, description, tuple(problems)
+    )
+
+
+def _cache_bytes() -> int:
+    import psutil
+
+    return int(min(2 << 30, psutil.virtual_memory().total // 8))
+
+
+def _find_images(spec: CaptureSpec) -> tuple[str, list[Match]]:
+    if spec.images == "auto":
+        return detect_images(spec.root)
+    matches = find_files(spec.root, spec.images)
+    if not matches:
+        raise StudioError(f"{spec.root}: no image or video fits the pattern '{spec.images}'.")
+    return spec.images, matches
+
+
+def _unknown(names: Sequence[str], known: Sequence[str], where: str) -> None:
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+            hint = f"did you mean '{near[0]}'?" if near else f"there is {', '.join(known)}."
+            raise StudioError(f"{where} names camera '{name}', which the footage has not; {hint}")
+
+
+def _chosen(spec: CaptureSpec, matches: list[Match]) -> list[Match]:
+    if not spec.cameras:
+        return matches
+    known = list(dict.fromkeys(match.camera for match in matches))
+    _unknown(spec.cameras, known, "The setting cameras")
+    return [match for match in matches if match.camera in spec.cameras]
+
+
+def _frames(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[str]]:
+    """The frames that all cameras have within start, stop and step, and sentences on those that some lack."""
+
+    def inside(frame: int, first: int) -> bool:
+        low = spec.start if spec.start is not None else first
+        return frame >= low and (spec.stop is None or frame < spec.stop) and (frame - low) % spec.step == 0
+
+    everything = sorted(set().union(*(source.frames for source in sources.values())))
+    wanted = [frame for frame in everything if inside(frame, everything[0])]
+    if not wanted:
+        raise StudioError(
+            f"{spec.root}: the footage has frames {everything[0]} to {everything[-1]}, none of which lies in the range "
+            f"asked for (start {spec.start}, stop {spec.stop}, step {spec.step})."
+        )
+    common = set(wanted).intersection(*(source.frames for source in sources.values()))
+    problems = []
+    for camera, source in sources.items():
+        have = set(source.frames)
+        missing = [frame for frame in wanted if frame not in have]
+        if not missing:
+            continue
+        if missing == wanted[-len(missing) :] and len(missing) < len(wanted):
+            problems.append(
+                f"Camera '{camera}' ends after frame {source.frames[-1]}, but others go on to frame {wanted[-1]}; mend "
+                f"the footage, or set stop to {source.frames[-1] + 1} to use what all cameras have."
+            )
+        else:
+            problems.append(
+                f"Camera '{camera}' has no frame {number_ranges(missing)}, which other cameras have; add the missing "
+                "files, or leave the camera or the frames out."
+            )
+    frames = tuple(frame for frame in wanted if frame in common)
+    if not frames and not problems:
+        raise StudioError(f"{spec.root}: there is no frame that all cameras have.")
+    return frames, problems
+
+
+def _fps(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[float, str]:
+    if spec.fps is not None:
+        return spec.fps, ""
+    rates = {camera: source.fps for camera, source in sources.items() if source.fps}
+    if not rates:
+        several = max(len(source.frames) for source in sources.values()) > 1
+        return 30.0, "The files do not say how many frames a second; 30 are taken (set fps)." if several else ""
+    slowest, fastest = min(rates, key=lambda name: rates[name]), max(rates, key=lambda name: rates[name])
+    if rates[fastest] > 1.005 * rates[slowest]:
+        raise StudioError(
+            f"Camera '{slowest}' runs at {rates[slowest]:g} frames a second and '{fastest}' at {rates[fastest]:g}; "
+            "synchronized footage has one rate: convert it, or set fps to say that the frames do correspond."
+        )
+    return float(rates[fastest]), ""
+
+
+def _found(spec: CaptureSpec, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
+    sizes = sorted({(source.width, source.height) for source in sources.values()})
+    size = " and ".join(f"{width}x{height}" for width, height in sizes)
+    span = "no common frame" if not frames else f"{len(frames)} frames ({frames[0]} to {frames[-1]})"
+    return f"Footage '{pattern}' below {spec.root}: {len(sources)} cameras, {span}, {size}."
+
+
+def _stem(name: str) -> str:
+    return Path(name.replace("\\", "/")).stem if "." in name else name
+
+
+def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
+    """The rig's camera of each name, renamed to it: by equal names, else by names without extension and folder.
+
+    Raises:
+        StudioError: a camera of the footage is not in the rig, or the other way round.
+    """
+    cameras = {camera.name: camera for camera in rig}
+    if not set(names) <= set(cameras):
+        stems: dict[str, Camera] = {}
+        for camera in rig:
+            if _stem(camera.name) in stems:
+                stems = cameras
+                break
+            stems[_stem(camera.name)] = camera
+        if len(set(names) & set(stems)) > len(set(names) & set(cameras)):
+            cameras = stems
+    without = [name for name in names if name not in cameras]
+    if without:
+        raise StudioError(
+            f"The footage has camera '{without[0]}'"
+            + (f" and {len(without) - 1} more" if len(without) > 1 else "")
+            + f" that the calibration does not know (it has {', '.join(sorted(cameras, key=natural_key))}); rename the "
+            "files, calibrate again, or list the cameras to use in the setting cameras."
+        )
+    extra = [name for name in cameras if name not in names]
+    if extra:
+        raise StudioError(
+            f"The calibration has camera '{extra[0]}'"
+            + (f" and {len(extra) - 1} more" if len(extra) > 1 else "")
+            + " of which there is no footage; add the missing files, or list the cameras to use in the setting cameras."
+        )
+    return {name: replace(cameras[name], name=name) for name in names}
+
+
+def _warps(
+    spec: CaptureSpec, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
+) -> dict[str, Warp]:
+    names = tuple(sources)
+    if spec.cameras:
+        kept = [camera for camera in rig if camera.name in names or _stem(camera.name) in names]
+        rig = Rig(tuple(kept))
+    warps = {}
+    for name, camera in match_rig(rig, names).items():
+        source = sources[name]
+        same = source.width * camera.height == source.height * camera.width
+        image = None if same else source.read(source.frames[0])[:, :, :3]
+        fit = fit_size(camera, source.width, source.height, spec.size_rule, image)
+        if fit.note:
+            notes.append(fit.note[0].upper() + fit.note[1:] + ".")
+        warps[name] = Warp(camera, source.width, source.height, spec.scale, fit)
+    return warps
+
+
+def _held_out(spec: CaptureSpec, names: tuple[str, ...]) -> tuple[str, ...]:
+    _unknown(spec.held_out, names, "The setting held_out")
+    nth = set(names[spec.held_out_every - 1 :: spec.held_out_every]) if spec.held_out_every else set()
+    chosen = tuple(name for name in names if name in nth or name in spec.held_out)
+    if len(chosen) == len(names):
+        raise StudioError(f"All {len(names)} cameras are held out; leave at least one to train on.")
+    return chosen
+
+
+def _matter(
+    spec: CaptureSpec, sources: Mapping[str, FrameSource], frames: tuple[int, ...], pool: DecoderPool
+) -> tuple[Matter, str]:
+    """The source of mattes, and a sentence on it."""
+    kind = spec.masks
+    names = tuple(sources)
+    if kind in ("alpha", "auto") and all(source.has_alpha for source in sources.values()):
+        return AlphaMatter(), "Masks: the images' alpha channel."
+    if kind == "alpha":
+        bare = next(name for name, source in sources.items() if not source.has_alpha)
+        raise StudioError(f"Masks are to come from the alpha channel, but the images of camera '{bare}' have none.")
+    if kind in ("files", "auto"):
+        found = _mask_files(spec, names, required=kind == "files")
+        if found is not None:
+            pattern, matches = found
+            return _file_matter(matches, names, frames, pool, "mask"), f"Masks: files '{pattern}'."
+    if kind in ("clean_plate", "auto"):
+        found = _plates(spec, names, required=kind == "clean_plate")
+        if found is not None:
+            pattern, matches = found
+            without = sorted(set(names) - {match.camera for match in matches}, key=natural_key)
+            if without:
+                raise StudioError(f"Camera '{without[0]}' has no clean plate ('{pattern}'); add it or leave the camera out.")
+            load = plates_from_files(matches, spec.color_matrix)
+            paths = [match.path for match in matches]
+            matter = PlateMatter(load, paths, spec.mask_sensitivity, spec.mask_components)
+            return matter, f"Masks: difference to the clean plates '{pattern}'."
+    count = min(len(source.frames) for source in sources.values())
+    if kind == "median_background" and count < 3:
+        raise StudioError(f"A median background needs at least 3 frames, the footage has {count}; give masks or plates.")
+    if kind == "median_background" or (kind == "auto" and count >= _FEW_FRAMES):
+
+        def median(camera: str) -> np.ndarray:
+            source = sources[camera]
+            return background_plate(lambda frame: source.read(frame)[:, :, :3], source.frames)
+
+        matter = PlateMatter(median, [], spec.mask_sensitivity, spec.mask_components)
+        return matter, "Masks: difference to the temporal median of the footage."
+    return FullMatter(), "Masks: none, everything is foreground."
+
+
+def _mask_files(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+    if spec.mask_files != "auto":
+        matches = [match for match in find_files(spec.root, spec.mask_files) if match.camera in names]
+        if not matches:
+            raise StudioError(f"{spec.root}: no mask of the footage's cameras fits the pattern '{spec.mask_files}'.")
+        return spec.mask_files, matches
+    found = detect_beside(spec.root, MASK_FOLDERS, names)
+    if found is None and required:
+        raise StudioError(f"{spec.root}: no mask files were found; say where they are, mask_files: 'masks/{{camera}}.png'.")
+    return found
+
+
+def _plates(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+    if spec.clean_plates != "auto":
+        matches = [match for match in find_files(spec.root, spec.clean_plates) if match.camera in names]
+        if not matches:
+            raise StudioError(f"{spec.root}: no clean plate of the footage's cameras fits '{spec.clean_plates}'.")
+        return spec.clean_plates, matches
+    found = detect_beside(spec.root, PLATE_FOLDERS, names)
+    if found is None and required:
+        raise StudioError(
+            f"{spec.root}: no clean plates were found; say where they are, clean_plates: 'clean_plates/{{camera}}.png'."
+        )
+    return found
+
+
+def _file_matter(
+    matches: list[Match], names: tuple[str, ...], frames: tuple[int, ...], pool: DecoderPool, what: str
+) -> FileMatter:
+    matter = FileMatter(make_sources(matches, pool))
+    for name in names:
+        missing = matter.missing(name, frames)
+        if missing:
+            raise StudioError(
+                f"Camera '{name}' has no {what} for frame {number_ranges(missing)}; add the missing files or leave the "
+                "camera or the frames out."
+            )
+    return matter
+
+
+def _exact(
+    spec: CaptureSpec, sources: Mapping[str, FrameSource], frames: tuple[int, ...]
+) -> tuple[Matter | None, str]:
+    if not spec.evaluation_mattes:
+        return None, ""
+    names = tuple(sources)
+    matches = [match for match in find_files(spec.root, spec.evaluation_mattes) if match.camera in names]
+    if not matches:
+        raise StudioError(f"{spec.root}: no evaluation matte fits the pattern '{spec.evaluation_mattes}'.")
+    matter = _file_matter(matches, names, frames, DecoderPool(len(names)), "evaluation matte")
+    return matter, f"Measured within the exact mattes '{spec.evaluation_mattes}'."
