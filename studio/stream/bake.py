@@ -8,6 +8,7 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def bake_group(
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         planes = _planes(sh_degree, settings)
-        box = Box(min=tuple(map(float, low[:3])), max=tuple(map(float, high[:3])))
+        box = Box(min=_point(low), max=_point(high))
         low[-7:-4] = _scale_floor(low, high)
         _encode(component_frames(frames, order), partial, planes, low, high, settings, len(frames), progress)
         entry = _entry(partial, folder.name, planes, low, high, group, first_frame, frames, box)
@@ -159,6 +160,10 @@ def write_manifest(
     return manifest
 
 
+def _point(values: np.ndarray) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
 def _keyframe_order(keyframe: Gaussians) -> np.ndarray:
     means = keyframe.means.detach().cpu().numpy()
     return morton_order(means) if np.isfinite(means).all() else np.arange(len(means))
@@ -179,7 +184,8 @@ def _ranges(values: Iterator[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         frame_low, frame_high = frame.min(axis=1).astype(np.float64), frame.max(axis=1).astype(np.float64)
         low = frame_low if low is None else np.minimum(low, frame_low)
         high = frame_high if high is None else np.maximum(high, frame_high)
-    assert low is not None and high is not None
+    assert low is not None
+    assert high is not None
     return low, high
 
 
@@ -222,25 +228,22 @@ def _encode(
     progress: ProgressFn,
 ) -> None:
     encoders: list[PlaneEncoder] = []
-    workers = settings.threads or os.cpu_count() or 1
+
+    def encode(index: int, frame: np.ndarray) -> None:
+        row, component, part, _ = planes[index]
+        codes = quantise(frame[row], low[row], high[row], component.levels)
+        if part != "all":
+            codes = split_bytes(codes, mirrored=part == "low_mirrored")[0 if part == "high" else 1]
+        encoders[index].add(to_plane(codes, plane_side(frame.shape[1])))
+
     try:
-        with ThreadPoolExecutor(workers, thread_name_prefix="bake") as pool:
+        with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1, thread_name_prefix="bake") as pool:
             for number, frame in enumerate(values):
-                side = plane_side(frame.shape[1])
                 if not encoders:
-                    encoders += [
-                        PlaneEncoder(folder / _file_name(component, part), side, qp, settings.preset)
-                        for _, component, part, qp in planes
-                    ]
-
-                def add(index: int, frame: np.ndarray = frame, side: int = side) -> None:
-                    row, component, part, _ = planes[index]
-                    codes = quantise(frame[row], low[row], high[row], component.levels)
-                    if part != "all":
-                        codes = split_bytes(codes, mirrored=part == "low_mirrored")[0 if part == "high" else 1]
-                    encoders[index].add(to_plane(codes, side))
-
-                list(pool.map(add, range(len(planes))))
+                    side = plane_side(frame.shape[1])
+                    for _, component, part, qp in planes:
+                        encoders.append(PlaneEncoder(folder / _file_name(component, part), side, qp, settings.preset))
+                list(pool.map(encode, range(len(planes)), repeat(frame)))
                 progress(number + 1, frame_count)
             list(pool.map(PlaneEncoder.close, encoders))
     except BaseException:

@@ -71,7 +71,9 @@ class GroupDecoder:
             StudioError: a file is damaged, or there is no further frame in the group.
         """
         if self.next_frame >= self.group.end_frame:
-            raise StudioError(f"Group {self.group.index} has {self.group.frame_count} frames; there is none after them.")
+            raise StudioError(
+                f"Group {self.group.index} has {self.group.frame_count} frames; there is none after them."
+            )
         planes = np.empty((len(self._decoders), self.group.side, self.group.side), dtype=np.uint8)
         list(self._pool.map(PlaneDecoder.read, self._decoders, planes))
         self.next_frame += 1
@@ -184,7 +186,7 @@ class StreamReader:
             yield self.gaussians(frame)
 
     def verify(self) -> None:
-        """Check every file of the stream for its size and SHA-256. Raises StudioError at the first that does not fit."""
+        """Check size and SHA-256 of every file. Raises StudioError at the first that does not fit."""
         for group in self.manifest.groups:
             fetch_group(self.source, group)
 

@@ -20,10 +20,15 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
 NOMINAL_FPS = 30
-"""Rate written into the MP4s. It means nothing: frame k of a file is frame k of its group, the manifest has the rate."""
+"""Rate written into the MP4s. It means nothing: picture k is frame k of the group, and the manifest has the rate."""
 
 _JPEG_RANGE = 2  # AVCOL_RANGE_JPEG: luma uses 0 to 255
 _NEUTRAL = 128
+
+
+def _bytes_of(plane: Any) -> np.ndarray:
+    """(rows, bytes a row) uint8 view of a PyAV picture plane; rows may be longer than the picture."""
+    return np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
 
 
 class PlaneEncoder:
@@ -57,12 +62,12 @@ class PlaneEncoder:
         self._stream = stream
         self._picture = av.VideoFrame(side, side, "yuv420p")
         for plane in self._picture.planes[1:]:
-            np.frombuffer(plane, np.uint8)[:] = _NEUTRAL
+            _bytes_of(plane)[:] = _NEUTRAL
 
     def add(self, plane: np.ndarray) -> None:
         """Encode the next frame, (side, side) uint8."""
         luma = self._picture.planes[0]
-        np.frombuffer(luma, np.uint8).reshape(self._side, luma.line_size)[:, : self._side] = plane
+        _bytes_of(luma)[:, : self._side] = plane
         self._picture.pts = self._frames
         self._frames += 1
         for packet in self._stream.encode(self._picture):
@@ -99,8 +104,8 @@ class PlaneDecoder:
         self._side = side
         self._container: InputContainer | None = None
         try:
-            self._container = av.open(io.BytesIO(data), format="mp4")
-            stream = self._container.streams.video[0]
+            container = self._container = av.open(io.BytesIO(data), "r", format="mp4")
+            stream = container.streams.video[0]
             context = stream.codec_context
             codec, size = context.codec.canonical_name, (context.width, context.height)
         except self._errors as error:
@@ -113,7 +118,7 @@ class PlaneDecoder:
                 "bake or fetch the stream again."
             )
         context.thread_count = 1  # planes are decoded side by side; threads within one would only get in the way
-        self._frames: Iterator[Any] = self._container.decode(stream)
+        self._frames: Iterator[Any] = container.decode(stream)
 
     def read(self, out: np.ndarray) -> None:
         """Decode the next frame into `out`, (side, side) uint8.
@@ -136,8 +141,7 @@ class PlaneDecoder:
                 f"{self.name}: a frame is {frame.width}x{frame.height} {frame.format.name}, expected "
                 f"{self._side}x{self._side} yuv420p; bake or fetch it again."
             )
-        luma = frame.planes[0]
-        out[:] = np.frombuffer(luma, np.uint8).reshape(self._side, luma.line_size)[:, : self._side]
+        out[:] = _bytes_of(frame.planes[0])[:, : self._side]
 
     def close(self) -> None:
         """Free the decoder."""

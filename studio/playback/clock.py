@@ -1,0 +1,101 @@
+"""The player's clock: which frame is due. It has a lock of its own and never calls anything while holding it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+
+class Clock:
+    """Ticks are frames since the start of the stream; they go on rising through loops.
+
+    After `cue` the clock stands at a frame until `first_frame_is_ready`; then it runs whenever it is playing.
+
+    Args:
+        fps: ticks a second at rate 1.
+        frame_count: frames in the stream; where the clock stops unless it loops.
+        loop, rate: as in `Player`.
+        now: seconds.
+    """
+
+    def __init__(self, fps: float, frame_count: int, loop: bool, rate: float, now: Callable[[], float]) -> None:
+        self._fps = fps
+        self._frame_count = frame_count
+        self._now = now
+        self._lock = threading.Lock()
+        self._loop = loop
+        self._rate = rate
+        self._playing = False
+        self._waiting = True
+        self._anchor_tick = 0.0  # where it stood at _anchor_time
+        self._anchor_time = now()
+
+    def _read(self) -> float:
+        tick = self._anchor_tick
+        if self._playing and not self._waiting:
+            tick += (self._now() - self._anchor_time) * self._fps * self._rate
+        return tick if self._loop else min(tick, float(self._frame_count))
+
+    def _anchor(self, tick: float) -> None:
+        self._anchor_tick = tick
+        self._anchor_time = self._now()
+
+    def due(self) -> int:
+        """The tick that should be on screen now."""
+        with self._lock:
+            tick = int(self._read() + 1e-6)  # a frame is due at its instant, whatever rounding says
+            return tick if self._loop else min(tick, self._frame_count - 1)
+
+    def cue(self, frame: int) -> None:
+        """Stand at a frame and wait there for it."""
+        with self._lock:
+            self._anchor(float(frame))
+            self._waiting = True
+
+    def first_frame_is_ready(self) -> None:
+        """Stop waiting."""
+        with self._lock:
+            if self._waiting:
+                self._anchor(self._anchor_tick)
+                self._waiting = False
+
+    @property
+    def at_end(self) -> bool:
+        """True when the last frame has had its time."""
+        with self._lock:
+            return not self._loop and not self._waiting and self._read() >= self._frame_count
+
+    @property
+    def playing(self) -> bool:
+        """True unless paused."""
+        with self._lock:
+            return self._playing
+
+    @playing.setter
+    def playing(self, value: bool) -> None:
+        with self._lock:
+            self._anchor(self._read())
+            self._playing = value
+
+    @property
+    def rate(self) -> float:
+        """Speed; 1 is the stream's own."""
+        with self._lock:
+            return self._rate
+
+    @rate.setter
+    def rate(self, value: float) -> None:
+        with self._lock:
+            self._anchor(self._read())
+            self._rate = value
+
+    @property
+    def loop(self) -> bool:
+        """Whether it runs on after the last frame. Set it just before `cue`."""
+        with self._lock:
+            return self._loop
+
+    @loop.setter
+    def loop(self, value: bool) -> None:
+        with self._lock:
+            self._loop = value

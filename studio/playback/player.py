@@ -1,0 +1,192 @@
+"""The player: a clock over the pipeline. Play, pause, seek, loop, rate; asked for the frame of now by whoever draws."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from studio.errors import StudioError
+from studio.playback.clock import Clock
+from studio.playback.pipeline import PlayedFrame, Run, Shared, raise_for_user
+from studio.stream import Source, StreamReader
+
+
+class Player:
+    """Plays a stream at its frame rate. All methods may be called from any thread.
+
+    The clock starts when the first frame after opening or seeking is ready, and then never waits: frames that come too
+    late are dropped, and the newest that is due is shown. Frames never come out of order.
+
+    Args:
+        stream: an open reader (left open by `close`), or the folder or source of a stream.
+        loop: begin again at the end.
+        rate: speed, 1 = the stream's own.
+        start_frame: 0-based.
+        now: the clock, seconds; for tests.
+
+    Raises:
+        StudioError: the stream cannot be opened, or there is no such frame or rate.
+    """
+
+    # Locks are taken in this order only: the player's, a lane's, the clock's.
+
+    def __init__(
+        self,
+        stream: StreamReader | Path | str | Source,
+        *,
+        loop: bool = False,
+        rate: float = 1.0,
+        start_frame: int = 0,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._owned = not isinstance(stream, StreamReader)
+        self.reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
+        self._lock = threading.RLock()
+        self._shared = Shared(self.reader)
+        self._current: PlayedFrame | None = None
+        self._dropped_before = 0
+        self._retired: list[Run] = []
+        self._closed = False
+        try:
+            self._clock = Clock(self.reader.fps, self.reader.frame_count, loop, _checked_rate(rate), now)
+            self._run = self._begin(start_frame)
+        except BaseException:
+            if self._owned:
+                self.reader.close()
+            raise
+
+    def _begin(self, frame: int) -> Run:
+        last = self.reader.frame_count - 1
+        if not 0 <= frame <= last:
+            raise StudioError(f"The stream has the frames 0 to {last}; there is no frame {frame}.")
+        self._clock.cue(frame)
+        return Run(self._shared, frame, self._clock.loop, self._clock.due)
+
+    # What a user does.
+
+    def play(self) -> None:
+        """Start or go on; at the end, begin again."""
+        with self._lock:
+            if self.finished:
+                self.seek(0)
+            self._clock.playing = True
+
+    def pause(self) -> None:
+        """Stand still."""
+        with self._lock:
+            self._clock.playing = False
+
+    def seek(self, frame: int) -> None:
+        """Go to a frame, playing on or paused as before. The old frame stays up until the new one is ready.
+
+        Raises:
+            StudioError: no such frame.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            old = self._run
+            self._run = self._begin(frame)
+            self._dropped_before += old.dropped
+            old.stop()
+            self._retired = [run for run in [*self._retired, old] if run.alive]
+
+    def set_rate(self, rate: float) -> None:
+        """Change the speed; raises StudioError unless it is above 0 and at most 100."""
+        self._clock.rate = _checked_rate(rate)
+
+    def set_loop(self, loop: bool) -> None:
+        """Change whether to begin again at the end."""
+        with self._lock:
+            if loop != self._clock.loop:
+                position = self.position
+                self._clock.loop = loop
+                self.seek(position)
+
+    # What a viewport asks.
+
+    def frame(self) -> PlayedFrame | None:
+        """The frame to show now; the same object as before while none newer is due, None before the first is ready.
+
+        Raises:
+            StudioError: the stream is damaged from here on; playing has stopped.
+        """
+        with self._lock:
+            run = self._run
+            if run.ready.peek() is not None:
+                self._clock.first_frame_is_ready()
+            due = self._clock.due()
+            taken = run.ready.take_while(lambda item: item.tick <= due)
+            if taken:
+                run.count_dropped(len(taken) - 1)
+                self._current = taken[-1]
+            elif run.error is not None and run.ready.over:
+                self._clock.playing = False
+                raise_for_user(run.error)
+            if self.finished:
+                self._clock.playing = False
+            return self._current
+
+    @property
+    def playing(self) -> bool:
+        """True while the clock runs (or will, as soon as the first frame is ready)."""
+        return self._clock.playing
+
+    @property
+    def loop(self) -> bool:
+        """Whether it begins again at the end."""
+        return self._clock.loop
+
+    @property
+    def rate(self) -> float:
+        """Speed; 1 is the stream's own."""
+        return self._clock.rate
+
+    @property
+    def position(self) -> int:
+        """Frame that the clock stands at, which may be ahead of what `frame` could show so far."""
+        return self._clock.due() % self.reader.frame_count
+
+    @property
+    def finished(self) -> bool:
+        """True when the last frame has been shown for its time and nothing will follow."""
+        with self._lock:
+            return self._clock.at_end and self._run.ready.over
+
+    @property
+    def dropped(self) -> int:
+        """Frames left out so far because they were late."""
+        with self._lock:
+            return self._dropped_before + self._run.dropped
+
+    def close(self) -> None:
+        """End all threads; closes the reader if the player opened it."""
+        with self._lock:
+            self._closed = True
+            self._clock.playing = False
+            runs = [*self._retired, self._run]
+            for run in runs:
+                run.stop()
+        for run in runs:
+            run.join()
+        with self._shared.decode_lock:
+            self._shared.close_decoder()
+        if self._owned:
+            self.reader.close()
+
+    def __enter__(self) -> Player:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _checked_rate(rate: float) -> float:
+    if not 0 < rate <= 100:
+        raise StudioError(f"Playing: rate is {rate}; it must be above 0 and at most 100.")
+    return float(rate)
