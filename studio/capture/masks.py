@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from studio.capture.background import background_plate
-from studio.capture.difference import difference_matte
+from studio.capture.difference import DifferenceSettings, difference_matte
 from studio.capture.images import read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.sources import FrameSource
@@ -110,16 +110,15 @@ class PlateMatter:
     Args:
         plate: gives the (H, W, 3) RGB plate of a camera; called once each.
         files: what the plates are made from, apart from the footage.
-        sensitivity, components: see `difference_matte`.
+        settings: see `difference_matte`.
     """
 
     def __init__(
-        self, plate: Callable[[str], np.ndarray], files: list[Path], sensitivity: float, components: int
+        self, plate: Callable[[str], np.ndarray], files: list[Path], settings: DifferenceSettings | None = None
     ) -> None:
         self._load = plate
         self._files = files
-        self._sensitivity = sensitivity
-        self._components = components
+        self._settings = settings or DifferenceSettings()
         self._plates: dict[str, np.ndarray] = {}
         self._locks: dict[str, threading.Lock] = {}
         self._lock = threading.Lock()
@@ -141,7 +140,7 @@ class PlateMatter:
                 f"The clean plate of camera '{camera}' is {plate.shape[1]}x{plate.shape[0]}, its footage "
                 f"{image.shape[1]}x{image.shape[0]}; they must have one size."
             )
-        return difference_matte(image[:, :, :3], plate, self._sensitivity, self._components)
+        return difference_matte(image[:, :, :3], plate, self._settings)
 
     def files(self) -> list[Path]:
         """See `Matter`."""

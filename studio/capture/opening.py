@@ -13,6 +13,7 @@ from studio.cameras import Camera, Rig
 from studio.capture.background import background_plate
 from studio.capture.checks import number_ranges
 from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside, detect_images
+from studio.capture.difference import DifferenceSettings
 from studio.capture.footage import Footage
 from studio.capture.masks import AlphaMatter, FileMatter, FullMatter, Matter, PlateMatter, plates_from_files
 from studio.capture.memory import ByteCache
@@ -253,7 +254,7 @@ def _matter(
                 raise StudioError(f"Camera '{without[0]}' has no clean plate ('{pattern}'); add it or leave the camera out.")
             load = plates_from_files(matches, spec.color_matrix)
             paths = [match.path for match in matches]
-            matter = PlateMatter(load, paths, spec.mask_sensitivity, spec.mask_components)
+            matter = PlateMatter(load, paths, _difference(spec))
             return matter, f"Masks: difference to the clean plates '{pattern}'."
     count = min(len(source.frames) for source in sources.values())
     if kind == "median_background" and count < 3:
@@ -264,9 +265,13 @@ def _matter(
             source = sources[camera]
             return background_plate(lambda frame: source.read(frame)[:, :, :3], source.frames)
 
-        matter = PlateMatter(median, [], spec.mask_sensitivity, spec.mask_components)
+        matter = PlateMatter(median, [], _difference(spec))
         return matter, "Masks: difference to the temporal median of the footage."
     return FullMatter(), "Masks: none, everything is foreground."
+
+
+def _difference(spec: CaptureSpec) -> DifferenceSettings:
+    return DifferenceSettings(spec.mask_sensitivity, spec.mask_components, spec.mask_shadows)
 
 
 def _mask_files(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:

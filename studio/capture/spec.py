@@ -36,6 +36,8 @@ class CaptureSpec:
             the footage: above 1 finds more foreground, below 1 less. Clean plates and median only.
         mask_components: how many separate foreground pieces a camera may see at most, largest first; 0 is any number
             above the size of noise. Clean plates and median only.
+        mask_shadows: take pixels that look like the background under less light for shadows, not for the performer.
+            Clean plates and median only.
         fps: frames a second; None takes the videos' own, or 30 for images.
         color_matrix: YUV to RGB of videos: "auto" believes the file's tag and takes BT.601 where there is none (as
             FFmpeg does); "bt601" or "bt709" overrule it.
@@ -59,6 +61,7 @@ class CaptureSpec:
     evaluation_mattes: str = ""
     mask_sensitivity: float = 1.0
     mask_components: int = 0
+    mask_shadows: bool = True
     fps: float | None = None
     color_matrix: str = "auto"
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
