@@ -1,0 +1,228 @@
+"""`v3studio ...`: the command line.
+
+Exit codes: 0 done, 1 bad input or a failure (one sentence on stderr), 2 wrong usage, 130 stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from studio.errors import Cancelled, StudioError
+
+STAGE_HELP = {
+    "calibrate": "find the cameras: from the capture's calibration, else from the footage",
+    "initialise": "carve the visual hull of each group's keyframe and sample points on it",
+    "train": "train the Gaussians, frame after frame",
+    "bake": "write the stream",
+    "evaluate": "decode the stream, compare with held-out cameras, write evaluation.json and report.html",
+}
+_SETTINGS_NOTE = """settings:
+  --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
+  overrides a setting of the configuration, as in --train.max-splats 20000; `v3studio config` prints them all.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code."""
+    parser = _parser()
+    plain = _long_settings_as_set(sys.argv[1:] if arguments is None else arguments, parser)
+    known = parser.parse_args(plain)
+    try:
+        known.overrides = _overrides(known)
+        command: Callable[[argparse.Namespace], int] = known.command
+        return command(known)
+    except StudioError as error:
+        if not getattr(known, "json", False):
+            print(f"error: {error}", file=sys.stderr)
+        return 1
+    except (Cancelled, KeyboardInterrupt):
+        return 130
+    except BrokenPipeError:  # `v3studio config | head`
+        sys.stderr.close()
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    from pipelines.take import program_version
+
+    parser = argparse.ArgumentParser(
+        prog="v3studio",
+        description="From synchronized multi-camera footage of a performer to a streamable Gaussian video.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"v3studio {program_version()}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    run = _stage_parser(commands, "run", "bring a take up to date: every stage that must run, and no other")
+    run.add_argument(
+        "--until", choices=list(STAGE_HELP), metavar="STAGE", help=f"stop after this stage ({', '.join(STAGE_HELP)})"
+    )
+    run.set_defaults(command=_run, stage=None)
+    for name, text in STAGE_HELP.items():
+        stage = _stage_parser(commands, name, f"run one stage: {text}")
+        stage.add_argument("--force", action="store_true", help="run it from its beginning, even if it is up to date")
+        stage.set_defaults(command=_run, stage=name, until=None)
+
+    status = commands.add_parser("status", help="tell what is done, stale or missing in a take", allow_abbrev=False)
+    status.add_argument("take", type=Path, metavar="DIR", help="the take's folder")
+    status.add_argument("--json", action="store_true", help="print JSON")
+    status.set_defaults(command=_status)
+
+    play = commands.add_parser("play", help="play a stream and tell what each frame costs", allow_abbrev=False)
+    play.add_argument("stream", type=Path, metavar="DIR", help="a stream's folder, or a take's")
+    play.add_argument("--headless", action="store_true", help="without a window: decode only, and print the times")
+    play.add_argument("--realtime", action="store_true", help="at the stream's frame rate, leaving late frames out")
+    play.add_argument("--frames", type=int, metavar="N", help="stop after N frames")
+    play.add_argument("--json", action="store_true", help="print JSON")
+    play.set_defaults(command=_play)
+
+    config = commands.add_parser(
+        "config",
+        help="print all settings with their documentation",
+        epilog=_SETTINGS_NOTE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    config.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="show the values of this file")
+    config.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    config.set_defaults(command=_config)
+    return parser
+
+
+def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=text,
+        description=text[0].upper() + text[1:] + ".",
+        epilog=_SETTINGS_NOTE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "config", type=Path, nargs="?", metavar="CONFIG", help="YAML file; without it the take's own settings"
+    )
+    parser.add_argument("--take", type=Path, required=True, metavar="DIR", help="the take's folder; made if needed")
+    parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    return parser
+
+
+def _long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentParser) -> list[str]:
+    """`--section.name VALUE` and `--section.name=VALUE` as `--set section.name=VALUE`; the rest as it is."""
+    plain: list[str] = []
+    words = iter(arguments)
+    for word in words:
+        name, equals, value = word.removeprefix("--").partition("=")
+        if not word.startswith("--") or "." not in name:
+            plain.append(word)
+            continue
+        if not equals:
+            following = next(words, None)
+            if following is None:
+                parser.error(f"--{name} needs a value")
+            value = following
+        plain.append(f"--set={name}={value}")
+    return plain
+
+
+def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
+    given = getattr(arguments, "set", [])  # not every command takes settings
+    if not given:
+        return []
+    from pipelines.config.loading import parse_override
+
+    return [parse_override(text) for text in given]
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from pipelines.config import load_config
+    from pipelines.files import disk_errors
+    from pipelines.take import Take
+
+    if arguments.config is None:
+        take = Take.open(arguments.take)
+        config = load_config(take.config, arguments.overrides)
+    else:
+        # settings are checked before a folder is made
+        config = load_config(arguments.config, arguments.overrides)
+        with disk_errors(arguments.take):
+            take = Take.create(arguments.take)
+
+    from pipelines.console import Bars, JsonLines
+    from pipelines.runner import ALL_STAGES, run
+
+    if arguments.stage:
+        stages: Sequence[str] = (arguments.stage,)
+    else:
+        stages = ALL_STAGES[: ALL_STAGES.index(arguments.until) + 1] if arguments.until else ALL_STAGES
+    with JsonLines() if arguments.json else Bars() as show:
+        run(
+            take,
+            config,
+            show,
+            stages=stages,
+            force=bool(arguments.stage and arguments.force),
+            command=f"v3studio {arguments.stage or 'run'}",
+        )
+    if not arguments.json and "evaluate" in stages:
+        from pipelines.tables import print_evaluation
+
+        print_evaluation(take)
+    return 0
+
+
+def _status(arguments: argparse.Namespace) -> int:
+    from pipelines.config import load_config
+    from pipelines.take import Take
+
+    take = Take.open(arguments.take)
+    config = load_config(take.config if take.config.is_file() else None, arguments.overrides)
+
+    from pipelines.tables import print_status, status_json
+
+    if arguments.json:
+        print(status_json(take, config))
+    else:
+        print_status(take, config)
+    return 0
+
+
+def _play(arguments: argparse.Namespace) -> int:
+    if not arguments.headless:
+        raise StudioError("The command line plays without a window only: add --headless, or open v3studio-gui.")
+    from pipelines.take import Take
+
+    folder = arguments.stream
+    if (folder / "take.json").is_file():
+        folder = Take.open(folder).stream
+        if not folder.is_dir():
+            raise StudioError(
+                f"{arguments.stream}: this take has no stream yet; run `v3studio run` or `v3studio bake`."
+            )
+
+    from pipelines.tables import print_playback
+    from studio.playback import play_headless
+
+    report = play_headless(folder, realtime=arguments.realtime, frame_limit=arguments.frames)
+    if arguments.json:
+        import json
+
+        print(json.dumps(report.to_dict(), indent=1))
+    else:
+        print_playback(report)
+    return 0
+
+
+def _config(arguments: argparse.Namespace) -> int:
+    from pipelines.config import describe, load_config
+
+    print(describe(load_config(arguments.config, arguments.overrides)), end="")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

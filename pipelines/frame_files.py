@@ -1,0 +1,53 @@
+"""Trained Gaussians on disk: safetensors, one file a frame, with the recipe that made them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pipelines.files import atomic_path
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+# One entry, because safetensors writes several in an order of its own, and equal runs must give equal bytes.
+_ENTRY = "v3studio"
+
+
+def write_frame(path: Path, gaussians: Gaussians, about: dict[str, Any]) -> None:
+    """Atomic. `about` is JSON-ready: key of the recipe, group, index, frame number."""
+    from safetensors.torch import save_file
+
+    with atomic_path(path) as temporary:
+        save_file(gaussians.state_dict(), temporary, metadata={_ENTRY: json.dumps(about, sort_keys=True)})
+
+
+def read_frame(path: Path) -> Gaussians:
+    """Gaussians on the CPU.
+
+    Raises:
+        StudioError: not there, or damaged.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    try:
+        return Gaussians.from_state_dict(load_file(path))
+    except FileNotFoundError:
+        raise StudioError(f"{path}: there is no such file; run `v3studio train`.") from None
+    except (SafetensorError, OSError) as error:
+        raise StudioError(f"{path}: cannot be read ({error}); delete it and run `v3studio train`.") from None
+
+
+def read_about(path: Path) -> dict[str, Any] | None:
+    """What `write_frame` was told about the frame; None if the file is not there, damaged, or another's."""
+    from safetensors import SafetensorError, safe_open
+
+    if not path.is_file():
+        return None
+    try:
+        with safe_open(path, framework="pt") as file:
+            about = json.loads((file.metadata() or {})[_ENTRY])
+    except (SafetensorError, OSError, KeyError, ValueError):
+        return None
+    return about if isinstance(about, dict) else None

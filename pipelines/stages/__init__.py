@@ -1,0 +1,18 @@
+"""The stages in the order they run. Each reads the take, calls `studio`, and writes the take."""
+
+from pipelines.stages.bake import BakeStage
+from pipelines.stages.base import Stage
+from pipelines.stages.calibrate import CalibrateStage
+from pipelines.stages.evaluate import EvaluateStage
+from pipelines.stages.initialise import InitialiseStage
+from pipelines.stages.train import TrainStage
+
+STAGES: tuple[Stage, ...] = (CalibrateStage(), InitialiseStage(), TrainStage(), BakeStage(), EvaluateStage())
+
+
+def stage_named(name: str) -> Stage:
+    """The stage of that name."""
+    return next(stage for stage in STAGES if stage.name == name)
+
+
+__all__ = ["STAGES", "Stage", "stage_named"]

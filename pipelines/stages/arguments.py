@@ -1,0 +1,102 @@
+"""From settings to the plain arguments that functions of `studio` take; the only place where this happens."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.config import BakeSection, CaptureSection, InitialiseSection, TrainSection
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.capture import CaptureSpec
+    from studio.meshing import HullSettings
+    from studio.stream import BakeSettings
+    from studio.training import TrainSettings
+
+NOT_TRAINING = ("group_size", "check_footage")
+"""Settings of the train section that say nothing of how one frame is trained."""
+
+_RIG_NAMES = ("rig.json", "cameras.json", "calibration.json", "transforms.json", "transforms_train.json")
+_RIG_FOLDERS = (".", "calibration", "cameras", "sparse/0", "sparse", "colmap/sparse/0", "sparse_full_resolution")
+
+
+def capture_spec(section: CaptureSection) -> CaptureSpec:
+    """What `studio.capture` is told of the footage."""
+    from studio.capture import CaptureSpec
+
+    values = section.model_dump(exclude={"rig", "cache_megabytes"})
+    cache = None if section.cache_megabytes is None else section.cache_megabytes * 2**20
+    return CaptureSpec(**values, cache_bytes=cache)
+
+
+def hull_settings(section: InitialiseSection) -> HullSettings:
+    """How the hull is carved."""
+    from studio.meshing import HullSettings
+
+    return HullSettings(**section.model_dump(include={field.name for field in fields(HullSettings)}))
+
+
+def train_settings(section: TrainSection) -> TrainSettings:
+    """How frames are trained."""
+    from studio.training import LearningRates, TrainSettings
+
+    values: dict[str, Any] = section.model_dump(exclude={"rates", *NOT_TRAINING})
+    return TrainSettings(**values, rates=LearningRates(**section.rates.model_dump()))
+
+
+def bake_settings(section: BakeSection, threads: int) -> BakeSettings:
+    """How frames become video."""
+    from studio.stream import BakeSettings
+
+    return BakeSettings(**section.model_dump(), threads=threads)
+
+
+def camera_file(section: CaptureSection) -> Path | None:
+    """The capture's calibration, or None where the cameras must be found from the footage.
+
+    Raises:
+        StudioError: the named file is not there, or several usual ones are.
+    """
+    if section.rig is None:
+        return None
+    if section.rig != "auto":
+        path = section.root / section.rig
+        if not path.exists():
+            raise StudioError(
+                f"{path}: there is no such file; set capture.rig to the calibration, or to null to calibrate from the "
+                "footage."
+            )
+        return path
+    found: list[Path] = []
+    for folder in (section.root / name for name in _RIG_FOLDERS):
+        found += [folder / name for name in _RIG_NAMES if (folder / name).is_file()]
+        found += sorted(folder.glob("*.qca.txt"))
+        if (folder / "cameras.txt").is_file() or (folder / "cameras.bin").is_file():
+            found.append(folder)
+    if len(found) > 1:
+        names = ", ".join(str(path.relative_to(section.root)) for path in found)
+        raise StudioError(f"{section.root} has several calibrations ({names}); name one in capture.rig.")
+    return found[0] if found else None
+
+
+def choose_device(name: str) -> str:
+    """A torch device that is there.
+
+    Raises:
+        StudioError: a GPU was asked for that torch cannot see.
+    """
+    import torch
+
+    from studio.rasterizer import available_backends
+
+    if name == "auto":
+        return "cuda" if "cuda" in available_backends() else "cpu"
+    if name.startswith("cuda"):
+        if not torch.cuda.is_available():
+            raise StudioError(f"run.device = {name}, but torch sees no GPU; set run.device to cpu or auto.")
+        index = int(name.partition(":")[2] or 0)
+        if index >= torch.cuda.device_count():
+            raise StudioError(f"run.device = {name}, but there are {torch.cuda.device_count()} GPUs, counted from 0.")
+    return name

@@ -1,0 +1,177 @@
+"""Baking: trained groups to the stream. The stream folder appears only when all of it is there."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.files import digest_of_file, link_or_copy, read_json, remove, write_json
+from pipelines.frame_files import read_frame
+from pipelines.groups import Group
+from pipelines.stages.arguments import bake_settings
+from pipelines.stages.base import Context, Ingredients, StageReporter, key_of, settings_of
+from pipelines.take import group_name
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.gaussians import Gaussians
+    from studio.stream import GroupEntry
+
+
+class BakeStage:
+    """See the module. A unit is a group.
+
+    Groups are baked into a working folder, each with a note of its recipe; when all are there, the manifest is written
+    and the folder takes the place of the old stream. Groups of the old stream that are still right are taken over.
+    """
+
+    name = "bake"
+    title = "Baking"
+    version = 1
+    weight = 3.0
+    needs: tuple[str, ...] = ("train",)
+
+    def ingredients(self, context: Context) -> Ingredients:
+        """How frames become video, and what the manifest says beside them."""
+        return {
+            **settings_of(context.config, "bake", "capture.background", "capture.held_out", "capture.held_out_every"),
+            "frames a second": float(context.raw_footage.fps),
+        }
+
+    def results(self, context: Context) -> list[Path]:
+        """Everything in the stream's folder."""
+        return sorted(path for path in context.take.stream.rglob("*") if path.is_file())
+
+    def units(self, context: Context) -> tuple[int, int, str] | None:
+        """Groups that are baked by this recipe."""
+        groups = context.groups
+        return sum(self._place(context, group) is not None for group in groups), len(groups), "groups"
+
+    def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
+        """Bake what is missing, then put the stream in its place."""
+        from studio.stream import GroupEntry, write_manifest
+
+        groups = context.groups
+        new = self._folder(context)
+        new.mkdir(parents=True, exist_ok=True)
+        settings = bake_settings(context.config.bake, context.config.run.threads)
+        entries: list[GroupEntry] = []
+        for position, group in enumerate(groups):
+            start, stop = position / len(groups), (position + 1) / len(groups)
+            place = self._place(context, group)
+            if place is None:
+                self._bake(context, group, reporter, start, stop)
+            elif place != new / group_name(group.index):
+                remove(new / group_name(group.index))
+                shutil.copytree(place, new / group_name(group.index), copy_function=link_or_copy)
+            entries.append(GroupEntry.from_dict(read_json(self._note(context, group))["entry"]))
+            reporter.metrics(
+                {"splats": entries[-1].splats, "bytes": entries[-1].bytes, "frames": entries[-1].frame_count},
+                group=group.index,
+            )
+            reporter.progress(stop, f"group {position + 1}/{len(groups)}")
+        wanted = {group_name(group.index) for group in groups}
+        for path in new.iterdir():
+            if path.name not in wanted:
+                remove(path)
+        manifest = write_manifest(new, entries, context.footage.fps, settings, self._metadata(context))
+        self._put_in_place(context, new)
+        for path in context.take.work(self.name).glob("group_*.json"):
+            if path.stem not in wanted:
+                remove(path)
+        total = manifest.total_bytes
+        return {
+            "groups": len(groups),
+            "frames": manifest.frame_count,
+            "bytes": total,
+            "bytes_per_frame": round(total / manifest.frame_count),
+        }
+
+    def _folder(self, context: Context) -> Path:
+        return context.take.work(self.name) / "stream"
+
+    def _note(self, context: Context, group: Group) -> Path:
+        """Recipe and manifest entry of a baked group."""
+        return context.take.work(self.name) / f"{group_name(group.index)}.json"
+
+    def _key(self, context: Context, group: Group) -> str:
+        frames = [context.take.trained_frame(group.index, index) for index in group.indices]
+        content = [digest_of_file(path) if path.is_file() else None for path in frames]
+        return key_of(self.name, self.version, settings_of(context.config, "bake"), group.index, group.first, content)
+
+    def _place(self, context: Context, group: Group) -> Path | None:
+        """Folder that holds the group as this recipe bakes it: in the working folder or in the old stream."""
+        if not self._note(context, group).is_file():
+            return None
+        note = read_json(self._note(context, group))
+        if note.get("key") != self._key(context, group):
+            return None
+        sizes = note["files"]
+        for folder in (self._folder(context), context.take.stream):
+            place = folder / group_name(group.index)
+            found = {path.name: path.stat().st_size for path in place.iterdir()} if place.is_dir() else {}
+            if found == sizes and all(digest_of_file(place / name) == note["digests"][name] for name in sizes):
+                return place
+        return None
+
+    def _bake(self, context: Context, group: Group, reporter: StageReporter, start: float, stop: float) -> None:
+        from studio.stream import bake_group
+
+        remove(self._note(context, group))
+        label = f"group {group.index + 1}/{len(context.groups)}"
+        entry = bake_group(
+            TrainedFrames(context, group),
+            self._folder(context),
+            group.index,
+            group.first,
+            bake_settings(context.config.bake, context.config.run.threads),
+            progress=reporter.part(label, start, stop),
+        )
+        files = sorted((self._folder(context) / group_name(group.index)).iterdir())
+        write_json(
+            self._note(context, group),
+            {
+                "key": self._key(context, group),
+                "files": {path.name: path.stat().st_size for path in files},
+                "digests": {path.name: digest_of_file(path) for path in files},
+                "entry": entry.to_dict(),
+            },
+        )
+
+    def _metadata(self, context: Context) -> dict[str, Any]:
+        """Nothing that changes from run to run: equal takes bake to equal bytes."""
+        footage = context.footage
+        camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
+        return {
+            "suggested_camera": footage.rig[camera].to_dict(),
+            "background": list(context.config.capture.background),
+            "up": [float(value) for value in footage.rig.up],
+        }
+
+    def _put_in_place(self, context: Context, new: Path) -> None:
+        """Swap folders. A kill between the two renames leaves the new stream complete in the working folder."""
+        stream = context.take.stream
+        old = context.take.work(self.name) / "old"
+        remove(old)
+        if stream.exists():
+            os.rename(stream, old)
+        os.rename(new, stream)
+        remove(old)
+
+
+class TrainedFrames(Sequence["Gaussians"]):
+    """The group's trained frames, each read when asked for."""
+
+    def __init__(self, context: Context, group: Group) -> None:
+        self._paths = [context.take.trained_frame(group.index, index) for index in group.indices]
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            raise StudioError("Trained frames are read one by one, not by slices.")
+        return read_frame(self._paths[index])

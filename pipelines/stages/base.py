@@ -1,0 +1,249 @@
+"""What a stage is, and what it is given to work with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from pipelines.cancel import Cancellation
+from pipelines.config import Config
+from pipelines.events import Emit, Log, Metrics, Preview, Progress, Warned
+from pipelines.files import digest_of
+from pipelines.groups import Group, cut_into_groups
+from pipelines.take import Take
+from studio.progress import ProgressFn
+
+if TYPE_CHECKING:
+    from studio.capture import Footage
+
+Ingredients = dict[str, Any]
+"""What a result is made from: settings by dotted name, digests of inputs and of other stages' results."""
+
+_LEAST_PAUSE = 0.2
+"""Seconds between two progress events of a stage."""
+
+
+@dataclass
+class Context:
+    """A take at work: its settings, where events go, the flag that stops it, and the footage once it is opened."""
+
+    take: Take
+    config: Config
+    emit: Emit = lambda event: None
+    cancellation: Cancellation = field(default_factory=Cancellation)
+
+    @cached_property
+    def raw_footage(self) -> Footage:
+        """The footage before calibration: names, frames, images as filmed.
+
+        Raises:
+            StudioError: it cannot be opened.
+        """
+        from studio.capture import open_footage
+
+        return open_footage(self._capture_spec(), None)
+
+    @cached_property
+    def footage(self) -> Footage:
+        """The footage with the take's cameras.
+
+        Raises:
+            StudioError: it cannot be opened, or there are no cameras yet.
+        """
+        from studio.camera_files import read_rig
+        from studio.capture import open_footage
+
+        return open_footage(self._capture_spec(), read_rig(self.take.rig))
+
+    def _capture_spec(self) -> Any:
+        from pipelines.stages.arguments import capture_spec
+
+        return capture_spec(self.config.capture)
+
+    @cached_property
+    def footage_digest(self) -> str:
+        """What the files are. All frames count, whichever are used: a longer take keeps what a shorter one made."""
+        from studio.capture import open_footage
+
+        spec = replace(self._capture_spec(), start=None, stop=None, step=1)
+        return open_footage(spec, None, strict=False).digest()
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The take's frames, cut into groups."""
+        return cut_into_groups(self.raw_footage.frames, self.config.train.group_size)
+
+    @cached_property
+    def device(self) -> str:
+        """Where training and drawing run: "cpu", "cuda" or "cuda:1"."""
+        from pipelines.stages.arguments import choose_device
+
+        return choose_device(self.config.run.device)
+
+    def forget_footage(self) -> None:
+        """Open the footage anew when it is next asked for (cameras have changed)."""
+        self.__dict__.pop("footage", None)
+
+
+@dataclass
+class StageReporter:
+    """How a stage talks: progress with time left, figures, pictures, warnings. Checks for cancellation each time.
+
+    `overall(fraction)` maps this stage's fraction to the run's.
+    """
+
+    stage: str
+    context: Context
+    overall: Callable[[float], float] = lambda fraction: fraction
+    run_started: float = field(default_factory=time.monotonic)
+
+    def __post_init__(self) -> None:
+        self._started = time.monotonic()
+        self._last = 0.0
+        self._figures: dict[str, Any] = {}
+
+    def progress(self, fraction: float, label: str = "", **figures: Any) -> None:
+        """Tell how far the stage is, 0 to 1. Figures given once are kept until they are given again.
+
+        Raises:
+            Cancelled: the run was asked to stop.
+        """
+        self.context.cancellation.check()
+        self._figures.update(figures)
+        now = time.monotonic()
+        if now - self._last < _LEAST_PAUSE and fraction < 1:
+            return
+        self._last = now
+        total = self.overall(fraction)
+        self.context.emit(
+            Progress(
+                stage=self.stage,
+                fraction=fraction,
+                total_fraction=total,
+                seconds_left=_seconds_left(now - self._started, fraction),
+                total_seconds_left=_seconds_left(now - self.run_started, total),
+                label=label,
+                figures=dict(self._figures),
+            )
+        )
+
+    def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
+        """A callback for library functions that fills the stretch from `start` to `stop` of this stage."""
+
+        def tell(done: int, total: int, **figures: Any) -> None:
+            share = done / total if total else 0.0
+            self.progress(start + (stop - start) * min(1.0, share), label, **figures)
+
+        return tell
+
+    def metrics(self, values: dict[str, Any], group: int | None = None, frame: int | None = None) -> None:
+        """Figures that are final for a frame, a group or the stage."""
+        self.context.emit(Metrics(stage=self.stage, values=values, group=group, frame=frame))
+
+    def preview(self, path: Path, caption: str, **where: Any) -> None:
+        """A picture that now stands at `path`; `where` as in `Preview`."""
+        self.context.emit(Preview(stage=self.stage, path=str(path), caption=caption, **where))
+
+    def log(self, message: str) -> None:
+        """A line for those who want to know more."""
+        self.context.emit(Log(stage=self.stage, message=message))
+
+    def warn(self, message: str) -> None:
+        """Something the user should look at."""
+        self.context.emit(Warned(stage=self.stage, message=message))
+
+
+def _seconds_left(elapsed: float, fraction: float) -> float | None:
+    """None until two seconds and a hundredth are behind us: earlier estimates jump."""
+    if elapsed < 2 or fraction < 0.01:
+        return None
+    return elapsed * (1 - fraction) / fraction
+
+
+class Stage(Protocol):
+    """A step from footage to stream. Stages know the take's layout and call `studio`; they hold no state.
+
+    Attributes:
+        name: as in the take and on the command line.
+        title: what it does, for people.
+        version: raised whenever its results change meaning or form; older results are then stale.
+        weight: share of a run's time, roughly, before anything is measured.
+        needs: stages whose results it reads.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def title(self) -> str: ...
+    @property
+    def version(self) -> int: ...
+    @property
+    def weight(self) -> float: ...
+    @property
+    def needs(self) -> tuple[str, ...]: ...
+
+    def ingredients(self, context: Context) -> Ingredients:
+        """Settings and inputs that the results are made from; other stages' results are added by the runner."""
+        ...
+
+    def results(self, context: Context) -> list[Path]:
+        """Files that the stage leaves; later stages depend on their content."""
+        ...
+
+    def units(self, context: Context) -> tuple[int, int, str] | None:
+        """Units that are finished and still valid, units in all, what they are called; None where it has none."""
+        ...
+
+    def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
+        """Make the results, going on from finished units; returns figures for the summary line.
+
+        Raises:
+            StudioError: bad input.
+            Cancelled: the run was asked to stop.
+        """
+        ...
+
+
+def settings_of(config: Config, *names: str) -> Ingredients:
+    """Settings by dotted name; a section stands for all settings in it (`capture.root` never counts: a capture may
+    move, its files' digest tells whether it is the same)."""
+    tree = config.model_dump(mode="json")
+    found: Ingredients = {}
+
+    def collect(prefix: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, item in value.items():
+                collect(f"{prefix}.{key}", item)
+        else:
+            found[prefix] = value
+
+    for name in names:
+        value: Any = tree
+        for part in name.split("."):
+            value = value[part]
+        collect(name, value)
+    return found
+
+
+def without(ingredients: Ingredients, *names: str) -> Ingredients:
+    """Ingredients without the named ones."""
+    return {name: value for name, value in ingredients.items() if name not in names}
+
+
+def key_of(stage: str, version: int, *parts: Any) -> str:
+    """Digest that names one unit's recipe."""
+    return digest_of([stage, version, *parts])
+
+
+def derived_seed(seed: int, *path: int | str) -> int:
+    """A seed for one unit of work, so that going on after a stop equals never having stopped."""
+    return int(digest_of([seed, *path])[:15], 16) % (2**31)
+
+
+def leftover(folder: Path, wanted: Sequence[Path], pattern: str) -> list[Path]:
+    """Entries of `folder` that match `pattern` and are not wanted (of an earlier, longer run)."""
+    return [path for path in sorted(folder.glob(pattern)) if path not in set(wanted)]
