@@ -165,7 +165,9 @@ def parse_event(line: str) -> Event:
         values = json.loads(line)
         cls = _KINDS[values.pop("event")]
         known = {f.name for f in fields(cls)}
-        kept = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known}
+        kept: dict[str, Any] = {
+            name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known
+        }
         return cls(**kept)
     except (ValueError, KeyError, TypeError, AttributeError):
         raise StudioError(f"Not an event: {line[:200]!r}.") from None

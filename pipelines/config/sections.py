@@ -56,13 +56,16 @@ class CaptureSection(Section):
     evaluation_mattes: str = ""
     """Pattern of exact mattes, where the capture has them; only evaluation looks at them, training never does."""
 
-    mask_sensitivity: float = Field(1.0, gt=0, le=10)
+    mask_sensitivity: float = Field(default=1.0, gt=0, le=10)
     """Masks from plates or the median: above 1 finds more performer, below 1 less."""
 
-    mask_components: int = Field(0, ge=0)
+    mask_shadows: bool = True
+    """Masks from plates or the median: what looks like the background under less light is shadow, not performer."""
+
+    mask_components: int = Field(default=0, ge=0)
     """Masks from plates or the median: separate pieces of performer a camera may see, largest first; 0 is any."""
 
-    fps: float | None = Field(None, gt=0, lt=10_000)
+    fps: float | None = Field(default=None, gt=0, lt=10_000)
     """Frames per second of the footage; null takes it from the videos, and 30 for still images."""
 
     color_matrix: Literal["auto", "bt601", "bt709"] = "auto"
@@ -77,10 +80,10 @@ class CaptureSection(Section):
     held_out: tuple[str, ...] = ()
     """Cameras that training never sees; evaluation draws and measures them."""
 
-    held_out_every: int = Field(0, ge=0)
+    held_out_every: int = Field(default=0, ge=0)
     """Hold out every n-th camera as well, in name order; 0 means none."""
 
-    scale: float = Field(1.0, gt=0, le=1)
+    scale: float = Field(default=1.0, gt=0, le=1)
     """Size at which images are used: 0.5 halves width and height."""
 
     start: int | None = None
@@ -89,7 +92,7 @@ class CaptureSection(Section):
     stop: int | None = None
     """Frame to stop before, in the numbers that the files have; null goes to the end."""
 
-    step: int = Field(1, ge=1)
+    step: int = Field(default=1, ge=1)
     """Take each step-th frame."""
 
     size_rule: Literal["auto", "stretch", "crop", "letterbox"] = "auto"
@@ -97,7 +100,7 @@ class CaptureSection(Section):
     (stretch), it was cut evenly on both sides (crop), bars were added evenly (letterbox); auto refuses unless it sees
     black bars."""
 
-    cache_megabytes: int | None = Field(None, ge=16)
+    cache_megabytes: int | None = Field(default=None, ge=16)
     """Memory that decoded images may take; null is an eighth of the machine's memory, at most 2 GiB."""
 
     @model_validator(mode="after")
@@ -126,152 +129,152 @@ class CalibrateSection(Section):
 class InitialiseSection(Section):
     """Points for each group's keyframe, from the visual hull of the masks."""
 
-    points: int = Field(50_000, ge=100, le=5_000_000)
+    points: int = Field(default=50_000, ge=100, le=5_000_000)
     """How many points are sampled on the hull's surface."""
 
-    resolution: int = Field(256, ge=16, le=1024)
+    resolution: int = Field(default=256, ge=16, le=1024)
     """Voxels along the hull's longest side; fewer where pixels are coarser than that."""
 
-    tolerance: float = Field(0.1, ge=0, le=0.5)
+    tolerance: float = Field(default=0.1, ge=0, le=0.5)
     """Share of the cameras whose masks the others may outvote; 0 turns the vote off."""
 
-    min_view_share: float | None = Field(None, ge=0, le=1)
+    min_view_share: float | None = Field(default=None, ge=0, le=1)
     """Share of the cameras that must see a point for it to count; null is one half, and less where that leaves
     performer unexplained."""
 
-    smoothing: float = Field(0.7, ge=0, le=10)
+    smoothing: float = Field(default=0.7, ge=0, le=10)
     """Smoothing of the surface, in voxels."""
 
-    max_faces: int = Field(200_000, ge=100)
+    max_faces: int = Field(default=200_000, ge=100)
     """Most faces of the mesh."""
 
 
 class RatesSection(Section):
     """Learning rates of the splats (Adam), as in 3D Gaussian Splatting."""
 
-    means: float = Field(1.6e-4, gt=0)
+    means: float = Field(default=1.6e-4, gt=0)
     """Positions at the first step, times the scene's extent; decays exponentially to means_final."""
 
-    means_final: float = Field(1.6e-6, gt=0)
+    means_final: float = Field(default=1.6e-6, gt=0)
     """Positions at the last step, times the scene's extent."""
 
-    sh_dc: float = Field(2.5e-3, gt=0)
+    sh_dc: float = Field(default=2.5e-3, gt=0)
     """Constant colour."""
 
-    sh_rest: float = Field(1.25e-4, gt=0)
+    sh_rest: float = Field(default=1.25e-4, gt=0)
     """View-dependent colour."""
 
-    opacity: float = Field(0.05, gt=0)
+    opacity: float = Field(default=0.05, gt=0)
     """Logit of the opacity."""
 
-    scale: float = Field(5e-3, gt=0)
+    scale: float = Field(default=5e-3, gt=0)
     """Logarithm of the scale."""
 
-    rotation: float = Field(1e-3, gt=0)
+    rotation: float = Field(default=1e-3, gt=0)
     """Quaternion."""
 
 
 class TrainSection(Section):
     """Training a group: a keyframe, then frame after frame motion and fine-tuning."""
 
-    group_size: int = Field(20, ge=1, le=1000)
+    group_size: int = Field(default=20, ge=1, le=1000)
     """Frames a group; its first frame is the keyframe. The paper takes 20."""
 
     check_footage: bool = True
     """Read all frames once before training and refuse what is broken (unreadable files, empty or all-white masks).
     false meets such frames when they come up; a camera that does not see the performer is then left out of a frame."""
 
-    sh_degree: int = Field(0, ge=0, le=3)
+    sh_degree: int = Field(default=0, ge=0, le=3)
     """Degree of the spherical harmonics: 0 is one colour a splat, 3 the most view-dependent."""
 
-    dssim_weight: float = Field(0.2, ge=0, le=1)
+    dssim_weight: float = Field(default=0.2, ge=0, le=1)
     """Weight of D-SSIM against L1, lambda of the paper's equation 7."""
 
-    alpha_weight: float = Field(0.0, ge=0)
+    alpha_weight: float = Field(default=0.0, ge=0)
     """Weight of the difference between drawn coverage and mask; 0 leaves coverage to the background."""
 
     background: Literal["random", "black", "white"] = "random"
     """What stands behind the performer while training; random teaches coverage."""
 
-    crop_margin: float = Field(0.15, ge=0, le=10)
+    crop_margin: float = Field(default=0.15, ge=0, le=10)
     """Only the performer's box is trained on, padded by this share of its size."""
 
-    keyframe_iterations: int = Field(12_000, ge=1)
+    keyframe_iterations: int = Field(default=12_000, ge=1)
     """Steps of the keyframe before pruning."""
 
-    densify_from: int = Field(500, ge=0)
+    densify_from: int = Field(default=500, ge=0)
     """First step at which splats are cloned and split."""
 
-    densify_until: int = Field(9_000, ge=0)
+    densify_until: int = Field(default=9_000, ge=0)
     """Last step at which splats are cloned and split."""
 
-    densify_every: int = Field(100, ge=1)
+    densify_every: int = Field(default=100, ge=1)
     """Steps between two densifications."""
 
-    densify_gradient: float = Field(2e-4, gt=0)
+    densify_gradient: float = Field(default=2e-4, gt=0)
     """Mean gradient on screen above which a splat is cloned or split."""
 
-    densify_max_splats: int = Field(300_000, ge=1)
+    densify_max_splats: int = Field(default=300_000, ge=1)
     """No densification beyond this count."""
 
-    opacity_reset_every: int = Field(3_000, ge=1)
+    opacity_reset_every: int = Field(default=3_000, ge=1)
     """Steps between two resets of the opacity while densifying."""
 
-    sh_degree_every: int = Field(1_000, ge=1)
+    sh_degree_every: int = Field(default=1_000, ge=1)
     """One more degree of spherical harmonics is trained after this many steps."""
 
-    prune_ratio: float = Field(0.3, gt=0, lt=1)
+    prune_ratio: float = Field(default=0.3, gt=0, lt=1)
     """Share of the splats, those with the lowest opacity, that one round of pruning removes."""
 
-    prune_rounds: int = Field(1, ge=0, le=50)
+    prune_rounds: int = Field(default=1, ge=0, le=50)
     """Rounds of pruning at least; more follow until max_splats holds."""
 
-    max_splats: int = Field(100_000, ge=1, le=10_000_000)
+    max_splats: int = Field(default=100_000, ge=1, le=10_000_000)
     """Cap of the splats after pruning. The paper stays under 100,000."""
 
-    prune_finetune_iterations: int = Field(2_000, ge=0)
+    prune_finetune_iterations: int = Field(default=2_000, ge=0)
     """Steps after each round of pruning."""
 
-    motion_iterations: int = Field(500, ge=0)
+    motion_iterations: int = Field(default=500, ge=0)
     """Steps of the motion network a frame. The paper takes 500."""
 
-    motion_learning_rate: float = Field(1e-3, gt=0)
+    motion_learning_rate: float = Field(default=1e-3, gt=0)
     """Adam, network weights; the hash grid takes ten times that."""
 
     motion_velocity: bool = False
     """Start from the motion of the frame before and learn the rest."""
 
-    hash_levels: int = Field(16, ge=1, le=32)
+    hash_levels: int = Field(default=16, ge=1, le=32)
     """Levels of the motion network's hash grid."""
 
-    hash_features: int = Field(4, ge=1, le=16)
+    hash_features: int = Field(default=4, ge=1, le=16)
     """Features a level."""
 
-    hash_log2_size: int = Field(15, ge=4, le=24)
+    hash_log2_size: int = Field(default=15, ge=4, le=24)
     """Entries a level, as a power of two."""
 
-    hash_base_resolution: int = Field(16, ge=1, le=4096)
+    hash_base_resolution: int = Field(default=16, ge=1, le=4096)
     """Resolution of the coarsest level."""
 
-    hash_growth: float = Field(1.5, gt=1, le=4)
+    hash_growth: float = Field(default=1.5, gt=1, le=4)
     """Each level is this much finer than the one before."""
 
-    mlp_width: int = Field(64, ge=1, le=1024)
+    mlp_width: int = Field(default=64, ge=1, le=1024)
     """Neurons a hidden layer of the motion network."""
 
-    mlp_layers: int = Field(2, ge=1, le=8)
+    mlp_layers: int = Field(default=2, ge=1, le=8)
     """Hidden layers of the motion network."""
 
-    finetune_iterations: int = Field(2_000, ge=0)
+    finetune_iterations: int = Field(default=2_000, ge=0)
     """Steps of fine-tuning a frame after the motion. The paper takes 2000."""
 
     finetune_means: bool = False
     """Tune positions as well; the paper tunes the other attributes only."""
 
-    entropy_weight: float = Field(1e-4, ge=0)
+    entropy_weight: float = Field(default=1e-4, ge=0)
     """Weight of the residual entropy loss, lambda_e of the paper's equation 13."""
 
-    temporal_weight: float = Field(1e-3, ge=0)
+    temporal_weight: float = Field(default=1e-3, ge=0)
     """Weight of the temporal loss, lambda_t of the paper's equation 13."""
 
     rates: RatesSection = RatesSection()
@@ -304,29 +307,29 @@ class BakeSection(Section):
 class EvaluateSection(Section):
     """Measuring what was trained and what was baked."""
 
-    crop_padding: int = Field(8, ge=0, le=10_000)
+    crop_padding: int = Field(default=8, ge=0, le=10_000)
     """Figures are taken in the box of the performer's mask, padded by this many pixels."""
 
-    report_frames: int = Field(4, ge=1, le=100)
+    report_frames: int = Field(default=4, ge=1, le=100)
     """How many frames the report shows pictures of, spread over the take."""
 
-    report_width: int = Field(420, ge=64, le=4096)
+    report_width: int = Field(default=420, ge=64, le=4096)
     """Pictures in the report are at most this many pixels wide."""
 
 
 class RunSection(Section):
     """The run itself."""
 
-    seed: int = Field(0, ge=0, lt=2**31)
+    seed: int = Field(default=0, ge=0, lt=2**31)
     """Seed of all that is random: the same seed gives the same take."""
 
     device: str = "auto"
     """Where training and drawing run: cpu, cuda, cuda:1, or auto (a GPU where there is one)."""
 
-    threads: int = Field(0, ge=0, le=1024)
+    threads: int = Field(default=0, ge=0, le=1024)
     """CPU threads; 0 takes all cores."""
 
-    preview_seconds: float = Field(20.0, ge=0)
+    preview_seconds: float = Field(default=20.0, ge=0)
     """Least time between two preview pictures while training; 0 draws none."""
 
     @field_validator("device")
