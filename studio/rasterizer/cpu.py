@@ -1,0 +1,143 @@
+"""The CPU kernels as a differentiable torch function: float32 and float64, all cores (`torch.get_num_threads()`).
+
+The C++ in `csrc/` takes raw arrays, so it is built once for every version of torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.rasterizer.types import Pinhole, Render
+
+
+def load_kernels() -> Any:
+    """The compiled module `studio.rasterizer._kernels`.
+
+    Raises:
+        StudioError: it is not built, or was built for another Python.
+    """
+    try:
+        return importlib.import_module("studio.rasterizer._kernels")
+    except ImportError as error:
+        raise StudioError(
+            f"The CPU kernels cannot be loaded ({error}); install the package again with `pip install -e .`."
+        ) from None
+
+
+def camera_numbers(pinhole: Pinhole) -> np.ndarray:
+    """(23,) float64: rotation, translation, centre, fx fy cx cy, limits, in the order that the kernels read."""
+    intrinsics = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *pinhole.limits]
+    return np.concatenate([pinhole.rotation.reshape(-1), pinhole.translation, pinhole.center, intrinsics])
+
+
+class _Rasterize(torch.autograd.Function):
+    """forward(attributes..., offsets, background, pinhole, near, alpha_max) -> image, alpha, depth, radii."""
+
+    @staticmethod
+    def forward(  # type: ignore[override]
+        ctx: Any,
+        means: Tensor,
+        quats: Tensor,
+        log_scales: Tensor,
+        logits: Tensor,
+        sh: Tensor,
+        offsets: Tensor | None,
+        background: Tensor | None,
+        pinhole: Pinhole,
+        near: float,
+        alpha_max: float,
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        kernels = load_kernels()
+        splats = [tensor.detach().contiguous() for tensor in (means, quats, log_scales, logits, sh)]
+        height, width = pinhole.height, pinhole.width
+        image = means.new_empty((height, width, 3))
+        alpha, depth = means.new_empty((height, width)), means.new_empty((height, width))
+        radii = means.new_empty(means.shape[0])
+        frame = kernels.forward(
+            *splats,
+            None if offsets is None else offsets.detach().contiguous(),
+            camera_numbers(pinhole),
+            width,
+            height,
+            near,
+            alpha_max,
+            means.new_zeros(3) if background is None else background.detach().contiguous(),
+            image,
+            alpha,
+            depth,
+            radii,
+            torch.get_num_threads(),
+        )
+        ctx.set_materialize_grads(False)
+        ctx.mark_non_differentiable(radii)
+        ctx.frame = frame
+        ctx.has_offsets = offsets is not None
+        ctx.save_for_backward(*splats, image, alpha, depth)
+        return image, alpha, depth, radii
+
+    @staticmethod
+    def backward(ctx: Any, *outputs: Tensor | None) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+        *splats, image, alpha, depth = ctx.saved_tensors
+        d_image, d_alpha, d_depth = (None if g is None else g.detach().contiguous() for g in outputs[:3])
+        gradients = [torch.empty_like(tensor) for tensor in splats]
+        d_offsets = image.new_empty((len(splats[0]), 2)) if ctx.has_offsets and ctx.needs_input_grad[5] else None
+        load_kernels().backward(
+            ctx.frame,
+            *splats,
+            image,
+            alpha,
+            depth,
+            d_image,
+            d_alpha,
+            d_depth,
+            *gradients,
+            d_offsets,
+            torch.get_num_threads(),
+        )
+        d_background = None
+        if ctx.needs_input_grad[6] and d_image is not None:
+            d_background = ((1 - alpha)[..., None] * d_image).sum((0, 1))
+        return (*gradients, d_offsets, d_background, None, None, None)
+
+
+def rasterize_cpu(
+    gaussians: Gaussians,
+    pinhole: Pinhole,
+    background: Tensor | None,
+    screen_offsets: Tensor | None,
+    near: float,
+    alpha_max: float,
+) -> Render:
+    """Draw; arguments as in `studio.rasterizer.rasterize`, already checked.
+
+    Raises:
+        StudioError: the dtype is neither float32 nor float64, or the image is larger than 32000 pixels a side.
+    """
+    if gaussians.means.dtype not in (torch.float32, torch.float64):
+        raise StudioError(f"The cpu rasterizer draws float32 and float64, found {gaussians.means.dtype}.")
+    if max(pinhole.width, pinhole.height) > 32000:
+        raise StudioError(f"The cpu rasterizer draws up to 32000x32000 pixels, found {pinhole.width}x{pinhole.height}.")
+    if screen_offsets is not None and (
+        screen_offsets.dtype != gaussians.means.dtype or screen_offsets.device != gaussians.means.device
+    ):
+        raise StudioError("screen_offsets must have the dtype and the device of the splats.")
+    image, alpha, depth, radii = _Rasterize.apply(
+        gaussians.means,
+        gaussians.quats,
+        gaussians.log_scales,
+        gaussians.logit_opacities,
+        gaussians.sh,
+        screen_offsets,
+        background,
+        pinhole,
+        near,
+        alpha_max,
+    )
+    return Render(image=image, alpha=alpha, depth=depth, radii=radii)

@@ -1,0 +1,69 @@
+#include "buffers.h"
+
+#include <cstdlib>
+#include <mutex>
+#include <new>
+#include <vector>
+
+namespace vs {
+namespace {
+
+struct Idle {
+    void* pointer;
+    std::size_t capacity;
+};
+
+constexpr std::size_t MOST_IDLE_BYTES = std::size_t(256) << 20;
+constexpr std::size_t MOST_IDLE = 32;
+
+std::mutex mutex;
+std::vector<Idle> idle;
+std::size_t idle_bytes = 0;
+
+}  // namespace
+
+void* take_buffer(std::size_t bytes, std::size_t* capacity) {
+    if (bytes == 0) bytes = 1;
+    {
+        std::lock_guard<std::mutex> guard(mutex);
+        std::size_t best = idle.size();
+        for (std::size_t i = 0; i < idle.size(); i++)
+            if (idle[i].capacity >= bytes && idle[i].capacity <= 4 * bytes + 65536 &&
+                (best == idle.size() || idle[i].capacity < idle[best].capacity))
+                best = i;
+        if (best < idle.size()) {
+            Idle found = idle[best];
+            idle[best] = idle.back();
+            idle.pop_back();
+            idle_bytes -= found.capacity;
+            *capacity = found.capacity;
+            return found.pointer;
+        }
+    }
+    std::size_t rounded = (bytes + bytes / 8 + 4095) / 4096 * 4096;  // some room: splats come and go in training
+    void* pointer = std::aligned_alloc(64, rounded);
+    if (pointer == nullptr) throw std::bad_alloc();
+    *capacity = rounded;
+    return pointer;
+}
+
+void give_buffer(void* pointer, std::size_t capacity) {
+    {
+        std::lock_guard<std::mutex> guard(mutex);
+        if (idle.size() < MOST_IDLE && idle_bytes + capacity <= MOST_IDLE_BYTES) {
+            idle.push_back({pointer, capacity});
+            idle_bytes += capacity;
+            return;
+        }
+    }
+    std::free(pointer);
+}
+
+void release_idle_buffers() {
+    std::lock_guard<std::mutex> guard(mutex);
+    for (const Idle& one : idle) std::free(one.pointer);
+    idle.clear();
+    idle_bytes = 0;
+}
+
+}  // namespace vs
