@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.capture.filters import color_log_ratio, guided_filter, keep_components, masked_mean
+from studio.capture.filters import color_table, guided_filter, keep_components, look_up, masked_mean
 
 _WORK_SIDE = 960  # evidence is gathered at this size; edges are solved at full size
 
@@ -93,7 +93,9 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     if settings.shadows:
         variance[..., 0] += _shadow(ours[..., 0], empty[..., 0], noise) * difference[..., 0] ** 2
     # The floor keeps faint reflections and flicker out of very clean footage.
-    score = np.sqrt((difference * difference / (variance + np.array([9.0, 2.25, 2.25], np.float32))).sum(-1))
+    difference *= difference
+    difference /= variance + np.array([9.0, 2.25, 2.25], np.float32)
+    score = np.sqrt(cv2.transform(difference, np.ones((1, 3), np.float32)))
     return np.clip(1.2 * (score * settings.sensitivity - 4.0), -4.0, 6.0).astype(np.float32)
 
 
@@ -114,6 +116,7 @@ def difference_matte(
     plate: np.ndarray,
     settings: DifferenceSettings | None = None,
     known: np.ndarray | None = None,
+    colors: np.ndarray | None = None,
 ) -> np.ndarray:
     """Foreground matte of `image` by comparison with `plate`.
 
@@ -122,6 +125,7 @@ def difference_matte(
         plate: (H, W, 3) uint8 RGB, the same view without the performer.
         settings: None is the defaults.
         known: (H, W) bool, where the plate can be believed; None is everywhere. Elsewhere only colours decide.
+        colors: `color_table` of performer against set, learned from the whole footage; None learns from this image.
 
     Returns:
         (H, W) uint8, 255 foreground, soft at the edges.
@@ -141,7 +145,7 @@ def difference_matte(
     ours, empty = small.astype(np.float32), small_plate.astype(np.float32)
     gain = match_exposure(ours, empty, small_known)
     empty *= gain
-    mask = foreground_mask(ours, empty, settings, small_known)
+    mask = foreground_mask(ours, empty, settings, small_known, colors)
     if not mask.any():
         return np.zeros((height, width), np.uint8)
     if shrink < 1.0:
@@ -152,17 +156,30 @@ def difference_matte(
 
 
 def foreground_mask(
-    image: np.ndarray, plate: np.ndarray, settings: DifferenceSettings, known: np.ndarray | None = None
+    image: np.ndarray,
+    plate: np.ndarray,
+    settings: DifferenceSettings,
+    known: np.ndarray | None = None,
+    colors: np.ndarray | None = None,
 ) -> np.ndarray:
     """Binary foreground (H, W) uint8 0 or 1 of float32 images; see `difference_matte`."""
+    import cv2
+
     evidence = difference_evidence(image, plate, settings)
-    if known is not None:
-        evidence = np.where(known, evidence, 0.0).astype(np.float32)
     sure, empty = evidence > 4.0, evidence < -1.0
-    grey = np.ascontiguousarray(image.mean(axis=2)) / 255.0
-    if sure.sum() > 50:
-        colors = color_log_ratio(image, image[sure], image[empty])
-        evidence = evidence + 0.7 * np.clip(colors, -3.0, 3.0)
+    if colors is not None:
+        ratio = cv2.blur(np.clip(look_up(colors, image), -4.0, 4.0), (3, 3))
+        if known is not None:
+            evidence = np.where(known, evidence, ratio)
+        evidence += 0.7 * ratio
+        sure &= ratio > -1.0
+    else:
+        if known is not None:
+            evidence = np.where(known, evidence, 0.0).astype(np.float32)
+        if sure.sum() > 50:
+            table = color_table(image[sure], image[empty])
+            evidence = evidence + 0.7 * np.clip(look_up(table, image), -3.0, 3.0)
+    grey = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
     smooth = guided_filter(grey, evidence, radius=3, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
     minimum = int(1e-4 * mask.size)

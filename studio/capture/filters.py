@@ -40,20 +40,29 @@ def color_histogram(colors: np.ndarray, bins: int = 16) -> np.ndarray:
     return cube / max(float(cube.sum()), 1.0)
 
 
-def color_log_ratio(image: np.ndarray, front: np.ndarray, back: np.ndarray, bins: int = 16) -> np.ndarray:
-    """How much likelier each pixel's colour is among `front` than among `back`, natural log.
+def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: float = 1e-5) -> np.ndarray:
+    """How much likelier colours are among `front` than among `back`, natural log.
 
     Args:
-        image: (H, W, 3) in 0..255.
-        front, back: (N, 3) sample colours.
+        front, back: (N, 3) sample colours in 0..255.
+        bins: a channel.
+        floor: density below which a colour counts as not seen; 0 is returned where neither has it.
 
     Returns:
-        (H, W) float32; 0 for colours seen in neither.
+        (bins, bins, bins) float32, for `look_up`.
     """
-    floor = 1e-5
-    table = np.log((color_histogram(front, bins) + floor) / (color_histogram(back, bins) + floor)).astype(np.float32)
-    index = np.clip((image * (bins / 256.0)).astype(np.int32), 0, bins - 1)
-    return table[index[..., 0], index[..., 1], index[..., 2]]
+    ratio = (color_histogram(front, bins) + floor) / (color_histogram(back, bins) + floor)
+    return np.log(ratio).astype(np.float32)
+
+
+def look_up(table: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """(H, W) values of a `color_table` at the colours of an (H, W, 3) image in 0..255."""
+    bins = table.shape[0]
+    if image.dtype == np.uint8:
+        index = (np.arange(256, dtype=np.int32) * bins // 256)[image]
+    else:
+        index = np.clip((image * (bins / 256.0)).astype(np.int32), 0, bins - 1)
+    return table.reshape(-1)[(index[..., 0] * bins + index[..., 1]) * bins + index[..., 2]]
 
 
 def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:

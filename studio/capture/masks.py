@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from studio.capture.background import background_plate
+from studio.capture.background import Background, median_plate
 from studio.capture.difference import DifferenceSettings, difference_matte
 from studio.capture.images import read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
@@ -105,55 +105,56 @@ class FileMatter:
 
 
 class PlateMatter:
-    """Difference to a picture of the empty set, loaded or computed once a camera.
+    """Difference to the empty set, whose picture is loaded or estimated once a camera.
 
     Args:
-        plate: gives the (H, W, 3) RGB plate of a camera; called once each.
-        files: what the plates are made from, apart from the footage.
+        background: gives what is known of the set behind a camera's footage; called once each, then kept.
+        files: what the plates are made from.
         settings: see `difference_matte`.
     """
 
     def __init__(
-        self, plate: Callable[[str], np.ndarray], files: list[Path], settings: DifferenceSettings | None = None
+        self, background: Callable[[str], Background], files: list[Path], settings: DifferenceSettings | None = None
     ) -> None:
-        self._load = plate
+        self._make = background
         self._files = files
         self._settings = settings or DifferenceSettings()
-        self._plates: dict[str, np.ndarray] = {}
+        self._backgrounds: dict[str, Background] = {}
         self._locks: dict[str, threading.Lock] = {}
         self._lock = threading.Lock()
 
-    def plate(self, camera: str) -> np.ndarray:
-        """(H, W, 3) uint8 RGB: the empty set as `camera` sees it, in raw pixels."""
+    def background(self, camera: str) -> Background:
+        """The empty set as `camera` sees it, in raw pixels."""
         with self._lock:
             lock = self._locks.setdefault(camera, threading.Lock())
         with lock:
-            if camera not in self._plates:
-                self._plates[camera] = self._load(camera)
-            return self._plates[camera]
+            if camera not in self._backgrounds:
+                self._backgrounds[camera] = self._make(camera)
+            return self._backgrounds[camera]
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `Matter`."""
-        plate = self.plate(camera)
-        if plate.shape[:2] != image.shape[:2]:
+        behind = self.background(camera)
+        if behind.plate.shape[:2] != image.shape[:2]:
             raise StudioError(
-                f"The clean plate of camera '{camera}' is {plate.shape[1]}x{plate.shape[0]}, its footage "
+                f"The clean plate of camera '{camera}' is {behind.plate.shape[1]}x{behind.plate.shape[0]}, its footage "
                 f"{image.shape[1]}x{image.shape[0]}; they must have one size."
             )
-        return difference_matte(image[:, :, :3], plate, self._settings)
+        image = np.ascontiguousarray(image[:, :, :3])
+        return difference_matte(image, behind.plate, self._settings, behind.known, behind.colors)
 
     def files(self) -> list[Path]:
         """See `Matter`."""
         return list(self._files)
 
 
-def plates_from_files(matches: list[Match], color_matrix: str) -> Callable[[str], np.ndarray]:
+def plates_from_files(matches: list[Match], color_matrix: str) -> Callable[[str], Background]:
     """A loader of clean plates from images, several images a camera or videos (of which the median is taken)."""
     groups: dict[str, list[Match]] = {}
     for match in matches:
         groups.setdefault(match.camera, []).append(match)
 
-    def load(camera: str) -> np.ndarray:
+    def load(camera: str) -> Background:
         from studio.capture.video import VideoReader
 
         if camera not in groups:
@@ -162,11 +163,11 @@ def plates_from_files(matches: list[Match], color_matrix: str) -> Callable[[str]
         if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
             reader = VideoReader(paths[0], color_matrix)
             try:
-                return background_plate(lambda frame: reader.read(frame)[:, :, :3], range(reader.frame_count))
+                return Background(median_plate(lambda frame: reader.read(frame)[:, :, :3], reader.frame_count))
             finally:
                 reader.close()
         if len(paths) == 1:
-            return np.ascontiguousarray(read_image(paths[0])[:, :, :3])
-        return background_plate(lambda index: read_image(paths[index])[:, :, :3], range(len(paths)))
+            return Background(np.ascontiguousarray(read_image(paths[0])[:, :, :3]))
+        return Background(median_plate(lambda index: read_image(paths[index])[:, :, :3], len(paths)))
 
     return load

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from studio.cameras import Camera, Rig
-from studio.capture.background import background_plate
+from studio.capture.background import Background, cached_background, estimate_background
 from studio.capture.checks import number_ranges
 from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside, detect_images
+from studio.capture.digest import digest_files
 from studio.capture.difference import DifferenceSettings
 from studio.capture.footage import Footage
 from studio.capture.masks import AlphaMatter, FileMatter, FullMatter, Matter, PlateMatter, plates_from_files
@@ -26,7 +27,9 @@ from studio.errors import StudioError
 _FEW_FRAMES = 10  # below this a temporal median says little about what stands still
 
 
-def open_footage(spec: CaptureSpec, rig: Rig | None = None, *, strict: bool = True) -> Footage:
+def open_footage(
+    spec: CaptureSpec, rig: Rig | None = None, *, strict: bool = True, cache_folder: Path | None = None
+) -> Footage:
     """Open a capture. Finds and opens its files, reads one frame a camera, and decodes the rest when asked.
 
     Args:
@@ -36,6 +39,8 @@ def open_footage(spec: CaptureSpec, rig: Rig | None = None, *, strict: bool = Tr
             extension in a rig's name (COLMAP has them) is passed over.
         strict: raise where cameras lack frames that others have. Otherwise such problems stand in
             `Footage.problems`, and `Footage.frames` are those that all cameras have.
+        cache_folder: where backgrounds recovered from the footage are kept (masks "median_background"), so that
+            another process need not recover them again; None keeps them in memory only.
 
     Raises:
         StudioError: nothing found, a file cannot be opened, two files for one camera and frame, cameras of rig and
@@ -61,7 +66,7 @@ def open_footage(spec: CaptureSpec, rig: Rig | None = None, *, strict: bool = Tr
     cache = ByteCache(spec.cache_bytes if spec.cache_bytes is not None else _cache_bytes())
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = _held_out(spec, tuple(sources))
-    matter, mask_note = _matter(spec, sources, frames, pool)
+    matter, mask_note = _matter(spec, sources, frames, pool, cache_folder)
     exact, exact_note = _exact(spec, sources, frames)
     notes += [mask_note, exact_note]
     if held_out:
@@ -230,7 +235,11 @@ def _held_out(spec: CaptureSpec, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _matter(
-    spec: CaptureSpec, sources: Mapping[str, FrameSource], frames: tuple[int, ...], pool: DecoderPool
+    spec: CaptureSpec,
+    sources: Mapping[str, FrameSource],
+    frames: tuple[int, ...],
+    pool: DecoderPool,
+    cache_folder: Path | None,
 ) -> tuple[Matter, str]:
     """The source of mattes, and a sentence on it."""
     kind = spec.masks
@@ -261,12 +270,17 @@ def _matter(
         raise StudioError(f"A median background needs at least 3 frames, the footage has {count}; give masks or plates.")
     if kind == "median_background" or (kind == "auto" and count >= _FEW_FRAMES):
 
-        def median(camera: str) -> np.ndarray:
+        def behind(camera: str) -> Background:
             source = sources[camera]
-            return background_plate(lambda frame: source.read(frame)[:, :, :3], source.frames)
 
-        matter = PlateMatter(median, [], _difference(spec))
-        return matter, "Masks: difference to the temporal median of the footage."
+            def read(frame: int) -> np.ndarray:
+                return source.read(frame)[:, :, :3]
+
+            key = digest_files(spec.root, source.files()) if cache_folder is not None else ""
+            return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
+
+        paths = [path for source in sources.values() for path in source.files()]
+        return PlateMatter(behind, paths, _difference(spec)), "Masks: difference to the set as recovered from the footage."
     return FullMatter(), "Masks: none, everything is foreground."
 
 

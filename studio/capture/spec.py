@@ -24,9 +24,9 @@ class CaptureSpec:
         images: pattern of the footage, or "auto": look for one of the usual layouts (`Footage.description` says which).
         masks: where the foreground comes from. "none": everything is foreground. "alpha": the images' alpha channel.
             "files": separate images or videos, white is foreground. "clean_plate": difference to a picture of the empty
-            set. "median_background": difference to the temporal median of the footage itself, for footage without a
-            plate. "auto": the first of alpha, files, clean plates that the capture has, else the median where there
-            are at least 10 frames, else none.
+            set. "median_background": difference to the set as recovered from the footage itself over time, for footage
+            without a plate (the cameras must stand still). "auto": the first of alpha, files, clean plates that the capture has, else the recovered set where
+            there are at least 10 frames, else none.
         mask_files: pattern of the mask files; they may have another extension than the images. "auto" looks in folders
             named mask, masks, matte, mattes or alpha.
         clean_plates: pattern of the clean plates, one image (or video, of which the median is taken) a camera. "auto"
