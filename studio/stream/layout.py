@@ -84,10 +84,10 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
     Raises:
         StudioError: a frame has another number of splats or SH degree, or a value that is not finite.
     """
-    previous: torch.Tensor | None = None
+    # NumPy, not torch: these are small operations, and torch's thread pool costs more than they do.
+    previous: np.ndarray | None = None
     shape: tuple[int, int] | None = None
     for number, frame in enumerate(frames):
-        frame = frame.detach().to(device="cpu", dtype=torch.float32)
         found = (len(frame), frame.sh_degree)
         if shape is None:
             shape = found
@@ -98,36 +98,63 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
                 f"Baking: frame {number} of the group has {found[0]} splats of SH degree {found[1]}, its keyframe "
                 f"{shape[0]} of degree {shape[1]}; all frames of a group need the same."
             )
-        for name, tensor in frame.items():
-            if not torch.isfinite(tensor).all():
+        arrays = {name: tensor.numpy().astype(np.float32, copy=False) for name, tensor in frame.state_dict().items()}
+        for name, array in arrays.items():
+            if not np.isfinite(array).all():
                 raise StudioError(f"Baking: frame {number} of the group has a value in {name} that is not finite.")
+        values = np.concatenate(
+            [
+                arrays["means"].T,
+                arrays["sh"].reshape(len(frame), -1).T,
+                _sigmoid(arrays["logit_opacities"])[None],
+                arrays["log_scales"].T,
+                arrays["quats"].T,
+            ]
+        )
         if order is not None:
-            frame = frame[torch.from_numpy(order)]
-        quats = torch.nn.functional.normalize(frame.quats, dim=-1)
-        reference = quats[:, 0] if previous is None else (quats * previous).sum(dim=-1)
-        quats = torch.where((reference < 0)[:, None], -quats, quats)
-        previous = quats
-        rows = (frame.means.T, frame.sh.flatten(1).T, frame.opacities[None], frame.log_scales.T, quats.T)
-        yield torch.cat([row.float() for row in rows]).numpy()
+            values = np.take(values, order, axis=1)
+        quats = values[-4:]
+        quats /= np.maximum(np.linalg.norm(quats, axis=0), 1e-12)
+        likeness = quats[0] if previous is None else (quats * previous).sum(axis=0)
+        quats *= np.where(likeness < 0, np.float32(-1), np.float32(1))
+        previous = quats.copy()
+        yield values
 
 
-def gaussians_from_components(values: np.ndarray, sh_degree: int) -> Gaussians:
-    """Inverse of `component_frames` for one frame.
+def _sigmoid(values: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):  # exp of a large number becomes inf and the result 0, as it should
+        return 1 / (1 + np.exp(-values))
 
-    Args:
-        values: (C, N) float32.
-        sh_degree: 0 to 3.
 
-    Returns:
-        N Gaussians, float32, CPU. Quaternions are as stored: close to unit length, not normalised again.
+class ComponentArrays:
+    """Room for one frame's components, laid out as `Gaussians` wants them.
+
+    Attributes:
+        rows: one (N,) float32 view a component, in the order of `components(sh_degree)`, to be filled.
     """
-    rows = torch.from_numpy(values)
-    colours = 3 * (sh_degree + 1) ** 2
-    means, sh, opacity, log_scales, quats = torch.split(rows, [3, colours, 1, 3, 4])
-    return Gaussians(
-        means=means.T.contiguous(),
-        quats=quats.T.contiguous(),
-        log_scales=log_scales.T.contiguous(),
-        logit_opacities=torch.logit(opacity[0], eps=1e-6),
-        sh=sh.T.reshape(rows.shape[1], -1, 3).contiguous(),
-    )
+
+    def __init__(self, splats: int, sh_degree: int) -> None:
+        self._means = np.empty((splats, 3), dtype=np.float32)
+        self._sh = np.empty((splats, (sh_degree + 1) ** 2, 3), dtype=np.float32)
+        self._opacities = np.empty(splats, dtype=np.float32)
+        self._log_scales = np.empty((splats, 3), dtype=np.float32)
+        self._quats = np.empty((splats, 4), dtype=np.float32)
+        colours = self._sh.reshape(splats, -1)
+        self.rows: list[np.ndarray] = [
+            *self._means.T,
+            *colours.T,
+            self._opacities,
+            *self._log_scales.T,
+            *self._quats.T,
+        ]
+
+    def gaussians(self) -> Gaussians:
+        """Gaussians over the same memory. Quaternions are as stored: near unit length, not normalised again."""
+        opacities = np.clip(self._opacities, 1e-6, 1 - 1e-6)
+        return Gaussians(
+            means=torch.from_numpy(self._means),
+            quats=torch.from_numpy(self._quats),
+            log_scales=torch.from_numpy(self._log_scales),
+            logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
+            sh=torch.from_numpy(self._sh),
+        )

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import re
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from studio.errors import StudioError
 from studio.stream.layout import Component, components, plane_side
 
-FORMAT = "v3studio-stream"
+FORMAT: Final = "v3studio-stream"
 VERSION = 1
 MANIFEST_NAME = "manifest.json"
 
@@ -265,15 +264,12 @@ def seal(manifest: Manifest) -> tuple[Manifest, bytes]:
     files = sum(group.bytes for group in manifest.groups)
     zeros = "0" * 64
     total = files
-    for _ in range(8):  # the size depends on its own digits: at most a few rounds until it stands still
+    while True:  # the size depends on its own digits; it only grows, so it stands still after a few rounds
         draft = manifest.model_copy(update={"total_bytes": total, "manifest_sha256": zeros})
         data = draft.to_bytes()
         if files + len(data) == total:
             break
         total = files + len(data)
-    else:
-        # The size sits on a change of digits (..999 / 1000..): one space more makes both forms agree.
-        data += b" " * (total - files - len(data))
     digest = hashlib.sha256(data).hexdigest()
     sealed = draft.model_copy(update={"manifest_sha256": digest})
     return sealed, data.replace(zeros.encode(), digest.encode(), 1)
@@ -323,7 +319,3 @@ def _sentence(error: ValidationError) -> str:
     found = f", found {value[:80]}" if first["type"] not in ("value_error", "missing") else ""
     message = first["msg"].removeprefix("Value error, ")
     return f"{where + ': ' if where else ''}{message}{found}"
-
-
-assert VERSION in get_args(Manifest.model_fields["version"].annotation)
-assert math.isfinite(MAX_VALUE)

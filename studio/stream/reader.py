@@ -6,7 +6,7 @@ import hashlib
 import os
 import threading
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from types import TracebackType
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.layout import gaussians_from_components
+from studio.stream.layout import ComponentArrays
 from studio.stream.manifest import MANIFEST_NAME, MAX_MANIFEST_BYTES, GroupEntry, Manifest, parse_manifest
 from studio.stream.quantise import LEVELS_8, LEVELS_16, dequantise, join_bytes
 from studio.stream.source import FolderSource, Source
@@ -56,13 +56,16 @@ class GroupDecoder:
         self.next_frame = group.first_frame
         """Index in the stream of the frame that `read` gives next."""
         self._pool = pool
-        self._decoders: list[PlaneDecoder] = []
-        try:
-            for plane in group.planes:
-                self._decoders.append(PlaneDecoder(files[plane.path], f"{name}/{plane.path}", group.side))
-        except BaseException:
-            self.close()
-            raise
+        # Opening decodes each file's first picture to learn what it is, so it is worth the threads, too.
+        opening = [
+            pool.submit(PlaneDecoder, files[plane.path], f"{name}/{plane.path}", group.side) for plane in group.planes
+        ]
+        wait(opening)
+        self._decoders = [future.result() for future in opening if future.exception() is None]
+        for future in opening:
+            if (error := future.exception()) is not None:
+                self.close()
+                raise error
 
     def read(self) -> np.ndarray:
         """The next frame's planes, (P, side, side) uint8 in the order of `group.planes`.
@@ -75,7 +78,12 @@ class GroupDecoder:
                 f"Group {self.group.index} has {self.group.frame_count} frames; there is none after them."
             )
         planes = np.empty((len(self._decoders), self.group.side, self.group.side), dtype=np.uint8)
-        list(self._pool.map(PlaneDecoder.read, self._decoders, planes))
+        reading = [
+            self._pool.submit(decoder.read, plane) for decoder, plane in zip(self._decoders, planes, strict=True)
+        ]
+        wait(reading)  # all of them, before an error of one is raised: the caller may then close the decoders
+        for future in reading:
+            future.result()
         self.next_frame += 1
         return planes
 
@@ -97,17 +105,16 @@ def dequantise_planes(group: GroupEntry, planes: np.ndarray) -> Gaussians:
         Gaussians in the stream's order (Morton order of the keyframe), float32 on the CPU.
     """
     flat = planes.reshape(len(planes), -1)[:, : group.splats]
-    values = np.empty((len(group.components), group.splats), dtype=np.float32)
+    arrays = ComponentArrays(group.splats, group.sh_degree)
     index = 0
-    for row, entry in enumerate(group.components):
+    for row, entry in zip(arrays.rows, group.components, strict=True):
         if len(entry.planes) == 1:
-            values[row] = dequantise(flat[index], entry.min, entry.max, LEVELS_8)
+            row[:] = dequantise(flat[index], entry.min, entry.max, LEVELS_8)
         else:
             mirrored = entry.planes[1].part == "low_mirrored"
-            codes = join_bytes(flat[index], flat[index + 1], mirrored)
-            values[row] = dequantise(codes, entry.min, entry.max, LEVELS_16)
+            row[:] = dequantise(join_bytes(flat[index], flat[index + 1], mirrored), entry.min, entry.max, LEVELS_16)
         index += len(entry.planes)
-    return gaussians_from_components(values, group.sh_degree)
+    return arrays.gaussians()
 
 
 class StreamReader:

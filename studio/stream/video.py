@@ -6,6 +6,7 @@ PyAV is imported where it is used, so that importing the package stays quick.
 from __future__ import annotations
 
 import io
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,6 +103,7 @@ class PlaneDecoder:
         self._errors: tuple[type[BaseException], ...] = (av.error.FFmpegError, ValueError, IndexError, EOFError)
         self.name = name
         self._side = side
+        self._lock = threading.Lock()  # FFmpeg crashes if a file is closed while it is decoded
         self._container: InputContainer | None = None
         try:
             container = self._container = av.open(io.BytesIO(data), "r", format="mp4")
@@ -126,6 +128,12 @@ class PlaneDecoder:
         Raises:
             StudioError: the file is damaged or has no further frame.
         """
+        with self._lock:
+            self._read(out)
+
+    def _read(self, out: np.ndarray) -> None:
+        if self._container is None:
+            raise StudioError(f"{self.name}: the video was closed while it was being read.")
         try:
             frame: av.VideoFrame | None = next(self._frames, None)
         except self._errors as error:
@@ -144,7 +152,8 @@ class PlaneDecoder:
         out[:] = _bytes_of(frame.planes[0])[:, : self._side]
 
     def close(self) -> None:
-        """Free the decoder."""
-        if self._container is not None:
-            self._container.close()
-            self._container = None
+        """Free the decoder, as soon as no thread reads from it."""
+        with self._lock:
+            if self._container is not None:
+                self._container.close()
+                self._container = None

@@ -1,0 +1,83 @@
+"""Small moving Gaussians and baked streams for the tests of the stream."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from studio.gaussians import Gaussians
+from studio.stream import BakeSettings, bake_group, write_manifest
+
+MakeFrames = Callable[..., list[Gaussians]]
+
+
+@pytest.fixture
+def make_frames() -> MakeFrames:
+    """`make_frames(frames, splats, degree, seed)`: a turning, drifting cloud with all attributes varying in time."""
+
+    def make(frames: int = 4, splats: int = 200, degree: int = 0, seed: int = 0) -> list[Gaussians]:
+        generator = torch.Generator().manual_seed(seed)
+
+        def noise(*shape: int) -> torch.Tensor:
+            return torch.randn(*shape, generator=generator)
+
+        start, velocity = noise(splats, 3), 0.05 * noise(splats, 3)
+        quats, log_scales, logits = noise(splats, 4), noise(splats, 3) * 0.7 - 4, noise(splats) * 2
+        sh = noise(splats, (degree + 1) ** 2, 3)
+        return [
+            Gaussians(
+                means=start + t * velocity + torch.tensor([0.1 * t, 0.0, 0.0]),
+                quats=(quats + 0.1 * t * noise(splats, 4)) * (-1.0) ** t,  # signs flip on purpose
+                log_scales=log_scales + 0.02 * t,
+                logit_opacities=logits - 0.05 * t,
+                sh=sh + 0.01 * noise(*sh.shape),
+            )
+            for t in range(frames)
+        ]
+
+    return make
+
+
+@pytest.fixture
+def make_stream(tmp_path: Path, make_frames: MakeFrames) -> Callable[..., tuple[Path, list[list[Gaussians]]]]:
+    """`make_stream(lengths, ...)`: a stream of groups of these lengths, its folder and the frames of each group."""
+
+    def make(
+        lengths: tuple[int, ...] = (4, 3), splats: int = 200, degree: int = 0, settings: BakeSettings | None = None
+    ) -> tuple[Path, list[list[Gaussians]]]:
+        settings = settings or BakeSettings(qp=0)
+        folder = tmp_path / "stream"
+        groups = [make_frames(length, splats + 5 * g, degree, seed=g) for g, length in enumerate(lengths)]
+        entries, first = [], 0
+        for g, frames in enumerate(groups):
+            entries.append(bake_group(frames, folder, g, first, settings))
+            first += len(frames)
+        write_manifest(folder, entries, 25.0, settings, {"title": "test"})
+        return folder, groups
+
+    return make
+
+
+@pytest.fixture
+def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
+    """`edit_manifest(folder, change)`: change the manifest's JSON and make its size and checksum fit again."""
+
+    def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+        path = folder / "manifest.json"
+        values = json.loads(path.read_bytes())
+        change(values)
+        values["manifest_sha256"] = "0" * 64
+        files = sum(group["bytes"] for group in values["groups"])
+        while True:
+            data = json.dumps(values).encode()
+            if values["total_bytes"] == files + len(data):
+                break
+            values["total_bytes"] = files + len(data)
+        digest = hashlib.sha256(data).hexdigest()
+        path.write_bytes(data.replace(b"0" * 64, digest.encode(), 1))
+
+    return edit

@@ -1,0 +1,268 @@
+"""Damage: everything that is wrong with a manifest or a file is refused with a sentence, and nothing is made up."""
+
+import hashlib
+import json
+import shutil
+import time
+
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from studio.errors import StudioError
+from studio.stream import BakeSettings, GroupEntry, StreamReader, bake_group
+from studio.stream.manifest import parse_manifest, seal
+
+
+def set_(path, value):
+    """A change for `edit_manifest`: set the value at a path of keys."""
+
+    def change(values):
+        for key in path[:-1]:
+            values = values[key]
+        values[path[-1]] = value
+
+    return change
+
+
+def swap(values):
+    values["groups"].reverse()
+
+
+def drop_component(values):
+    values["groups"][0]["components"].pop()
+
+
+PLANE = ("groups", 0, "components", 3, "planes", 0)
+DAMAGE = {
+    "newer version": (set_(("version",), 2), "version 2.*update"),
+    "version that is no number": (set_(("version",), "1"), "version"),
+    "other format": (set_(("format",), "something"), "not the manifest"),
+    "other profile": (set_(("profile",), "motion"), "profile"),
+    "path outside": (set_((*PLANE, "path"), "../secret.mp4"), "path"),
+    "absolute path": (set_((*PLANE, "path"), "/etc/passwd"), "path"),
+    "hidden path outside": (set_((*PLANE, "path"), "group_000/../../secret.mp4"), "path"),
+    "backslash path": (set_((*PLANE, "path"), "..\\secret.mp4"), "path"),
+    "path with a line break": (set_((*PLANE, "path"), "group_000/opacity.mp4\n"), "path"),
+    "path used twice": (set_((*PLANE, "path"), "group_000/opacity.mp4"), "used twice"),
+    "manifest as a plane": (set_((*PLANE, "path"), "manifest.json"), "used twice"),
+    "a billion splats": (set_(("groups", 0, "splats"), 10**9), "splats"),
+    "side that does not fit": (set_(("groups", 0, "side"), 8000), "side"),
+    "no splats": (set_(("groups", 0, "splats"), 0), "splats"),
+    "a billion frames": (set_(("frame_count",), 10**9), "frame_count"),
+    "more frames than there are": (set_(("frame_count",), 8), "frame_count"),
+    "a billion frames in a group": (set_(("groups", 0, "frame_count"), 10**9), "frame_count"),
+    "frames as text": (set_(("frame_count",), "7"), "frame_count"),
+    "range that is not a number": (set_(("groups", 0, "components", 3, "min"), float("nan")), "min"),
+    "infinite range": (set_(("groups", 0, "components", 3, "max"), float("inf")), "max"),
+    "huge range": (set_(("groups", 0, "components", 3, "max"), 1e300), "max"),
+    "range the wrong way": (set_(("groups", 0, "components", 3, "min"), 1e6), "range of sh_0_r"),
+    "a rate of zero": (set_(("fps",), 0), "fps"),
+    "a rate that is not a number": (set_(("fps",), float("nan")), "fps"),
+    "file of a petabyte": (set_((*PLANE, "bytes"), 10**15), "bytes"),
+    "negative size": (set_((*PLANE, "bytes"), -5), "bytes"),
+    "checksum that is none": (set_((*PLANE, "sha256"), "xyz"), "sha256"),
+    "other part": (set_((*PLANE, "part"), "high"), "planes"),
+    "groups in the wrong order": (swap, "group 0"),
+    "a component missing": (drop_component, "components"),
+    "no groups": (set_(("groups",), []), "groups"),
+    "groups as a number": (set_(("groups",), 3), "groups"),
+    "SH degree that does not fit": (set_(("sh_degree",), 1), "SH degree"),
+}
+
+
+@pytest.fixture
+def stream(make_stream):
+    return make_stream((4, 3), splats=80)[0]
+
+
+def test_edit_alone_is_no_damage(stream, edit_manifest):
+    edit_manifest(stream, lambda values: values.update(later_addition={"x": 1}))
+    with StreamReader.open(stream) as reader:
+        assert reader.frame_count == 7
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_damaged_manifest_is_refused(stream, edit_manifest, kind):
+    change, message = DAMAGE[kind]
+    try:
+        edit_manifest(stream, change)
+    except TypeError:  # no sizes to add up any more
+        values = json.loads((stream / "manifest.json").read_bytes())
+        change(values)
+        (stream / "manifest.json").write_text(json.dumps(values))
+    began = time.perf_counter()
+    with pytest.raises(StudioError, match=message) as caught:
+        StreamReader.open(stream)
+    assert time.perf_counter() - began < 1
+    text = str(caught.value)
+    assert str(stream) in text
+    assert len(text) < 600
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"{", b"null", b"[]", b"\xff\xfe\x00", b'{"format": "v3studio-stream"}', b"[" * 99999]
+)
+def test_what_is_no_manifest(stream, data):
+    (stream / "manifest.json").write_bytes(data)
+    with pytest.raises(StudioError, match=r"manifest\.json"):
+        StreamReader.open(stream)
+
+
+def test_every_flipped_byte_of_the_manifest_is_noticed(stream):
+    data = (stream / "manifest.json").read_bytes()
+    for position in range(0, len(data), 37):
+        broken = bytearray(data)
+        broken[position] ^= 1
+        with pytest.raises(StudioError):
+            parse_manifest(bytes(broken), "manifest.json")
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), signed=st.booleans())
+def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(stream, edit_manifest, data, signed):
+    """A value of any kind, put in anywhere, with and without a fitting checksum: a StudioError or frames, in time."""
+    path = stream / "manifest.json"
+    original = path.read_bytes()
+    values = json.loads(original)
+    keys = []
+    at = values
+    while True:
+        keys.append(data.draw(st.sampled_from(list(at) if isinstance(at, dict) else list(range(len(at))))))
+        if not isinstance(at[keys[-1]], dict | list) or not at[keys[-1]] or data.draw(st.booleans()):
+            break
+        at = at[keys[-1]]
+    value = data.draw(
+        st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.just([]), st.just({}))
+    )
+    change = set_(keys, value)
+    try:
+        edit_manifest(stream, change) if signed else path.write_text(json.dumps(change(values) or values))
+    except (TypeError, KeyError):
+        path.write_bytes(original)
+        assume(False)  # no groups left whose sizes could be added up
+    began = time.perf_counter()
+    message = None
+    try:
+        with StreamReader.open(stream) as reader:
+            assert len(list(reader.iterate())) == reader.frame_count == 7
+    except StudioError as error:
+        message = str(error)
+    finally:
+        path.write_bytes(original)
+    assert time.perf_counter() - began < 5
+    assert message is None or str(stream) in message
+
+
+def test_group_entry_goes_through_json(stream):
+    with StreamReader.open(stream) as reader:
+        for group in reader.manifest.groups:
+            assert GroupEntry.from_dict(json.loads(json.dumps(group.to_dict()))) == group
+    with pytest.raises(StudioError, match=r"entry\.json: index"):
+        GroupEntry.from_dict({}, "entry.json")
+
+
+def test_sizes_on_a_change_of_digits(stream):
+    """`total_bytes` counts its own digits: try files' sums around powers of ten."""
+    with StreamReader.open(stream) as reader:
+        manifest = reader.manifest
+    for metadata_length in range(40):
+        _, data = seal(manifest.model_copy(update={"metadata": {"x": "y" * metadata_length}}))
+        own = len(data)
+        for files in (10**6 - own, 10**6 - own - 1, 10**6 - own + 1, 10**7 - own):
+            group = manifest.groups[0].model_copy(update={"bytes": files})
+            draft = manifest.model_copy(update={"groups": (group,), "metadata": {"x": "y" * metadata_length}})
+            sealed, written = seal(draft)
+            assert sealed.total_bytes == files + len(written)
+
+
+class TestFiles:
+    """Damage to the videos, noticed when their group is opened."""
+
+    @pytest.fixture
+    def plane(self, stream):
+        return stream / "group_001" / "opacity.mp4"
+
+    def refuses(self, stream, message):
+        with StreamReader.open(stream) as reader:
+            reader.gaussians(0)  # the first group is intact and stays readable
+            with pytest.raises(StudioError, match=message):
+                reader.gaussians(5)
+            reader.gaussians(1)
+            with pytest.raises(StudioError, match=message):
+                reader.verify()
+
+    def test_truncated(self, stream, plane):
+        plane.write_bytes(plane.read_bytes()[:-10])
+        self.refuses(stream, r"group_001/opacity\.mp4: \d+ bytes found")
+
+    def test_longer(self, stream, plane):
+        plane.write_bytes(plane.read_bytes() + b"more")
+        self.refuses(stream, r"group_001/opacity\.mp4: the file is longer")
+
+    def test_flipped(self, stream, plane):
+        data = bytearray(plane.read_bytes())
+        data[len(data) // 2] ^= 4
+        plane.write_bytes(bytes(data))
+        self.refuses(stream, r"group_001/opacity\.mp4: .*SHA-256")
+
+    def test_missing(self, stream, plane):
+        plane.unlink()
+        self.refuses(stream, r"group_001/opacity\.mp4: the file is missing")
+
+    def test_a_folder_in_its_place(self, stream, plane):
+        plane.unlink()
+        plane.mkdir()
+        self.refuses(stream, r"group_001/opacity\.mp4: cannot be read")
+
+    def test_link_out_of_the_folder(self, stream, plane, tmp_path):
+        shutil.move(plane, tmp_path / "elsewhere.mp4")
+        plane.symlink_to(tmp_path / "elsewhere.mp4")
+        self.refuses(stream, r"opacity\.mp4: this lies outside")
+
+    def replace(self, stream, edit_manifest, plane, data):
+        """Put other bytes in and sign them: what a faulty or hostile writer would do."""
+        plane.write_bytes(data)
+
+        def change(values):
+            group = values["groups"][1]
+            entry = next(c for c in group["components"] if c["name"] == "opacity")["planes"][0]
+            group["bytes"] += len(data) - entry["bytes"]
+            entry["bytes"], entry["sha256"] = len(data), hashlib.sha256(data).hexdigest()
+
+        edit_manifest(stream, change)
+
+    def refuses_group(self, stream, message):
+        with StreamReader.open(stream) as reader, pytest.raises(StudioError, match=message):
+            list(reader.iterate(4))
+
+    def test_signed_rubbish(self, stream, edit_manifest, plane):
+        self.replace(stream, edit_manifest, plane, b"rubbish" * 100)
+        self.refuses_group(stream, r"opacity\.mp4: this is not a readable MP4")
+
+    def test_signed_video_with_too_few_frames(self, stream, edit_manifest, plane, make_frames, tmp_path):
+        bake_group(make_frames(2, 85), tmp_path / "short", 0, 0, BakeSettings())
+        self.replace(stream, edit_manifest, plane, (tmp_path / "short/group_000/opacity.mp4").read_bytes())
+        self.refuses_group(stream, r"opacity\.mp4: the video ends")
+
+    def test_signed_video_of_another_size(self, stream, edit_manifest, plane, make_frames, tmp_path):
+        bake_group(make_frames(3, 600), tmp_path / "large", 0, 0, BakeSettings())
+        self.replace(stream, edit_manifest, plane, (tmp_path / "large/group_000/opacity.mp4").read_bytes())
+        self.refuses_group(stream, r"opacity\.mp4: found h264 video of 32x32, the manifest promises h264 of 16x16")
+
+    @pytest.mark.parametrize("position", [0.1, 0.4, 0.5, 0.6, 0.7, 0.8, 0.95])
+    def test_signed_flips_end_in_a_sentence_or_a_frame(self, stream, edit_manifest, plane, position):
+        data = bytearray(plane.read_bytes())
+        for k in range(8):
+            data[min(int(position * len(data)) + k, len(data) - 1)] ^= 0x5A
+        self.replace(stream, edit_manifest, plane, bytes(data))
+        with StreamReader.open(stream) as reader:
+            try:
+                frames = len(list(reader.iterate(4)))
+            except StudioError as error:
+                message = str(error)
+            else:
+                message = f"opacity.mp4 gave {frames} frames"
+        assert "opacity.mp4" in message
+        assert "gave" not in message or frames == 3
