@@ -1,0 +1,20 @@
+"""Geometry from masks: visual hull, its surface, coloured points on it."""
+
+from studio.meshing.hull import Hull, HullSettings
+from studio.meshing.initialise import HullResult, InitResult, initialise_points, visual_hull
+from studio.meshing.sampling import sample_surface
+from studio.meshing.silhouettes import Silhouettes, ViewLike
+from studio.meshing.surface import Mesh
+
+__all__ = [
+    "Hull",
+    "HullResult",
+    "HullSettings",
+    "InitResult",
+    "Mesh",
+    "Silhouettes",
+    "ViewLike",
+    "initialise_points",
+    "sample_surface",
+    "visual_hull",
+]

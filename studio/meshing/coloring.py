@@ -1,0 +1,106 @@
+"""Colours of surface points from the views that see them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from studio.cameras import Camera
+from studio.meshing.silhouettes import ViewLike
+from studio.meshing.surface import MeshViews
+from studio.progress import ProgressFn, no_progress
+
+
+def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Samples (N, ...) float32 of an image at pixels (N, 2), origin at the image corner."""
+    import cv2
+
+    at = (pixels - 0.5).astype(np.float32)  # cv2 counts from the centre of the first pixel
+    row = 16384
+    rows = -(-len(at) // row)  # cv2.remap takes no wider destination than 32766
+    padded = np.zeros((rows * row, 2), np.float32)
+    padded[: len(at)] = at
+    grid = padded.reshape(rows, row, 2)
+    out = cv2.remap(image, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return out.reshape(rows * row, *image.shape[2:])[: len(at)].astype(np.float32)
+
+
+def color_points(
+    points: np.ndarray,
+    normals: np.ndarray,
+    views: Sequence[ViewLike],
+    rays: MeshViews,
+    *,
+    best: int = 4,
+    max_pixels: int = 300_000,
+    progress: ProgressFn = no_progress,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Colour every point with the median of the views that see it best.
+
+    A view sees a point that projects into its image and its matte, faces it, and is not hidden by the mesh
+    (a depth map cast at a reduced size decides). Views are ranked by how squarely and how closely they look at it.
+
+    Args:
+        points: (N, 3) and normals: (N, 3) unit.
+        views: pinhole views; each is read once.
+        rays: ray caster of the mesh.
+        best: how many views a point takes the median of.
+        max_pixels: size of the depth maps.
+
+    Returns:
+        colors (N, 3) float32 in 0..1, and seen (N,) int: how many views saw each point. A point that none saw has
+        the colour of the nearest one that was; if none was seen at all, grey.
+    """
+    count = len(points)
+    scores = np.zeros((best, count), np.float32)
+    found = np.zeros((best, count, 3), np.float32)
+    seen = np.zeros(count, np.int32)
+    for index, view in enumerate(views):
+        camera: Camera = view.camera
+        pixels, depth = camera.project(points)
+        toward = camera.center - points
+        distance = np.linalg.norm(toward, axis=1)
+        facing = (toward * normals).sum(1) / np.maximum(distance, 1e-12)
+        inside = (depth > 0) & (pixels >= 0).all(1) & (pixels <= [camera.width, camera.height]).all(1)
+        candidates = np.flatnonzero(inside & (facing > 0.1))
+        progress(index, len(views))
+        if len(candidates) == 0:
+            continue
+        reduced = camera.scaled(min(1.0, float(np.sqrt(max_pixels / (camera.width * camera.height)))))
+        surface = rays.depth(reduced)
+        at = pixels[candidates] * [reduced.width / camera.width, reduced.height / camera.height]
+        column = np.clip(at[:, 0].astype(int), 0, reduced.width - 1)
+        row = np.clip(at[:, 1].astype(int), 0, reduced.height - 1)
+        # The surface may slope by several pixels' footprints within one pixel of the depth map.
+        slack = 2.0 * depth[candidates] / reduced.fx / np.maximum(facing[candidates], 0.2)
+        candidates = candidates[depth[candidates] <= surface[row, column] + slack]
+        if len(candidates) == 0:
+            continue
+        covered = _bilinear(view.matte, pixels[candidates]) > 127
+        candidates = candidates[covered]
+        color = _bilinear(view.image, pixels[candidates]) / 255.0
+        seen[candidates] += 1
+        score = (facing**2 * camera.fx / np.maximum(depth, 1e-12)).astype(np.float32)[candidates]
+        # Insert into the ranking, pushing worse ones down.
+        for rank in range(best):
+            better = score > scores[rank, candidates]
+            held_score, held_color = scores[rank, candidates], found[rank, candidates]
+            scores[rank, candidates] = np.where(better, score, held_score)
+            found[rank, candidates] = np.where(better[:, None], color, held_color)
+            score = np.where(better, held_score, score)
+            color = np.where(better[:, None], held_color, color)
+    values = np.where(scores[:, :, None] > 0, found, np.nan)
+    colors = np.full((count, 3), 0.5, np.float32)
+    lit = seen > 0
+    if lit.any():
+        colors[lit] = np.nanmedian(values[:, lit], axis=0)
+    if lit.any() and not lit.all():
+        import open3d as o3d
+
+        tree = o3d.core.nns.NearestNeighborSearch(o3d.core.Tensor(points[lit].astype(np.float32)))
+        tree.knn_index()
+        nearest = tree.knn_search(o3d.core.Tensor(points[~lit].astype(np.float32)), 1)[0].numpy()[:, 0]
+        colors[~lit] = colors[lit][nearest]
+    progress(len(views), len(views))
+    return np.clip(colors, 0, 1), seen

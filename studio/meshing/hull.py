@@ -1,0 +1,375 @@
+"""The visual hull: the part of space that all masks agree on.
+
+Coarse to fine: a cube that holds the whole rig is cut into cells; a cell that lies for certain outside the
+silhouettes of more cameras than tolerated is thrown away, the others are cut again. What is left gives the bounds of a
+voxel grid, on which the signed distance to the hull is evaluated in a band about its surface. Nothing is assumed about
+units, orientation or size of the scene.
+
+One bad mask must not carve a limb away, and yet demanding less than agreement of all cameras makes every hull fatter.
+So the hull is carved strictly, then each mask is asked what it shows that the strict hull leaves unexplained. Space
+that only a tolerated few cameras refuse, and that most of the others miss, is given back (`Hull.restored`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from studio.errors import StudioError
+from studio.meshing.silhouettes import Silhouettes
+from studio.progress import ProgressFn, no_progress
+
+_CHUNK = 1 << 18
+
+
+@dataclass(frozen=True)
+class HullSettings:
+    """How to carve.
+
+    Attributes:
+        resolution: voxels along the longest side of the hull; fewer where pixels are coarser than that.
+        tolerance: share of the cameras (0..0.5) whose masks may be outvoted by the others (at least one camera
+            where there are four or more; 0 turns the vote off).
+        min_view_share: share of the cameras (0..1) that must have a point in their image for it to be part of the
+            hull, at least two cameras. None: one half, and less where that leaves mattes unexplained.
+        smoothing: standard deviation in voxels of the Gaussian that the field is smoothed with; 0 = none.
+    """
+
+    resolution: int = 192
+    tolerance: float = 0.1
+    min_view_share: float | None = None
+    smoothing: float = 0.7
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("resolution", 16, 1024), ("tolerance", 0, 0.5), ("smoothing", 0, 10)):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise StudioError(f"The hull's {name} is {value}; it must lie in {low}..{high}.")
+        if self.min_view_share is not None and not 0 <= self.min_view_share <= 1:
+            raise StudioError(f"The hull's min_view_share is {self.min_view_share}; it must lie in 0..1.")
+
+    def outvoted(self, cameras: int) -> int:
+        """How many cameras of a rig may be outvoted."""
+        if self.tolerance == 0 or cameras < 4:
+            return 0
+        return max(1, round(self.tolerance * cameras))
+
+
+@dataclass
+class Hull:
+    """A signed-distance field on a voxel grid.
+
+    Attributes:
+        field: (Z, Y, X) float32, world units, positive inside, cut off at +-`band`; border voxels are outside.
+        origin: (3,) float64 world position of the centre of voxel [0, 0, 0].
+        voxel: edge length of a voxel in world units.
+        band: distance at which the field is cut off.
+        min_views: cameras that had to see a point.
+        restored: voxels given back because the cameras that refused them were outvoted.
+        outvoted: how many voxels each camera wanted carved that were given back, by name.
+    """
+
+    field: np.ndarray
+    origin: np.ndarray
+    voxel: float
+    band: float
+    min_views: int
+    restored: int = 0
+    outvoted: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def volume(self) -> float:
+        """World units cubed."""
+        return float((self.field > 0).sum()) * self.voxel**3
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner (3,) of what may be inside, one voxel wider.
+
+        Raises:
+            StudioError: no voxel is near the hull.
+        """
+        near = self.field > -self.voxel
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for axis in range(3):
+            profile = near.sum(axis=tuple(other for other in range(3) if other != axis))
+            index = np.flatnonzero(profile > 0)
+            if len(index) == 0:
+                raise StudioError("The visual hull is empty; check the masks and the camera poses.")
+            low[2 - axis] = self.origin[2 - axis] + self.voxel * (index[0] - 1)
+            high[2 - axis] = self.origin[2 - axis] + self.voxel * (index[-1] + 1)
+        return low, high
+
+    def points(self, index: np.ndarray) -> np.ndarray:
+        """World positions (N, 3) float64 of voxels given as flat indices (N,)."""
+        z, y, x = np.unravel_index(index, self.field.shape)
+        return self.origin + self.voxel * np.stack([x, y, z], 1)
+
+
+def _cells(parents: torch.Tensor, size: float, split: int) -> torch.Tensor:
+    """Centres (N * split^3, 3) of the cells that cubes with centres (N, 3) and edge `size` are cut into."""
+    steps = ((torch.arange(split, dtype=torch.float32) + 0.5) / split - 0.5) * size
+    offsets = torch.cartesian_prod(steps, steps, steps)
+    return (parents[:, None] + offsets[None]).reshape(-1, 3)
+
+
+def _keep(shapes: Silhouettes, centres: torch.Tensor, size: float, allowed: int, min_views: int) -> torch.Tensor:
+    """(N,) bool: cells that may hold a part of the hull."""
+    kept = torch.empty(len(centres), dtype=torch.bool)
+    radius = size * math.sqrt(3) / 2
+    for start in range(0, len(centres), _CHUNK):
+        part = centres[start : start + _CHUNK]
+        alive = torch.arange(len(part))
+        refusals = torch.zeros(len(part), dtype=torch.int16)
+        views = torch.zeros(len(part), dtype=torch.int16)
+        for index in range(len(shapes)):
+            refused, seen = shapes.touches(index, part[alive], radius)
+            refusals[alive] += refused
+            views[alive] += seen
+            # Cells already lost need not be asked again.
+            alive = alive[refusals[alive] <= allowed]
+            if len(alive) == 0:
+                break
+        kept[start : start + _CHUNK] = (refusals <= allowed) & (views >= min_views)
+    return kept
+
+
+def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
+    """Centre and edge of a cube that holds everything the cameras could look at."""
+    origins, directions = [], []
+    for camera, box in zip(shapes.cameras, shapes.boxes, strict=True):
+        if box is None:
+            continue
+        middle = np.array([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2, 1.0])
+        ray = camera.rotation.T @ np.linalg.solve(camera.K, middle)
+        origins.append(camera.center)
+        directions.append(ray / np.linalg.norm(ray))
+    at, to = np.array(origins), np.array(directions)
+    everyone = np.array([camera.center for camera in shapes.cameras])
+    spread = np.linalg.norm(everyone - everyone.mean(0), axis=1).max()
+    # Robust nearest point to all rays: least squares, weights against a mask whose middle is far off.
+    weights = np.ones(len(at))
+    centre = everyone.mean(0)
+    for _ in range(10):
+        projectors = weights[:, None, None] * (np.eye(3)[None] - to[:, :, None] * to[:, None, :])
+        matrix, right = projectors.sum(0), np.einsum("cij,cj->i", projectors, at)
+        centre = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+        away = centre - at
+        error = np.linalg.norm(away - (away * to).sum(1, keepdims=True) * to, axis=1)
+        weights = 1 / np.maximum(error, 1e-3 * max(spread, 1e-12))
+    reach = np.linalg.norm(everyone - centre, axis=1).max()
+    return centre, 2.0 * float(max(reach, spread, 1e-9))
+
+
+def _raise_disagreement(shapes: Silhouettes, centres: torch.Tensor, size: float, min_views: int) -> None:
+    """Name the cameras that refuse the cells on which most of the others agree."""
+    radius = size * math.sqrt(3) / 2
+    refused, seen = [], []
+    for index in range(len(shapes)):
+        no, yes = shapes.touches(index, centres, radius)
+        refused.append(no)
+        seen.append(yes)
+    refusal, sight = torch.stack(refused), torch.stack(seen)
+    views = sight.sum(0)
+    enough = views >= min_views
+    count = len(shapes)
+    if not enough.any():
+        best = int(views.max())
+        raise StudioError(
+            f"The visual hull is empty: no point is seen by more than {best} of {count} cameras "
+            f"where {min_views} are needed; check the camera poses (or lower min_view_share)."
+        )
+    agreement = (sight & ~refusal).sum(0).float() / views.clamp_min(1)
+    agreement[~enough] = -1
+    top = agreement >= agreement.max() - 1e-6
+    share = refusal[:, top].float().mean(1)
+    blamed = [shapes.names[i] for i in torch.argsort(share, descending=True).tolist() if share[i] > 0.25]
+    empty = [name for name, box in zip(shapes.names, shapes.boxes, strict=True) if box is None]
+    hint = f" ({', '.join(empty)} empty)" if empty else ""
+    if len(blamed) > count // 2 or not blamed:
+        blamed = blamed or shapes.names
+        raise StudioError(
+            f"The visual hull is empty: the masks of {', '.join(blamed)} agree on no common volume{hint}; "
+            "check the camera poses and the masks."
+        )
+    raise StudioError(
+        f"The visual hull is empty: the masks of {', '.join(blamed)}{hint} disagree with those of the other "
+        f"{count - len(blamed)} cameras; mend these masks or leave these cameras out."
+    )
+
+
+def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of what the masks agree on.
+
+    Args:
+        shapes: the silhouettes.
+        allowed: how many cameras may refuse a point.
+        min_views: how many must see it.
+
+    Returns:
+        lower, upper: (3,) float64 corners, a few percent too wide.
+
+    Raises:
+        StudioError: nothing is left; says which cameras' masks disagree.
+    """
+    centre, edge = _start(shapes)
+    cells = torch.from_numpy(centre[None].astype(np.float32))
+    split, before = 16, math.inf
+    for _ in range(16):
+        candidates = _cells(cells, edge, split)
+        edge /= split
+        split = 2
+        kept = candidates[_keep(shapes, candidates, edge, allowed, min_views)]
+        if len(kept) == 0:
+            _raise_disagreement(shapes, candidates, edge, min_views)
+        cells = kept
+        low, high = cells.amin(0) - edge / 2, cells.amax(0) + edge / 2
+        longest = float((high - low).max())
+        # Large cells reach beyond the images and so survive; go on until the bounds have settled.
+        if (longest > 48 * edge and longest > 0.9 * before) or len(cells) > 200_000:
+            break
+        before = longest
+    return low.double().numpy(), high.double().numpy()
+
+
+def _evaluate(
+    shapes: Silhouettes, points: torch.Tensor, allowed: int, min_views: int, band: float
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Strict and tolerant field values (N,), both cut off at +-band."""
+    strict, tolerant = torch.empty(len(points)), torch.empty(len(points))
+    for start in range(0, len(points), _CHUNK):
+        part = points[start : start + _CHUNK]
+        least = torch.full((allowed + 1, len(part)), band)  # the smallest values so far, in rising order
+        views = torch.zeros(len(part), dtype=torch.int16)
+        for index in range(len(shapes)):
+            value, seen = shapes.distance(index, part)
+            value = torch.where(seen, value.clamp(-band, band), band)
+            views += seen
+            for rank in range(allowed + 1):
+                least[rank], value = torch.minimum(least[rank], value), torch.maximum(least[rank], value)
+        least[:, views < min_views] = -band
+        strict[start : start + _CHUNK] = least[0]
+        tolerant[start : start + _CHUNK] = least[allowed]
+    return strict, tolerant
+
+
+def carve(
+    shapes: Silhouettes,
+    bounds: tuple[np.ndarray, np.ndarray],
+    *,
+    resolution: int,
+    allowed: int,
+    min_views: int,
+    progress: ProgressFn = no_progress,
+) -> tuple[Hull, np.ndarray]:
+    """Carve within bounds.
+
+    Args:
+        shapes: the silhouettes.
+        bounds: lower and upper corner, (3,) each, world units.
+        resolution: voxels along the longest side, fewer where pixels are coarser.
+        allowed: how many cameras may refuse a point of the tolerant hull.
+        min_views: how many cameras must see a point.
+        progress: called with steps done of 3.
+
+    Returns:
+        the strict hull, and the tolerant field (Z, Y, X) on the same grid (the same array where no camera may be
+        outvoted).
+    """
+    progress(0, 3)
+    low, high = bounds
+    middle = (low + high) / 2
+    footprint = float(
+        np.median(
+            [
+                np.linalg.norm(camera.center - middle) / focal
+                for camera, focal in zip(shapes.cameras, shapes.footprints, strict=True)
+            ]
+        )
+    )
+    # Voxels smaller than half a pixel's footprint hold nothing new.
+    voxel = max(float((high - low).max()) / resolution, 0.5 * footprint)
+    block = 8
+    counts = np.maximum(np.ceil((high - low + 4 * voxel) / (block * voxel)).astype(int), 1)
+    corner = middle - counts * block * voxel / 2  # outer corner of the grid
+    axes = [torch.arange(n, dtype=torch.float32) for n in counts]
+    blocks = torch.cartesian_prod(*axes).to(torch.int64)  # (N, 3) x, y, z
+    base = torch.from_numpy(corner.astype(np.float32))
+    size = block
+    # A cell is kept while some part of it, or of the band about it, may be inside.
+    band = 3.0 * voxel
+    while True:
+        centres = base + (blocks.float() + 0.5) * (size * voxel)
+        blocks = blocks[_keep(shapes, centres, size * voxel + band / 2, allowed, min_views)]
+        if size == 4:
+            break
+        size //= 2
+        steps = torch.cartesian_prod(*[torch.arange(2)] * 3)
+        blocks = (blocks[:, None] * 2 + steps[None]).reshape(-1, 3)
+        progress(1, 3)
+    steps = torch.cartesian_prod(*[torch.arange(size)] * 3)
+    voxels = (blocks[:, None] * size + steps[None]).reshape(-1, 3)
+    progress(2, 3)
+    strict, tolerant = _evaluate(shapes, base + (voxels.float() + 0.5) * voxel, allowed, min_views, band)
+    shape = tuple(int(n) * block for n in counts[::-1])
+    flat = (voxels[:, 2] * shape[1] + voxels[:, 1]) * shape[2] + voxels[:, 0]
+
+    def volume(values: torch.Tensor) -> np.ndarray:
+        grid = torch.full((shape[0] * shape[1] * shape[2],), -band)
+        grid[flat] = values
+        grid = grid.reshape(shape)
+        for side in (grid[0], grid[-1], grid[:, 0], grid[:, -1], grid[:, :, 0], grid[:, :, -1]):
+            side.fill_(-band)
+        return grid.numpy()
+
+    strict_field = volume(strict)
+    tolerant_field = strict_field if allowed == 0 else volume(tolerant)
+    progress(3, 3)
+    return Hull(strict_field, corner + voxel / 2, voxel, band, min_views), tolerant_field
+
+
+def restore(hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, unexplained: list[np.ndarray]) -> Hull:
+    """Give back what a few bad masks carved away.
+
+    Args:
+        hull: the strict hull.
+        tolerant: (Z, Y, X) the field in which the tolerated number of cameras is ignored.
+        shapes: the silhouettes.
+        unexplained: a camera each, (h, w) bool in the reduced image: foreground that the strict hull does not cover.
+
+    Returns:
+        the hull in which every voxel that more than half of the cameras which accept and see it leave unexplained
+        has the tolerant value (and its neighbours, so that the surface closes).
+    """
+    flat = np.flatnonzero((tolerant.ravel() > 0) & (hull.field.ravel() <= 0))
+    if len(flat) == 0:
+        return hull
+    points = torch.from_numpy(hull.points(flat).astype(np.float32))
+    missing = torch.zeros(len(points), dtype=torch.int16)
+    accepting = torch.zeros(len(points), dtype=torch.int16)
+    refusing = torch.zeros((len(shapes), len(points)), dtype=torch.bool)
+    for index, camera in enumerate(shapes.cameras):
+        value, seen = shapes.distance(index, points)
+        pixels, _ = shapes.project(index, points)
+        column = pixels[:, 0].clamp(0, camera.width - 1).long()
+        row = pixels[:, 1].clamp(0, camera.height - 1).long()
+        gap = torch.from_numpy(unexplained[index])[row, column]
+        accepting += seen & (value > 0)
+        refusing[index] = seen & (value <= 0)
+        missing += seen & (value > 0) & gap
+    # A part shows beside the body only from some directions: half of the accepting cameras miss it.
+    back = (missing >= 2) & (missing * 2 >= accepting)
+    if not back.any():
+        return hull
+    merged = hull.field.copy()
+    given = np.stack(np.unravel_index(flat[back.numpy()], merged.shape))
+    limit = np.array(merged.shape)[:, None] - 1
+    for offset in itertools.product(range(-2, 3), repeat=3):
+        near = tuple(np.clip(given + np.array(offset)[:, None], 0, limit))
+        merged[near] = tolerant[near]
+    votes = refusing[:, back].sum(1).tolist()
+    outvoted = {name: int(n) for name, n in zip(shapes.names, votes, strict=True) if n}
+    return Hull(merged, hull.origin, hull.voxel, hull.band, hull.min_views, int(back.sum()), outvoted)

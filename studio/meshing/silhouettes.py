@@ -1,0 +1,188 @@
+"""Silhouettes as signed distances: what every mask says about a point in space.
+
+A mask (matte) becomes a map of signed distances in pixels: positive inside the silhouette, negative outside, zero on
+its outline (at sub-pixel accuracy where the matte has soft edges). Multiplied by depth / focal length it tells how far
+in world units a point is from the viewing cone of that silhouette. The map also answers the question "can a ball of
+this radius touch the silhouette" without looking at more than one pixel, which is what coarse-to-fine carving needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import torch
+
+from studio.cameras import Camera
+from studio.errors import StudioError
+from studio.progress import ProgressFn, no_progress
+
+
+class ViewLike(Protocol):
+    """A view to mesh from: pinhole camera, image (H, W, 3) uint8 RGB and matte (H, W) uint8, 255 = foreground."""
+
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def image(self) -> np.ndarray: ...
+    @property
+    def matte(self) -> np.ndarray: ...
+
+
+def signed_distance(matte: np.ndarray) -> np.ndarray:
+    """Signed distance of every pixel centre to the outline of a matte.
+
+    Args:
+        matte: (H, W) uint8, 0 = background, 255 = foreground; the outline is where it passes one half.
+
+    Returns:
+        (H, W) float32 in pixels, positive inside. Without any foreground (background) every value is minus (plus)
+        the image diagonal.
+    """
+    import cv2
+
+    inside = (matte >= 128).astype(np.uint8)
+    diagonal = float(np.hypot(*matte.shape))
+    if not inside.any():
+        return np.full(matte.shape, -diagonal, np.float32)
+    if inside.all():
+        return np.full(matte.shape, diagonal, np.float32)
+    # distanceTransform measures to the nearest pixel centre of the other kind; the outline lies half a pixel before.
+    within = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)
+    beyond = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_5)
+    distance = np.where(inside > 0, within - 0.5, 0.5 - beyond).astype(np.float32)
+    # On the outline itself the coverage of the pixel is the better measure.
+    edge = np.abs(distance) < 0.75
+    coverage = matte.astype(np.float32) / 255.0 - 0.5
+    return np.where(edge, np.where(inside > 0, np.minimum(coverage, 0.5), np.maximum(coverage, -0.5)), distance)
+
+
+class Silhouettes:
+    """Signed-distance maps of all views, at a size that bounds memory.
+
+    Args:
+        views: at least two views with pinhole cameras. Each is read once, so a lazy sequence is fine.
+        max_pixels: upper bound of all maps together; larger mattes are reduced (4 bytes a pixel).
+
+    Raises:
+        StudioError: fewer than two views, a camera with lens distortion, a matte of another size than its camera,
+            or no mask with any foreground at all.
+    """
+
+    def __init__(
+        self, views: Sequence[ViewLike], *, max_pixels: float = 60e6, progress: ProgressFn = no_progress
+    ) -> None:
+        if len(views) < 2:
+            raise StudioError(f"A visual hull needs at least two cameras, found {len(views)}; add cameras.")
+        self.names: list[str] = []
+        self.cameras: list[Camera] = []  # reduced to the size of the maps
+        self.maps: list[torch.Tensor] = []  # (1, 1, h, w) signed distance in pixels of the reduced image
+        self.boxes: list[np.ndarray | None] = []  # (4,) left, top, right, bottom of the foreground, reduced pixels
+        self.mattes: list[np.ndarray] = []  # (h, w) uint8 reduced
+        self.footprints: list[float] = []  # full-size focal length in pixels: a pixel covers depth / this
+        budget = max_pixels / len(views)
+        for index, view in enumerate(views):
+            self._add(view.camera, view.matte, budget)
+            progress(index + 1, len(views))
+        if all(box is None for box in self.boxes):
+            raise StudioError(
+                f"The masks of all {len(views)} cameras are empty: nothing to reconstruct; check how the capture is masked."
+            )
+
+    def _add(self, camera: Camera, matte: np.ndarray, budget: float) -> None:
+        import cv2
+
+        if not camera.is_pinhole:
+            raise StudioError(f"Camera '{camera.name}' has lens distortion: undistort its images before meshing.")
+        if matte.shape != (camera.height, camera.width):
+            raise StudioError(
+                f"Camera '{camera.name}': the mask is {matte.shape[1]}x{matte.shape[0]} but the camera says "
+                f"{camera.width}x{camera.height}; give masks of the image's size."
+            )
+        factor = min(1.0, float(np.sqrt(budget / matte.size)))
+        reduced = camera
+        if factor < 1.0:
+            reduced = camera.scaled(factor)
+            matte = cv2.resize(matte, (reduced.width, reduced.height), interpolation=cv2.INTER_AREA)
+        rows, columns = np.nonzero(matte >= 128)
+        box = (
+            None
+            if len(rows) == 0
+            else np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], np.float64)
+        )
+        self.names.append(camera.name)
+        self.cameras.append(reduced)
+        self.footprints.append(max(camera.fx, camera.fy))
+        self.maps.append(torch.from_numpy(signed_distance(matte))[None, None])
+        self.mattes.append(matte)
+        self.boxes.append(box)
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def project(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Pixels (N, 2) and depths (N,) of world points (N, 3) float32 in the reduced image of one camera."""
+        camera = self.cameras[index]
+        matrix = torch.from_numpy((camera.K @ camera.world_to_camera[:3]).astype(np.float32))
+        local = points @ matrix[:, :3].T + matrix[:, 3]
+        depth = local[:, 2]
+        return local[:, :2] / depth.clamp_min(1e-9)[:, None], depth
+
+    def distance(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """How far points lie inside one camera's silhouette cone.
+
+        Args:
+            index: the camera.
+            points: (N, 3) float32 world coordinates.
+
+        Returns:
+            distance (N,) float32 in world units, positive inside, from bilinear samples of the map;
+            seen (N,) bool: the point lies before the camera and within its image.
+        """
+        camera = self.cameras[index]
+        pixels, depth = self.project(index, points)
+        grid = torch.stack([pixels[:, 0] * (2.0 / camera.width) - 1, pixels[:, 1] * (2.0 / camera.height) - 1], -1)
+        seen = (depth > 1e-9) & (grid.abs() <= 1).all(-1)
+        sampled = torch.nn.functional.grid_sample(
+            self.maps[index], grid.clamp(-2, 2)[None, None], mode="bilinear", padding_mode="border", align_corners=False
+        )[0, 0, 0]
+        return sampled * (depth / (0.5 * (camera.fx + camera.fy))), seen
+
+    def touches(self, index: int, points: torch.Tensor, radius: float) -> tuple[torch.Tensor, torch.Tensor]:
+        """Whether balls about points may touch one camera's silhouette cone: never wrongly false.
+
+        Args:
+            index: the camera.
+            points: (N, 3) float32 centres.
+            radius: of the balls, world units.
+
+        Returns:
+            refused (N,) bool: the whole ball lies in the image and outside the silhouette, for certain;
+            seen (N,) bool: some part of the ball may lie in the image.
+        """
+        camera = self.cameras[index]
+        pixels, depth = self.project(index, points)
+        focal = max(camera.fx, camera.fy)
+        # A ball off the axis projects to an ellipse, longest by 1 / cos of its angle; slack for the 5x5 transform.
+        away = (pixels - torch.tensor([camera.cx, camera.cy], dtype=torch.float32)) / focal
+        stretch = (1 + (away * away).sum(-1)).sqrt()
+        reach = focal * radius / (depth - radius).clamp_min(1e-9) * stretch * 1.05 + 1.5
+        # Distance to the nearest of the pyramid's four sides, positive inside.
+        planes = self._planes(index)
+        margin = (points @ planes[:, :3].T + planes[:, 3]).amin(-1)
+        seen = (margin > -radius) & (depth > -radius)
+        whole = (margin > radius) & (depth > radius)
+        size = torch.tensor([camera.width, camera.height], dtype=torch.float32)
+        corner = torch.minimum(pixels.clamp_min(0), size - 1)
+        corner = torch.nan_to_num(corner).long()
+        value = self.maps[index][0, 0][corner[:, 1], corner[:, 0]]
+        return whole & (value < -reach), seen
+
+    def _planes(self, index: int) -> torch.Tensor:
+        """(4, 4) float32: inward unit normals and offsets in world coordinates of the image pyramid's sides."""
+        camera = self.cameras[index]
+        K = camera.K
+        sides = np.stack([K[0], camera.width * K[2] - K[0], K[1], camera.height * K[2] - K[1]])
+        sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+        return torch.from_numpy((sides @ camera.world_to_camera[:3]).astype(np.float32))
