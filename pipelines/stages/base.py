@@ -104,6 +104,7 @@ class StageReporter:
     def __post_init__(self) -> None:
         self._started = time.monotonic()
         self._last = 0.0
+        self._fraction = 0.0
         self._figures: dict[str, Any] = {}
 
     def progress(self, fraction: float, label: str = "", **figures: Any) -> None:
@@ -114,6 +115,8 @@ class StageReporter:
         """
         self.context.cancellation.check()
         self._figures.update(figures)
+        # estimates of what is left may grow; what is behind stays behind
+        fraction = self._fraction = max(self._fraction, fraction)
         now = time.monotonic()
         if now - self._last < _LEAST_PAUSE and fraction < 1:
             return
@@ -130,6 +133,10 @@ class StageReporter:
                 figures=dict(self._figures),
             )
         )
+
+    def forget_figures(self) -> None:
+        """Figures told so far are of something that is finished (a frame)."""
+        self._figures.clear()
 
     def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
         """A callback for library functions that fills the stretch from `start` to `stop` of this stage."""

@@ -160,6 +160,7 @@ class GroupWork:
                     views = ahead.submit(self._views, group.frames[position + 1])
                 started = time.monotonic()
                 self.clock.start(group, position)
+                self.reporter.forget_figures()
                 gaussians = self._frame(group, position, previous, before, current)
                 seconds = time.monotonic() - started
                 self.clock.finished(group, position, seconds)

@@ -172,12 +172,16 @@ def test_override_through_a_plain_value_is_refused(tmp_path):
 )))  # fmt: skip
 def test_any_yaml_is_read_or_refused_with_a_sentence(tmp_path_factory, values):
     path = write(tmp_path_factory.mktemp("any"), yaml.safe_dump(values))
+    message = None
     try:
-        assert isinstance(load_config(path), Config)
+        load_config(path)
     except StudioError as error:
-        assert str(path) in str(error)
+        message = str(error)
+    assert message is None or str(path) in message
 
 
-@pytest.mark.parametrize("path", sorted((Path(__file__).parents[2] / "sample_configs").glob("*.yaml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path", sorted((Path(__file__).parents[2] / "sample_configs").glob("*.yaml")), ids=lambda p: p.stem
+)
 def test_sample_configurations_are_valid(path):
     load_config(path)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from pipelines.files import atomic_path, digest_of, disk_errors, sweep_partial, write_json, write_text
@@ -9,9 +11,12 @@ from studio.errors import StudioError
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "result.json"
     write_json(path, {"a": 1})
-    with pytest.raises(RuntimeError), atomic_path(path) as temporary:
-        temporary.write_text("half")
-        raise RuntimeError
+    with (
+        pytest.raises(UnicodeEncodeError),
+        atomic_path(path) as temporary,
+        temporary.open("w", encoding="ascii") as file,
+    ):
+        file.writelines(["half", "\u00fc"])
     assert path.read_text() == '{\n "a": 1\n}\n'
     assert list(tmp_path.iterdir()) == [path]
 
@@ -25,8 +30,7 @@ def test_nan_never_reaches_a_json_file(tmp_path):
 def test_full_disk_is_a_sentence_that_names_the_folder(tmp_path):
     """/dev/full answers every write as a full disk does."""
     with pytest.raises(StudioError, match=f"The disk of {tmp_path} is full"), disk_errors(tmp_path):
-        with open("/dev/full", "w") as file:
-            file.write("x")
+        Path("/dev/full").write_text("x")
 
 
 def test_other_os_errors_pass(tmp_path):

@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+
+from pipelines.events import RunFinished, StageFailed, parse_event
+
+
+def test_help_imports_nothing_heavy():
+    script = (
+        "import sys\n"
+        "from pipelines.cli import _parser\n"
+        "_parser().format_help()\n"
+        "heavy = {'torch', 'numpy', 'open3d', 'cv2', 'av', 'pycolmap', 'matplotlib', 'pymeshlab', 'pydantic'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "[]\n"
+
+
+def test_every_command_explains_itself(cli):
+    text = cli("--help").stdout
+    for name in ("run", "calibrate", "initialise", "train", "bake", "evaluate", "status", "play", "config"):
+        assert f"\n    {name}" in text
+        assert cli(name, "--help").returncode == 0
+
+
+def test_config_prints_every_setting_with_its_documentation(cli):
+    text = cli("config").stdout
+    assert "\n  # Frames a group; its first frame is the keyframe." in text
+    assert "\n  max_splats: 100000\n" in text
+
+
+def test_overrides_in_both_spellings(cli, project):
+    text = cli("config", project / "ball.yaml", "--set", "bake.qp=30", "--train.max-splats", "77").stdout
+    assert "\n  qp: 30\n" in text
+    assert "\n  max_splats: 77\n" in text
+    assert "\n  group_size: 3\n" in text
+
+
+def test_wrong_usage_is_2_and_a_wrong_setting_1(cli, tmp_path):
+    assert cli("fly").returncode == 2
+    assert cli("config", "--bogus").returncode == 2
+    assert cli("config", "--train.max-splats").returncode == 2
+    refused = cli("config", "--train.max-splts", "3")
+    assert refused.returncode == 1
+    assert refused.stderr == (
+        "error: the command line: train.max_splts is not a setting. The nearest is train.max_splats.\n"
+    )
+    missing = cli("run", tmp_path / "none.yaml", "--take", tmp_path / "take")
+    assert missing.returncode == 1
+    assert "there is no such file" in missing.stderr
+    assert not (tmp_path / "take").exists()
+
+
+def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(cli, project):
+    shutil.rmtree(project / "capture" / "images" / "cam3")
+    done = cli("run", project / "ball.yaml", "--take", project / "take")
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: ")
+    assert "cam3" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    done = cli("run", project / "ball.yaml", "--take", project / "take", "--json")
+    events = [parse_event(line) for line in done.stdout.splitlines()]
+    assert isinstance(events[-1], RunFinished)
+    assert events[-1].outcome == "failed"
+    assert "cam3" in events[-1].message
+    assert all("Traceback" not in event.traceback for event in events if isinstance(event, StageFailed))
+
+
+def test_status_of_a_new_and_of_a_finished_take(cli, project, finished):
+    done = cli("calibrate", project / "ball.yaml", "--take", project / "take")
+    assert done.returncode == 0, done.stderr
+    states = json.loads(cli("status", project / "take", "--json").stdout)["stages"]
+    assert {name: state["state"] for name, state in states.items()} == {
+        "calibrate": "done", "initialise": "missing", "train": "missing", "bake": "missing", "evaluate": "missing"
+    }  # fmt: skip
+    text = cli("status", finished / "take").stdout
+    assert text.count("done") == 5
+    assert "no take.json" in cli("status", project / "capture").stderr
+
+
+def test_a_second_run_on_the_take_is_refused_at_once(cli, project, start):
+    process = start("run", project / "ball.yaml", "--take", project / "take", "--json")
+    process.stdout.readline()  # the run holds the take now
+    os.kill(process.pid, signal.SIGSTOP)
+    try:
+        second = cli("run", project / "ball.yaml", "--take", project / "take")
+        assert second.returncode == 1
+        assert f"Another run works on {project / 'take'} (process {process.pid}, v3studio run)" in second.stderr
+        assert f"process {process.pid}" in cli("status", project / "take").stdout
+    finally:
+        os.kill(process.pid, signal.SIGCONT)
+
+
+def test_play_prints_a_row_a_frame_for_a_take_and_for_a_stream(cli, finished):
+    for folder in (finished / "take", finished / "take" / "stream"):
+        report = json.loads(cli("play", folder, "--headless", "--json").stdout)
+        assert [row["frame"] for row in report["frames"]] == [0, 1, 2, 3, 4]
+        assert all(row["decode_ms"] > 0 for row in report["frames"])
+    text = cli("play", finished / "take", "--headless").stdout
+    assert "fetch ms" in text
+    assert "5 frames in" in text
+    assert cli("play", finished / "capture", "--headless").returncode == 1
+
+
+def test_the_last_lines_of_a_run_are_the_table(cli, finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "copy")
+    text = cli("run", tmp_path / "copy" / "ball.yaml", "--take", tmp_path / "copy" / "take").stdout
+    assert "up to date: calibrate, initialise, train, bake, evaluate" in text
+    assert "PSNR trained" in text
+    assert "held-out cameras cam4" in text
+
+
+def test_stdout_of_json_is_events_only(cli, finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "copy")
+    done = cli("bake", "--take", tmp_path / "copy" / "take", "--force", "--json")
+    assert done.returncode == 0, done.stderr
+    kinds = [parse_event(line).kind for line in done.stdout.splitlines()]
+    assert kinds[0] == "run_started"
+    assert kinds[-1] == "run_finished"
+    assert "stage_finished" in kinds

@@ -1,0 +1,94 @@
+"""kill -9 and SIGTERM in the middle, then `run` again: the same stream as unbroken."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from pathlib import Path
+
+from pipelines.events import Metrics, Progress, RunFinished, StageStarted, parse_event
+
+
+def stream_bytes(take: Path) -> dict[str, bytes]:
+    stream = take / "stream"
+    return {path.relative_to(stream).as_posix(): path.read_bytes() for path in stream.rglob("*") if path.is_file()}
+
+
+def stop_when(process, condition, number) -> list:
+    """Read events until the condition holds, then send the signal."""
+    events = []
+    for line in process.stdout:
+        events.append(parse_event(line))
+        if condition(events[-1]):
+            process.send_signal(number)
+            break
+    else:
+        raise AssertionError(f"the run ended before it could be stopped: {process.stderr.read()}")
+    events += [parse_event(line) for line in process.stdout]
+    process.wait(timeout=20)
+    return events
+
+
+def frames_of(events: list) -> list[int]:
+    return [event.values["index"] for event in events if isinstance(event, Metrics) and event.stage == "train"]
+
+
+def test_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start, cli):
+    take = project / "take"
+    arguments = ("run", project / "ball.yaml", "--take", take, "--json")
+
+    # in the middle of the second frame
+    first = start(*arguments)
+    events = stop_when(
+        first,
+        lambda event: isinstance(event, Progress) and event.stage == "train" and event.figures.get("index") == 1,
+        signal.SIGKILL,
+    )
+    assert first.returncode == -signal.SIGKILL
+    assert not (take / "stream").exists()
+    killed_after = frames_of(events)
+    assert 0 in killed_after
+    assert 4 not in killed_after
+
+    # in the middle of baking: the first group is done, the manifest is not written
+    second = start(*arguments)
+    events = stop_when(
+        second,
+        lambda event: isinstance(event, Metrics) and event.stage == "bake" and event.group == 0,
+        signal.SIGKILL,
+    )
+    # a frame that was finished is not trained again
+    assert not set(frames_of(events)) & set(killed_after)
+    assert not (take / "stream" / "manifest.json").exists() or second.returncode == -signal.SIGKILL
+
+    last = cli(*arguments)
+    assert last.returncode == 0, last.stderr
+    events = [parse_event(line) for line in last.stdout.splitlines()]
+    assert [event.stage for event in events if isinstance(event, StageStarted)][-1] == "evaluate"
+    assert frames_of(events) == []
+    assert stream_bytes(take) == stream_bytes(finished / "take")
+    ours, unbroken = (json.loads((folder / "evaluation.json").read_text()) for folder in (take, finished / "take"))
+    assert ours == unbroken
+    assert not list(take.rglob("*.partial*"))
+
+
+def test_sigterm_stops_within_two_seconds_and_run_goes_on(finished, project, start, cli):
+    take = project / "take"
+    process = start("run", project / "ball.yaml", "--take", take, "--json")
+    stopped: list[float] = []
+
+    def in_training(event) -> bool:
+        if isinstance(event, Progress) and event.stage == "train" and event.figures.get("index") == 1:
+            stopped.append(time.monotonic())
+            return True
+        return False
+
+    events = stop_when(process, in_training, signal.SIGTERM)
+    assert time.monotonic() - stopped[0] < 2.5  # two seconds, and the end of the process on a busy machine
+    assert process.returncode == 130
+    assert isinstance(events[-1], RunFinished)
+    assert events[-1].outcome == "cancelled"
+    done = cli("run", project / "ball.yaml", "--take", take)
+    assert done.returncode == 0, done.stderr
+    assert stream_bytes(take) == stream_bytes(finished / "take")
