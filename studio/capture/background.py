@@ -14,6 +14,7 @@ Where a pixel is covered all the time the background stays unknown, and says so.
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,12 +36,15 @@ class Background:
     Attributes:
         plate: (H, W, 3) uint8 RGB.
         known: (H, W) bool, where the plate can be believed; None is everywhere.
+        doubtful: (H, W) bool, where the plate has a colour of the performer's that comes and goes, and so may show the
+            performer standing still; None is nowhere.
         colors: (B, B, B) float32, log ratio of a colour's density on the performer to that on the set; None where the
             performer's colours were not learned.
     """
 
     plate: np.ndarray
     known: np.ndarray | None = None
+    doubtful: np.ndarray | None = None
     colors: np.ndarray | None = None
 
 
@@ -72,13 +76,16 @@ def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int]
         size = (max(1, round(image.shape[1] * shrink)), max(1, round(image.shape[0] * shrink)))
         small.append(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
     stack = np.stack(small)
-    plate, members, known, colors = _estimate_small(stack)
+    plate, members, known, doubtful, colors = _estimate_small(stack)
     height, width = image.shape[:2]
     full = cv2.resize(np.rint(plate).astype(np.uint8), (width, height), interpolation=cv2.INTER_LINEAR)
     full = _full_plate(read, chosen, members, full)
-    grown = cv2.erode(known.astype(np.uint8), np.ones((3, 3), np.uint8))
-    whole = cv2.resize(grown, (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    return Background(full, whole, colors)
+    known = cv2.erode(known.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+
+    def enlarged(area: np.ndarray) -> np.ndarray:
+        return cv2.resize(area.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+
+    return Background(full, enlarged(known), enlarged(doubtful), colors)
 
 
 def _tolerance(stack: np.ndarray) -> int:
@@ -119,8 +126,10 @@ def _evidence_of_color(table: np.ndarray, image: np.ndarray) -> np.ndarray:
     return cv2.blur(np.clip(look_up(table, image), -4.0, 4.0), (5, 5))
 
 
-def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-    """Plate (H, W, 3) float32, its samples (S, H, W) bool, where it is known (H, W), and the colour table."""
+def _estimate_small(
+    stack: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    """Plate (H, W, 3) float32, its samples (S, H, W) bool, where it is known and doubtful (H, W), colour table."""
     import cv2
 
     tolerance = _tolerance(stack)
@@ -138,7 +147,8 @@ def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
         front = stack[moved & clear]
         if len(front) < 200:
             # Nothing moves much: there is no performer to learn colours from.
-            return plate, members, np.ones(plate.shape[:2], bool), None
+            everywhere = np.ones(plate.shape[:2], bool)
+            return plate, members, everywhere, ~everywhere, None
         # Colours of the set count more where the performer moves.
         near = plate[clear & swept]
         table = color_table(front, np.concatenate([plate[clear], near, near]), bins=24, floor=2e-5)
@@ -156,7 +166,9 @@ def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
         plate, members = _pick(stack, score, tolerance)
     members &= covered < 0.0
     best = np.take_along_axis(covered, score.argmax(axis=0)[None], axis=0)[0]
-    return plate, members, best < 0.0, table
+    # A colour of the performer's that comes and goes may still be the performer standing there.
+    doubtful = (_evidence_of_color(table, plate) > 0.0) & (members.mean(axis=0) < 0.85)
+    return plate, members, best < 0.0, doubtful, table
 
 
 def _covered(
@@ -206,15 +218,14 @@ def cached_background(folder: Path | None, key: str, make: Callable[[], Backgrou
     path = folder / f"background_{key[:32]}_v{_VERSION}.npz"
     try:
         with np.load(path) as kept:
-            return Background(kept["plate"], kept["known"], kept["colors"] if kept["colors"].size else None)
-    except (OSError, ValueError, KeyError, EOFError):
+            return Background(**{name: kept[name] for name in kept.files})
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
         pass  # not there, or cut off: made again
     made = make()
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / f".{path.name}.{os.getpid()}.tmp"
     with partial.open("wb") as file:
-        colors = made.colors if made.colors is not None else np.zeros(0, np.float32)
-        known = made.known if made.known is not None else np.ones(made.plate.shape[:2], bool)
-        np.savez_compressed(file, plate=made.plate, known=known, colors=colors)
+        parts = {"plate": made.plate, "known": made.known, "doubtful": made.doubtful, "colors": made.colors}
+        np.savez_compressed(file, **{name: part for name, part in parts.items() if part is not None})
     os.replace(partial, path)
     return made

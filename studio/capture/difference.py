@@ -116,6 +116,7 @@ def difference_matte(
     plate: np.ndarray,
     settings: DifferenceSettings | None = None,
     known: np.ndarray | None = None,
+    doubtful: np.ndarray | None = None,
     colors: np.ndarray | None = None,
 ) -> np.ndarray:
     """Foreground matte of `image` by comparison with `plate`.
@@ -125,6 +126,7 @@ def difference_matte(
         plate: (H, W, 3) uint8 RGB, the same view without the performer.
         settings: None is the defaults.
         known: (H, W) bool, where the plate can be believed; None is everywhere. Elsewhere only colours decide.
+        doubtful: (H, W) bool, where the plate may show the performer; likeness to it does not make a hole there.
         colors: `color_table` of performer against set, learned from the whole footage; None learns from this image.
 
     Returns:
@@ -136,16 +138,20 @@ def difference_matte(
     height, width = image.shape[:2]
     shrink = min(1.0, _WORK_SIDE / max(height, width))
     size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
-    small, small_plate, small_known = image, plate, known
+    small, small_plate = image, plate
+
+    def reduced(area: np.ndarray | None) -> np.ndarray | None:
+        if area is None or shrink == 1.0:
+            return area
+        return cv2.resize(area.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
+
     if shrink < 1.0:
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         small_plate = cv2.resize(plate, size, interpolation=cv2.INTER_AREA)
-        if known is not None:
-            small_known = cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
     ours, empty = small.astype(np.float32), small_plate.astype(np.float32)
-    gain = match_exposure(ours, empty, small_known)
+    gain = match_exposure(ours, empty, reduced(known))
     empty *= gain
-    mask = foreground_mask(ours, empty, settings, small_known, colors)
+    mask = foreground_mask(ours, empty, settings, reduced(known), reduced(doubtful), colors)
     if not mask.any():
         return np.zeros((height, width), np.uint8)
     if shrink < 1.0:
@@ -160,6 +166,7 @@ def foreground_mask(
     plate: np.ndarray,
     settings: DifferenceSettings,
     known: np.ndarray | None = None,
+    doubtful: np.ndarray | None = None,
     colors: np.ndarray | None = None,
 ) -> np.ndarray:
     """Binary foreground (H, W) uint8 0 or 1 of float32 images; see `difference_matte`."""
@@ -167,6 +174,7 @@ def foreground_mask(
 
     evidence = difference_evidence(image, plate, settings)
     sure, empty = evidence > 4.0, evidence < -1.0
+    ratio: np.ndarray | None = None
     if colors is not None:
         ratio = cv2.blur(np.clip(look_up(colors, image), -4.0, 4.0), (3, 3))
         if known is not None:
@@ -183,7 +191,19 @@ def foreground_mask(
     smooth = guided_filter(grey, evidence, radius=3, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
     minimum = int(1e-4 * mask.size)
-    return keep_components(mask, settings.components, minimum, core=sure)
+    mask = keep_components(mask, settings.components, minimum, core=sure, likeness=ratio)
+    if doubtful is None or ratio is None or not mask.any():
+        return mask
+    # Dents and holes where the plate may show the performer: closed where the colours are the performer's.
+    reach = max(1, round(0.04 * max(cv2.boundingRect(mask)[2:])))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    padded = cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[reach:-reach, reach:-reach]
+    outside = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    cv2.floodFill(outside, None, (0, 0), 2)
+    closed |= outside[1:-1, 1:-1] == 0
+    mask |= (closed > 0) & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
+    return keep_components(mask, settings.components, minimum, core=sure, likeness=ratio)
 
 
 def solve_edges(

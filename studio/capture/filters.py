@@ -79,7 +79,13 @@ def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.n
     return total / np.maximum(weight, 1e-6)[..., None], weight
 
 
-def keep_components(mask: np.ndarray, components: int, minimum: int, core: np.ndarray | None = None) -> np.ndarray:
+def keep_components(
+    mask: np.ndarray,
+    components: int,
+    minimum: int,
+    core: np.ndarray | None = None,
+    likeness: np.ndarray | None = None,
+) -> np.ndarray:
     """The connected pieces of a binary mask that are no noise, with small holes filled.
 
     Args:
@@ -88,6 +94,7 @@ def keep_components(mask: np.ndarray, components: int, minimum: int, core: np.nd
             largest.
         minimum: pixels; smaller pieces go, smaller holes are filled.
         core: (H, W) bool; a piece without any such pixels (2x2 at least) goes.
+        likeness: (H, W) float32; a piece whose mean is below half of the largest piece's goes (reflections, mostly).
     """
     import cv2
 
@@ -101,6 +108,11 @@ def keep_components(mask: np.ndarray, components: int, minimum: int, core: np.nd
         seen = np.zeros(count, bool)
         seen[np.unique(labels[solid & (mask > 0)])] = True
         areas[~seen] = 0
+    if likeness is not None and areas.any():
+        means = np.bincount(labels.reshape(-1), weights=likeness.reshape(-1), minlength=count) / np.maximum(
+            stats[:, cv2.CC_STAT_AREA], 1
+        )
+        areas[means < 0.5 * means[int(areas.argmax())]] = 0
     order = np.argsort(-areas, kind="stable")
     wanted = order[: components or None]
     wanted = [label for label in wanted if areas[label] >= max(minimum, 1, 0.01 * areas.max())]
