@@ -5,6 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+_ROUNDING = 1e-6  # of a frame: it is due at its instant, whatever floating point makes of that
+
 
 class Clock:
     """Ticks are frames since the start of the stream; they go on rising through loops.
@@ -43,7 +45,7 @@ class Clock:
     def due(self) -> int:
         """The tick that should be on screen now."""
         with self._lock:
-            tick = int(self._read() + 1e-6)  # a frame is due at its instant, whatever rounding says
+            tick = int(self._read() + _ROUNDING)
             return tick if self._loop else min(tick, self._frame_count - 1)
 
     def cue(self, frame: int) -> None:
@@ -60,10 +62,16 @@ class Clock:
                 self._waiting = False
 
     @property
+    def waiting(self) -> bool:
+        """True between `cue` and `first_frame_is_ready`."""
+        with self._lock:
+            return self._waiting
+
+    @property
     def at_end(self) -> bool:
         """True when the last frame has had its time."""
         with self._lock:
-            return not self._loop and not self._waiting and self._read() >= self._frame_count
+            return not self._loop and not self._waiting and self._read() + _ROUNDING >= self._frame_count
 
     @property
     def playing(self) -> bool:

@@ -24,7 +24,7 @@ from studio.stream import GroupDecoder, GroupEntry, StreamReader, dequantise_pla
 FETCHED_GROUPS = 1  # waiting; with one being decoded and one being fetched, up to three are in memory
 DECODED_FRAMES = 3
 READY_FRAMES = 4
-_KEPT_GROUPS = 3
+_KEPT_GROUPS = 6  # so that scrubbing to and fro fetches nothing again
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,14 @@ class PlayedFrame:
     """A frame, ready to be drawn.
 
     Attributes:
+        run: how often was sought before it; frames come in the order of (run, tick).
         tick: its number since the start of the stream, rising on through loops.
         frame: 0-based index in the stream.
         gaussians: float32, CPU.
         stats: what it cost.
     """
 
+    run: int
     tick: int
     frame: int
     gaussians: Gaussians
@@ -100,9 +102,13 @@ class Run:
         loop: begin again after the last frame.
         due: the tick that should be on screen now; frames that a later due one can replace are dropped. None: every
             frame is delivered, however long the consumer takes.
+        number: of the run, for `PlayedFrame.run`.
     """
 
-    def __init__(self, shared: Shared, start_tick: int, loop: bool, due: Callable[[], int] | None) -> None:
+    def __init__(
+        self, shared: Shared, start_tick: int, loop: bool, due: Callable[[], int] | None, number: int = 0
+    ) -> None:
+        self.number = number
         self._shared = shared
         self._manifest = shared.reader.manifest
         self._start = start_tick
@@ -244,7 +250,7 @@ class Run:
             stats = FrameStats(
                 frame, group.index, group.bytes / group.frame_count, decoded.fetch_ms, decoded.decode_ms, milliseconds
             )
-            item = PlayedFrame(decoded.tick, frame, gaussians, stats)
+            item = PlayedFrame(self.number, decoded.tick, frame, gaussians, stats)
             dropped = self.ready.put(item, (lambda second: self._late(second.tick)) if self._due else None)
             if dropped is None:
                 return

@@ -48,6 +48,7 @@ class Player:
         self._shared = Shared(self.reader)
         self._current: PlayedFrame | None = None
         self._dropped_before = 0
+        self._runs = 0
         self._retired: list[Run] = []
         self._closed = False
         try:
@@ -63,7 +64,8 @@ class Player:
         if not 0 <= frame <= last:
             raise StudioError(f"The stream has the frames 0 to {last}; there is no frame {frame}.")
         self._clock.cue(frame)
-        return Run(self._shared, frame, self._clock.loop, self._clock.due)
+        number, self._runs = self._runs, self._runs + 1
+        return Run(self._shared, frame, self._clock.loop, self._clock.due, number)
 
     # What a user does.
 
@@ -134,6 +136,11 @@ class Player:
     def playing(self) -> bool:
         """True while the clock runs (or will, as soon as the first frame is ready)."""
         return self._clock.playing
+
+    @property
+    def buffering(self) -> bool:
+        """True until the first frame after opening or seeking has been taken up by `frame`."""
+        return self._clock.waiting
 
     @property
     def loop(self) -> bool:
