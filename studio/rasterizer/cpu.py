@@ -41,7 +41,7 @@ class _Rasterize(torch.autograd.Function):
     """forward(attributes..., offsets, background, pinhole, near, alpha_max) -> image, alpha, depth, radii."""
 
     @staticmethod
-    def forward(  # type: ignore[override]
+    def forward(
         ctx: Any,
         means: Tensor,
         quats: Tensor,
@@ -83,7 +83,7 @@ class _Rasterize(torch.autograd.Function):
         return image, alpha, depth, radii
 
     @staticmethod
-    def backward(ctx: Any, *outputs: Tensor | None) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, *outputs: Tensor | None) -> tuple[Tensor | None, ...]:
         *splats, image, alpha, depth = ctx.saved_tensors
         d_image, d_alpha, d_depth = (None if g is None else g.detach().contiguous() for g in outputs[:3])
         gradients = [torch.empty_like(tensor) for tensor in splats]

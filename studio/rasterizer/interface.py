@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import importlib.util
-import warnings
 
 import torch
 from torch import Tensor
@@ -63,20 +62,14 @@ def check_finite(gaussians: Gaussians) -> None:
 
 def _choose(backend: str, device: torch.device) -> str:
     if backend == "auto":
-        if device.type == "cuda":
-            backend = "cuda"
-        elif _why_not("cpu") is None:
-            backend = "cpu"
-        else:
-            warnings.warn(f"{_why_not('cpu')} Drawing with the slow reference.", stacklevel=3)
-            backend = "reference"
+        backend = "cuda" if device.type == "cuda" else "cpu"
     elif backend not in BACKENDS:
         raise StudioError(f"There is no rasterizer '{backend}'; use auto, {', '.join(BACKENDS)}.")
     reason = _why_not(backend)
     if reason is not None:
         raise StudioError(reason)
     if backend in ("cpu", "cuda") and device.type != backend:
-        raise StudioError(f"The {backend} rasterizer was asked to draw splats that live on '{device}'; move them first.")
+        raise StudioError(f"The {backend} rasterizer cannot draw splats that live on '{device}'; move them first.")
     return backend
 
 

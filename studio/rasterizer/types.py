@@ -80,7 +80,7 @@ class Pinhole:
                 "undistort the images and use camera.undistorted()."
             )
         if abs(camera.K[0, 1]) > 1e-9 * camera.fx:
-            raise StudioError(f"Camera '{camera.name}' has skew ({camera.K[0, 1]:g}), which the rasterizer cannot draw.")
+            raise StudioError(f"Camera '{camera.name}' has skew ({camera.K[0, 1]:g}), which cannot be drawn.")
         margin_x = FIELD_MARGIN * 0.5 * camera.width / camera.fx
         margin_y = FIELD_MARGIN * 0.5 * camera.height / camera.fy
         return cls(

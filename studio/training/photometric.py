@@ -17,7 +17,7 @@ class _Fused(torch.autograd.Function):
     """The loss and, in the same sweep, its gradient with respect to the image."""
 
     @staticmethod
-    def forward(ctx: Any, image: Tensor, target: Tensor, weight: float) -> Tensor:  # type: ignore[override]
+    def forward(ctx: Any, image: Tensor, target: Tensor, weight: float) -> Tensor:
         image_data, target_data = image.detach().contiguous(), target.detach().contiguous()
         gradient = torch.empty_like(image_data) if ctx.needs_input_grad[0] else None
         height, width, _ = image.shape
@@ -28,7 +28,7 @@ class _Fused(torch.autograd.Function):
         return image.new_tensor((1 - weight) * l1 + weight * (1 - similarity))
 
     @staticmethod
-    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, None, None]:  # type: ignore[override]
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, None, None]:
         factor = float(upstream)
         gradient = ctx.gradient
         return gradient if gradient is None or factor == 1.0 else gradient * factor, None, None

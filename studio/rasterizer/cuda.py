@@ -1,0 +1,141 @@
+"""The CUDA backend: gsplat's kernels (Ye et al. 2024, "gsplat") behind `rasterize`.
+
+gsplat compiles its kernels at its first use on a machine, which takes minutes and needs nvcc; the result is cached.
+It is imported only here, and only where torch sees a GPU. Its alpha clamp is compiled in: 0.999 up to 1.5.3. A clamp
+that it does not have is refused rather than left aside.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.rasterizer.types import ALPHA_MIN, DILATION, Pinhole, Render
+
+TILE = 16
+"""Side of gsplat's tiles, pixels."""
+
+
+@functools.cache
+def load_gsplat() -> Any:
+    """The module gsplat.
+
+    Raises:
+        StudioError: it is not installed or does not import.
+    """
+    try:
+        return importlib.import_module("gsplat")
+    except Exception as error:  # its import can fail with anything that its build can
+        raise StudioError(
+            f"gsplat cannot be imported ({error}); install it with `pip install 'v3studio[cuda]'` or use backend='cpu'."
+        ) from error
+
+
+@functools.cache
+def compiled_alpha_max() -> float:
+    """The alpha clamp that the installed gsplat was written with."""
+    gsplat = load_gsplat()
+    try:  # releases after 1.5.3 say it
+        return float(importlib.import_module("gsplat.cuda._constants").MAX_ALPHA)
+    except (ImportError, AttributeError):
+        pass
+    release = tuple(int(part) for part in gsplat.__version__.split(".")[:3] if part.isdigit())
+    if release <= (1, 5, 3):
+        return 0.999
+    raise StudioError(
+        f"The alpha clamp of gsplat {gsplat.__version__} is not known; install gsplat 1.5.3 or use backend='cpu'."
+    )
+
+
+def rasterize_cuda(
+    gaussians: Gaussians,
+    pinhole: Pinhole,
+    background: Tensor | None,
+    screen_offsets: Tensor | None,
+    near: float,
+    alpha_max: float | None,
+) -> Render:
+    """Draw; arguments as in `studio.rasterizer.rasterize`, already checked.
+
+    `radii` are gsplat's: rounded up to whole pixels.
+
+    Raises:
+        StudioError: gsplat does not import, the dtype is not float32, or gsplat has another alpha clamp.
+    """
+    means = gaussians.means
+    if means.dtype != torch.float32:
+        raise StudioError(f"The cuda rasterizer draws float32, found {means.dtype}.")
+    gsplat = load_gsplat()
+    if alpha_max is not None and not math.isclose(alpha_max, compiled_alpha_max()):
+        raise StudioError(
+            f"gsplat {gsplat.__version__} clamps alpha at {compiled_alpha_max()}, not at {alpha_max}; leave alpha_max "
+            "away or use backend='cpu'."
+        )
+    count, height, width = len(gaussians), pinhole.height, pinhole.width
+    if count == 0:
+        image = means.new_zeros((height, width, 3))
+        image = image if background is None else image + background
+        empty = means.new_zeros((height, width))
+        return Render(image=image, alpha=empty, depth=empty.clone(), radii=means.new_zeros(0))
+
+    # Splats with a value that is not finite are not drawn: harmless values, opacity 0 and no gradient in their place.
+    with torch.no_grad():
+        parts = [tensor.reshape(count, -1).isfinite().all(-1) for _, tensor in gaussians.items()]
+        finite = torch.stack(parts).all(0) & (gaussians.quats.norm(dim=-1) > 0)
+    quats = torch.where(finite[:, None], gaussians.quats, torch.ones_like(gaussians.quats))
+    means = torch.where(finite[:, None], means, torch.zeros_like(means))
+    log_scales = torch.where(finite[:, None], gaussians.log_scales, torch.zeros_like(gaussians.log_scales))
+    sh = torch.where(finite[:, None, None], gaussians.sh, torch.zeros_like(gaussians.sh))
+    opacities = torch.where(finite, gaussians.opacities, torch.zeros_like(gaussians.logit_opacities))
+
+    def tensor(values: Any) -> Tensor:
+        return torch.as_tensor(values).to(means)
+
+    pose = torch.eye(4)
+    pose[:3, :3] = torch.as_tensor(pinhole.rotation)
+    pose[:3, 3] = torch.as_tensor(pinhole.translation)
+    intrinsics = torch.tensor([[pinhole.fx, 0.0, pinhole.cx], [0.0, pinhole.fy, pinhole.cy], [0.0, 0.0, 1.0]])
+    # One camera: C = 1. radii (1, N, 2) int, means2d (1, N, 2), depths (1, N), conics (1, N, 3).
+    radii, means2d, depths, conics, _ = gsplat.fully_fused_projection(
+        means,
+        None,
+        quats,
+        log_scales.exp(),
+        tensor(pose)[None],
+        tensor(intrinsics)[None],
+        width,
+        height,
+        eps2d=DILATION,
+        near_plane=near,
+        opacities=opacities.detach(),  # only bounds the footprint
+    )
+    shown = ((radii > 0).all(-1)) & (opacities >= ALPHA_MIN)
+    if screen_offsets is not None:
+        means2d = means2d + screen_offsets
+    directions = (means - tensor(pinhole.center))[None]
+    colors = gsplat.spherical_harmonics(gaussians.sh_degree, directions, sh[None], masks=shown)
+    features = torch.cat([(colors + 0.5).clamp_min(0.0), depths[..., None]], -1)
+    # What is not shown holds whatever was in memory; no tile refers to it, but NaN times 0 would still reach gradients.
+    features = torch.where(shown[..., None], features, torch.zeros_like(features))
+
+    tiles_x, tiles_y = math.ceil(width / TILE), math.ceil(height / TILE)
+    _, intersections, flatten_ids = gsplat.isect_tiles(means2d, radii, depths, TILE, tiles_x, tiles_y)
+    offsets = gsplat.isect_offset_encode(intersections, 1, tiles_x, tiles_y).reshape(1, tiles_y, tiles_x)
+    drawn, alphas = gsplat.rasterize_to_pixels(
+        means2d, conics, features, opacities[None], width, height, TILE, offsets, flatten_ids
+    )
+    alpha = alphas[0, ..., 0]
+    image = drawn[0, ..., :3]
+    if background is not None:
+        image = image + (1 - alpha)[..., None] * background
+    covered = alpha > 0
+    depth = torch.where(covered, drawn[0, ..., 3] / torch.where(covered, alpha, torch.ones_like(alpha)), 0.0)
+    visible_radii = torch.where(shown[0], radii[0].amax(-1), 0).to(means.dtype)
+    return Render(image=image, alpha=alpha, depth=depth, radii=visible_radii.detach())
