@@ -1,0 +1,82 @@
+"""`v3studio-gui [TAKE|STREAM]`: the window that opens a take or a stream and plays it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+
+from studio.errors import StudioError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point. Returns the exit status: 0, or 2 where the window cannot be opened."""
+    parser = argparse.ArgumentParser(
+        prog="v3studio-gui", description="Open a take or a stream, play it, and look at it from anywhere."
+    )
+    parser.add_argument("path", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream")
+    parser.add_argument("--size", default="1280x800", metavar="WxH", help="window size (default: %(default)s)")
+    parser.add_argument("--log-state", type=Path, metavar="FILE", help="append what the window shows, as JSON lines")
+    options = parser.parse_args(arguments)
+    width, _, height = options.size.partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) >= 480 and int(height) >= 320):
+        parser.error(f"--size is '{options.size}'; give WIDTHxHEIGHT of at least 480x320, as in 1280x800")
+    try:
+        check_display()
+    except StudioError as error:
+        print(f"v3studio-gui: {error}", file=sys.stderr)
+        return 2
+    return _run(options.path, (int(width), int(height)), options.log_state)
+
+
+def check_display() -> None:
+    """See to it that a window can be opened: Open3D would end the process without a word where it cannot.
+
+    Raises:
+        StudioError: no display, or no Vulkan device.
+    """
+    from gui.vulkan import vulkan_devices
+
+    if sys.platform.startswith("linux"):
+        if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
+            raise StudioError("The window needs a screen and DISPLAY is not set; start it from a desktop session.")
+        if os.environ.get("DISPLAY"):
+            # Open3D's window library would choose Wayland where both are there, and Filament draws through X11.
+            os.environ["XDG_SESSION_TYPE"] = "x11"
+    vulkan_devices()
+
+
+def _run(path: str | None, size: tuple[int, int], log: Path | None) -> int:
+    """Open the window and stay until it is closed, Ctrl-C or SIGTERM."""
+    from open3d.visualization import gui
+
+    from gui.window import MainWindow
+
+    application = gui.Application.instance
+    application.initialize()
+    window = MainWindow(size, log)
+    stopped = False
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        nonlocal stopped
+        stopped = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    if path is not None:
+        window.open(path)
+    # Pumping until False lets the window close in order; leaving earlier made Python hang or crash at exit.
+    while application.run_one_tick():
+        if stopped:
+            stopped = False
+            window.close()
+    window.closed()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+"""The row of buttons under the timeline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from open3d.visualization import gui
+
+from gui.presenters.player import PlayerPresenter
+from gui.presenters.transport import Transport
+
+SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
+
+
+class ControlsPanel:
+    """Start, back, play, forward, end; loop, speed, what is shown, background, reset.
+
+    Args:
+        player: what the buttons act on.
+        em: the theme's font size, pixels.
+        changed: called after each click.
+    """
+
+    def __init__(self, player: PlayerPresenter, em: float, changed: Callable[[], None]) -> None:
+        self._player = player
+        self._changed = changed
+        self.widget = gui.Horiz(0.4 * em, gui.Margins(0, 0.15 * em, 0, 0.15 * em))
+        self.buttons: dict[str, gui.Widget] = {}
+        transport = self._transport
+        self._button("Start", "First frame (Home)", lambda: transport().seek(0))
+        self._button("Back", "One frame back (Left)", lambda: transport().step(-1))
+        self._play = self._button("Pause", "Play or pause (Space)", lambda: transport().toggle(), key="play")
+        self._button("Forward", "One frame on (Right)", lambda: transport().step(1))
+        self._button("End", "Last frame (End)", lambda: transport().seek(transport().last))
+        self._loop = gui.Checkbox("Loop")
+        self._loop.tooltip = "Go on at the beginning after the last frame (L)"
+        self._loop.set_on_checked(lambda on: self._did(lambda: transport().set_loop(on)))
+        self._add("loop", self._loop)
+        self._speed = gui.Combobox()
+        for name in SPEEDS:
+            self._speed.add_item(name)
+        self._speed.selected_text = "1x"
+        self._speed.tooltip = "Speed; 1x is the capture's own"
+        self._speed.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_speed(name)))
+        self._add("speed", self._speed)
+        self.widget.add_stretch()
+        self._source = gui.Combobox()
+        self._source.tooltip = "What is shown: trained Gaussians (2) or the decoded stream (3)"
+        self._source.set_on_selection_changed(lambda name, _: self._did(lambda: player.choose_source(name)))
+        self._add("source", self._source)
+        self._sources: list[str] = []
+        self._button("Background", "Dark, black or white behind the performer (B)", player.next_background)
+        self._button("Reset view", "Back to the first view (R)", player.reset_view)
+
+    def _transport(self) -> Transport:
+        """The transport of what is open now: another one after each opening."""
+        return self._player.transport
+
+    def _add(self, key: str, widget: gui.Widget) -> None:
+        self.buttons[key] = widget
+        self.widget.add_child(widget)
+
+    def _button(self, text: str, tooltip: str, action: Callable[[], object], key: str = "") -> gui.Button:
+        button = gui.Button(text)
+        button.tooltip = tooltip
+        button.vertical_padding_em = 0
+        button.horizontal_padding_em = 0.6
+        button.set_on_clicked(lambda: self._did(action))
+        self._add(key or text.lower(), button)
+        return button
+
+    def _did(self, action: Callable[[], object]) -> None:
+        action()
+        self._changed()
+
+    def _set_speed(self, name: str) -> None:
+        self._player.transport.speed = SPEEDS[name]
+
+    def update(self) -> bool:
+        """Bring the widgets in line with the player; returns whether one changed."""
+        changed = False
+        transport = self._player.transport
+        text = "Pause" if transport.playing else "Play"
+        if self._play.text != text:
+            self._play.text = text
+            changed = True
+        if self._loop.checked != transport.loop:
+            self._loop.checked = transport.loop
+            changed = True
+        speed = next((name for name, value in SPEEDS.items() if value == transport.speed), "1x")
+        if self._speed.selected_text != speed:
+            self._speed.selected_text = speed
+            changed = True
+        names = self._player.source_names
+        if names != self._sources:
+            self._sources = names
+            self._source.clear_items()
+            for name in names:
+                self._source.add_item(name)
+            changed = True
+        if self._player.source is not None and self._source.selected_text != self._player.source.name:
+            self._source.selected_text = self._player.source.name
+            changed = True
+        enabled = self._player.source is not None
+        for widget in self.buttons.values():
+            if widget.enabled != enabled:
+                widget.enabled = enabled
+                changed = True
+        return changed

@@ -1,0 +1,298 @@
+"""Where the Gaussians of a frame come from: a baked stream, or a take's trained frames."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from pipelines.take import Take, group_name
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+CACHE_BYTES = 512 * 1024 * 1024
+AHEAD = 4
+"""Frames decoded after the one that is shown."""
+
+FALLBACK_FPS = 30.0
+"""Rate at which trained frames play where neither a stream nor the settings tell: still images have no rate."""
+
+
+class FrameSource(Protocol):
+    """Frames of Gaussians, counted from 0. `gaussians` is called on one thread at a time and may take its time."""
+
+    name: str
+    frame_count: int
+    fps: float
+    group_starts: Sequence[int]
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """The splats of a frame. Raises StudioError where the file is damaged or gone."""
+        ...
+
+    def close(self) -> None:
+        """Let go of files and memory."""
+        ...
+
+
+@dataclass
+class Opened:
+    """A take or a stream that is open.
+
+    Attributes:
+        title: the folder's name.
+        path: the folder.
+        sources: what can be shown of it, by name; the first is what to show at first.
+        rig: the capture's cameras, where they are known.
+        view: the camera to start from, where one is known.
+        up: (3,) world up direction; z where no camera tells.
+    """
+
+    title: str
+    path: Path
+    sources: dict[str, FrameSource]
+    rig: Rig | None = None
+    view: Camera | None = None
+    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    @property
+    def default(self) -> FrameSource:
+        """What to show at first."""
+        return next(iter(self.sources.values()))
+
+
+class FrameCache:
+    """The most recently used frames, up to so many bytes, but always a few. Thread safe."""
+
+    def __init__(self, limit: int = CACHE_BYTES) -> None:
+        self._limit = limit
+        self._frames: OrderedDict[int, tuple[Gaussians, int]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, frame: int) -> Gaussians | None:
+        """The frame if it is held."""
+        with self._lock:
+            if frame not in self._frames:
+                return None
+            self._frames.move_to_end(frame)
+            return self._frames[frame][0]
+
+    def has(self, frame: int) -> bool:
+        """Whether the frame is held; does not count as a use."""
+        with self._lock:
+            return frame in self._frames
+
+    def put(self, frame: int, gaussians: Gaussians) -> None:
+        """Hold a frame; the longest unused ones go where there is no room."""
+        size = sum(tensor.numel() * tensor.element_size() for _, tensor in gaussians.items())
+        with self._lock:
+            self._frames[frame] = (gaussians, size)
+            self._frames.move_to_end(frame)
+            while len(self._frames) > AHEAD + 2 and sum(held for _, held in self._frames.values()) > self._limit:
+                self._frames.popitem(last=False)
+
+    def clear(self) -> None:
+        """Hold nothing."""
+        with self._lock:
+            self._frames.clear()
+
+
+class TrainedSource:
+    """A take's trained frames, from the first up to the first that is missing.
+
+    Raises:
+        StudioError: not one is there.
+    """
+
+    name = "trained"
+
+    def __init__(self, take: Take, fps: float) -> None:
+        self.fps = fps
+        self._files: list[Path] = []
+        starts = []
+        group = 0
+        while (folder := take.root / "train" / group_name(group)).is_dir():
+            first = len(self._files)
+            while (path := take.trained_frame(group, len(self._files))).is_file():
+                self._files.append(path)
+            if len(self._files) == first:
+                break
+            starts.append(first)
+            group += 1
+        if not self._files:
+            raise StudioError(f"{take.root}: nothing is trained in this take yet ({folder.parent} has no frame).")
+        self.group_starts: Sequence[int] = tuple(starts)
+        self.frame_count = len(self._files)
+        self._cache = FrameCache()
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `FrameSource`."""
+        held = self._cache.get(frame)
+        if held is None:
+            held = self._read(self._files[frame])
+            self._cache.put(frame, held)
+        return held
+
+    @staticmethod
+    def _read(path: Path) -> Gaussians:
+        from safetensors import SafetensorError
+        from safetensors.torch import load_file
+
+        try:
+            return Gaussians.from_state_dict(load_file(path))
+        except (OSError, SafetensorError) as error:
+            raise StudioError(f"{path}: cannot be read ({error}); delete it and run the training again.") from None
+
+    def close(self) -> None:
+        """See `FrameSource`."""
+        self._cache.clear()
+
+
+class StreamSource:
+    """A baked stream. One thread decodes the frame that is asked for and then a few after it, so that while one frame
+    is being drawn the next are being decoded.
+
+    Raises:
+        StudioError: it is not a stream, or its manifest is damaged.
+    """
+
+    name = "decoded"
+
+    def __init__(self, folder: Path) -> None:
+        from studio.stream import StreamReader
+
+        self._reader = StreamReader.open(folder)
+        self.fps = float(self._reader.fps)
+        self.frame_count = self._reader.frame_count
+        self.group_starts: Sequence[int] = tuple(group.first_frame for group in self._reader.manifest.groups)
+        self._cache = FrameCache()
+        self._changed = threading.Condition()
+        self._wanted: int | None = None
+        self._failed: dict[int, Exception] = {}
+        self._closed = False
+        self._thread = threading.Thread(target=self._decode, name="v3studio decode ahead", daemon=True)
+        self._thread.start()
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `FrameSource`."""
+        with self._changed:
+            self._failed.clear()
+            self._wanted = frame
+            self._changed.notify_all()
+            while True:
+                held = self._cache.get(frame)
+                if held is not None:
+                    return held
+                if frame in self._failed:
+                    raise self._failed[frame]
+                if self._closed:
+                    raise StudioError(f"{self._reader.source.name} has been closed.")
+                self._changed.wait()
+
+    def _next_missing(self) -> int | None:
+        """The frame to decode next: the wanted one, or the first after it (playing loops) that is not there."""
+        if self._wanted is None:
+            return None
+        for ahead in range(AHEAD + 1):
+            frame = (self._wanted + ahead) % self.frame_count
+            if frame in self._failed:
+                return None
+            if not self._cache.has(frame):
+                return frame
+        return None
+
+    def _decode(self) -> None:
+        while True:
+            with self._changed:
+                while not self._closed and (frame := self._next_missing()) is None:
+                    self._changed.wait()
+                if self._closed:
+                    return
+                assert frame is not None
+            try:
+                decoded = self._reader.gaussians(frame)
+            except Exception as error:  # told to whoever asks for the frame
+                with self._changed:
+                    self._failed[frame] = error
+                    self._changed.notify_all()
+            else:
+                with self._changed:
+                    self._cache.put(frame, decoded)
+                    self._changed.notify_all()
+
+    @property
+    def suggested_camera(self) -> Camera | None:
+        """The view that the stream's maker proposes; None where it says none."""
+        values = self._reader.manifest.metadata.get("suggested_camera")
+        return Camera.from_dict(values) if isinstance(values, dict) else None
+
+    def close(self) -> None:
+        """See `FrameSource`."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._thread.join()
+        self._cache.clear()
+        self._reader.close()
+
+
+def open_path(path: Path) -> Opened:
+    """Open a take's folder or a stream's.
+
+    Raises:
+        StudioError: it is neither, it is damaged, or nothing is there to show yet.
+    """
+    path = path.expanduser().absolute()
+    if path.is_file() and path.name in ("manifest.json", "take.json"):
+        path = path.parent
+    if (path / "take.json").exists():
+        return _open_take(path)
+    if (path / "manifest.json").exists():
+        stream = StreamSource(path)
+        opened = Opened(path.name, path, {stream.name: stream}, view=stream.suggested_camera)
+        if opened.view is not None:
+            opened.up = -opened.view.rotation[1]
+        return opened
+    if not path.exists():
+        raise StudioError(f"{path}: there is no such folder; give the folder of a take or of a stream.")
+    raise StudioError(f"{path} is neither a take (take.json) nor a stream (manifest.json); choose another folder.")
+
+
+def _open_take(path: Path) -> Opened:
+    take = Take.open(path)
+    opened = Opened(path.name, path, {})
+    if take.rig.exists():
+        from studio.camera_files import read_rig
+
+        opened.rig = read_rig(take.rig)
+        opened.up = opened.rig.up
+        opened.view = next(iter(opened.rig), None)
+    if (take.stream / "manifest.json").exists():
+        decoded = StreamSource(take.stream)
+        opened.sources[decoded.name] = decoded
+    try:
+        trained = TrainedSource(take, _fps(take, opened))
+    except StudioError:
+        if not opened.sources:
+            raise
+    else:
+        opened.sources[trained.name] = trained
+    return opened
+
+
+def _fps(take: Take, opened: Opened) -> float:
+    """Of the stream if there is one, else as the settings say; else `FALLBACK_FPS`."""
+    if opened.sources:
+        return opened.default.fps
+    from pipelines.config import load_config
+
+    try:
+        return load_config(take.config).capture.fps or FALLBACK_FPS
+    except StudioError:
+        return FALLBACK_FPS

@@ -1,0 +1,120 @@
+"""Transport: play, pause, step and seek. The frame to show comes from the wall clock, never from how fast we draw."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+
+class Transport:
+    """Which frame is due now.
+
+    Args:
+        frame_count: frames there are, at least 1; valid frames are 0 to frame_count - 1.
+        fps: frames a second at speed 1, above 0.
+        group_starts: first frame of each group, ascending, for the jumps between groups.
+        now: a clock in seconds that never runs backwards; tests give their own.
+    """
+
+    def __init__(
+        self,
+        frame_count: int,
+        fps: float,
+        group_starts: Sequence[int] = (0,),
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        if frame_count < 1 or fps <= 0:
+            raise ValueError(f"Transport needs frames and a positive rate, got {frame_count} frames at {fps} fps")
+        self.frame_count = frame_count
+        self.fps = fps
+        self.group_starts = tuple(group_starts) or (0,)
+        self.loop = True
+        self._now = now
+        self._playing = False
+        self._speed = 1.0
+        self._anchor_time = now()
+        self._anchor_frame = 0
+
+    @property
+    def last(self) -> int:
+        """The last frame's index."""
+        return self.frame_count - 1
+
+    @property
+    def playing(self) -> bool:
+        """True while frames advance; without loop it ends by itself at the last frame."""
+        if self._playing and not self.loop and self._elapsed_frame() > self.last:
+            self._anchor(self.last)
+            self._playing = False
+        return self._playing
+
+    @property
+    def frame(self) -> int:
+        """The frame that is due now."""
+        if not self.playing:
+            return self._anchor_frame
+        due = self._elapsed_frame()
+        return due % self.frame_count if self.loop else min(due, self.last)
+
+    @property
+    def speed(self) -> float:
+        """1 is the capture's own rate."""
+        return self._speed
+
+    @speed.setter
+    def speed(self, value: float) -> None:
+        if value <= 0:
+            raise ValueError(f"speed must be above 0, got {value}")
+        self._anchor(self.frame)
+        self._speed = value
+
+    def _elapsed_frame(self) -> int:
+        elapsed = self._now() - self._anchor_time
+        # The small term keeps a clock that stands exactly on a frame's start from falling into the one before.
+        return self._anchor_frame + int(elapsed * self.fps * self._speed + 1e-6)
+
+    def _anchor(self, frame: int) -> None:
+        self._anchor_frame = min(max(int(frame), 0), self.last)
+        self._anchor_time = self._now()
+
+    def play(self) -> None:
+        """Start from the current frame; from the beginning where the end was reached."""
+        if not self.playing:
+            self._anchor(0 if self._anchor_frame >= self.last else self._anchor_frame)
+            self._playing = True
+
+    def pause(self) -> None:
+        """Stop at the frame that is due now."""
+        self._anchor(self.frame)
+        self._playing = False
+
+    def toggle(self) -> None:
+        """Play if paused, pause if playing."""
+        if self.playing:
+            self.pause()
+        else:
+            self.play()
+
+    def set_loop(self, loop: bool) -> None:
+        """Whether playing goes on at the beginning after the last frame."""
+        self._anchor(self.frame)
+        self.loop = loop
+
+    def seek(self, frame: int) -> None:
+        """Go to a frame (clamped to what there is); playing goes on from there."""
+        self._anchor(frame)
+
+    def step(self, frames: int) -> None:
+        """Pause and move by so many frames; stops at both ends."""
+        self.pause()
+        self._anchor(self._anchor_frame + frames)
+
+    def jump_group(self, direction: int) -> None:
+        """To the first frame of the next (1) group, or of this or the previous (-1) one."""
+        frame = self.frame
+        if direction > 0:
+            later = [start for start in self.group_starts if start > frame]
+            self.seek(later[0] if later else self.last)
+        else:
+            earlier = [start for start in self.group_starts if start < frame]
+            self.seek(earlier[-1] if earlier else 0)

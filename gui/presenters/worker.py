@@ -1,0 +1,96 @@
+"""LatestWorker: one thread, one slot. What is asked while it works replaces what was waiting.
+
+The window asks for a picture at every change and never waits; the thread always works on the newest wish, so a slow
+picture makes the view jerk, never lag.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+Request = TypeVar("Request")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Done(Generic[Request, Result]):
+    """A finished request: its result, or the error that it ended with."""
+
+    number: int
+    request: Request
+    result: Result | None
+    error: Exception | None
+
+
+class LatestWorker(Generic[Request, Result]):
+    """Runs `work` on a thread of its own, always on the newest request.
+
+    Args:
+        work: called with a request on the worker's thread; an exception of it becomes the result's `error`.
+        name: the thread's name.
+    """
+
+    def __init__(self, work: Callable[[Request], Result], name: str) -> None:
+        self._work = work
+        self._condition = threading.Condition()
+        self._waiting: tuple[int, Request] | None = None
+        self._finished: Done[Request, Result] | None = None
+        self._number = 0
+        self._busy = False
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def ask(self, request: Request) -> int:
+        """Put a request in the slot, in place of one that waits. Returns its number; numbers only grow."""
+        with self._condition:
+            self._number += 1
+            self._waiting = (self._number, request)
+            self._condition.notify_all()
+            return self._number
+
+    def take(self) -> Done[Request, Result] | None:
+        """The newest finished request, once; None if nothing has finished since. Never waits."""
+        with self._condition:
+            finished, self._finished = self._finished, None
+            return finished
+
+    @property
+    def idle(self) -> bool:
+        """True where nothing waits and nothing is being worked on."""
+        with self._condition:
+            return self._waiting is None and not self._busy
+
+    def close(self, timeout: float = 5.0) -> bool:
+        """Drop what waits and end the thread after the request in hand. Returns whether it ended in time."""
+        with self._condition:
+            self._closed = True
+            self._waiting = None
+            self._condition.notify_all()
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while True:
+            with self._condition:
+                while self._waiting is None and not self._closed:
+                    self._condition.wait()
+                if self._closed:
+                    return
+                assert self._waiting is not None
+                number, request = self._waiting
+                self._waiting = None
+                self._busy = True
+            result: Result | None = None
+            failure: Exception | None = None
+            try:
+                result = self._work(request)
+            except Exception as error:  # whatever it was, the window shows it and goes on
+                failure = error
+            with self._condition:
+                self._finished = Done(number, request, result, failure)
+                self._busy = False
+                self._condition.notify_all()

@@ -1,0 +1,117 @@
+"""Is there a Vulkan device? Asked through ctypes before Open3D's GUI is touched.
+
+Open3D draws with Filament on Vulkan: without a driver it ends the whole process with a native abort, which Python
+cannot catch. So the loader is opened here, an instance made and its devices listed (Vulkan 1.0 specification,
+sections 3.2, 4.1 and 5.1).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+from dataclasses import dataclass
+
+from studio.errors import StudioError
+
+_KINDS = {0: "other", 1: "integrated GPU", 2: "discrete GPU", 3: "virtual GPU", 4: "software"}
+_SUCCESS = 0
+_INCOMPLETE = 5
+_INSTANCE_CREATE_INFO = 1
+_PROPERTIES_BYTES = 4096  # VkPhysicalDeviceProperties takes 824 on 64-bit; room to spare
+_HINT = "install libvulkan1 and mesa-vulkan-drivers (Debian and Ubuntu: sudo apt-get install {packages})"
+
+
+class _InstanceCreateInfo(ctypes.Structure):
+    """VkInstanceCreateInfo; all that is not asked for stays zero."""
+
+    _fields_ = (
+        ("sType", ctypes.c_uint32),
+        ("pNext", ctypes.c_void_p),
+        ("flags", ctypes.c_uint32),
+        ("pApplicationInfo", ctypes.c_void_p),
+        ("enabledLayerCount", ctypes.c_uint32),
+        ("ppEnabledLayerNames", ctypes.c_void_p),
+        ("enabledExtensionCount", ctypes.c_uint32),
+        ("ppEnabledExtensionNames", ctypes.c_void_p),
+    )
+
+
+class _DeviceHeader(ctypes.Structure):
+    """The first fields of VkPhysicalDeviceProperties."""
+
+    _fields_ = (
+        ("apiVersion", ctypes.c_uint32),
+        ("driverVersion", ctypes.c_uint32),
+        ("vendorID", ctypes.c_uint32),
+        ("deviceID", ctypes.c_uint32),
+        ("deviceType", ctypes.c_uint32),
+        ("deviceName", ctypes.c_char * 256),
+    )
+
+
+@dataclass(frozen=True)
+class VulkanDevice:
+    """A device that the loader listed."""
+
+    name: str
+    kind: str
+    """One of: discrete GPU, integrated GPU, virtual GPU, software, other."""
+
+    @property
+    def is_software(self) -> bool:
+        """True where the processor draws: lit 3D scenes are too slow there, pictures in an image widget are not."""
+        return self.kind == "software"
+
+
+def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
+    """All Vulkan devices of this machine, real GPUs first.
+
+    Args:
+        library: name of the loader's shared library; None looks for it.
+
+    Raises:
+        StudioError: no loader, no driver or no device; the sentence names the packages to install.
+    """
+    name = library or ctypes.util.find_library("vulkan") or "libvulkan.so.1"
+    try:
+        vulkan = ctypes.CDLL(name)
+    except OSError:
+        raise StudioError(
+            f"The window needs Vulkan and its loader {name} was not found; "
+            f"{_HINT.format(packages='libvulkan1 mesa-vulkan-drivers')}."
+        ) from None
+    instance = ctypes.c_void_p()
+    info = _InstanceCreateInfo(sType=_INSTANCE_CREATE_INFO)
+    status = vulkan.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance))
+    if status != _SUCCESS:
+        raise StudioError(
+            f"The window needs Vulkan and no driver answered (vkCreateInstance returned {status}); "
+            f"{_HINT.format(packages='mesa-vulkan-drivers')} or your graphics card's driver."
+        )
+    try:
+        devices = _list_devices(vulkan, instance)
+    finally:
+        vulkan.vkDestroyInstance(instance, None)
+    if not devices:
+        raise StudioError(
+            "The window needs Vulkan and its loader lists no device; "
+            f"{_HINT.format(packages='mesa-vulkan-drivers')} or your graphics card's driver."
+        )
+    order = ["discrete GPU", "integrated GPU", "virtual GPU", "other", "software"]
+    return sorted(devices, key=lambda device: order.index(device.kind))
+
+
+def _list_devices(vulkan: ctypes.CDLL, instance: ctypes.c_void_p) -> list[VulkanDevice]:
+    count = ctypes.c_uint32(0)
+    status = vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
+    if status not in (_SUCCESS, _INCOMPLETE) or count.value == 0:
+        return []
+    handles = (ctypes.c_void_p * count.value)()
+    vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), handles)
+    devices = []
+    for handle in handles[: count.value]:
+        buffer = ctypes.create_string_buffer(_PROPERTIES_BYTES)
+        vulkan.vkGetPhysicalDeviceProperties(ctypes.c_void_p(handle), buffer)
+        header = _DeviceHeader.from_buffer(buffer)
+        devices.append(VulkanDevice(header.deviceName.decode(errors="replace"), _KINDS.get(header.deviceType, "other")))
+    return devices

@@ -1,0 +1,82 @@
+"""The window itself, as a person would use it: a process of its own, real X events, pixels read from the screen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+
+def _pixels(path: Path) -> np.ndarray:
+    import cv2
+
+    image = cv2.imread(str(path))
+    assert image is not None
+    return image[..., ::-1]
+
+
+def test_plays_seeks_turns_and_closes(
+    open_window: Callable, stream_folder: Path, tmp_path: Path, artefacts: Path
+) -> None:
+    window = open_window(str(stream_folder), "--size", "1000x640")
+    first = window.wait_for("a picture, playing", lambda s: s["shown"] is not None and s["playing"])
+    assert first["frames"] == 12
+    assert "walking stream" in first["title"]
+    window.wait_for("playing on", lambda s: s["shown"] != first["shown"])
+
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"] and s["settled"])
+    window.click("play")
+    window.wait_for("playing again", lambda s: s["playing"])
+    window.key("space")
+    window.wait_for("paused again", lambda s: not s["playing"])
+    window.key("Home")
+    window.wait_for("the first frame", lambda s: s["frame"] == 0 and s["shown"] == 0)
+    window.key("Right")
+    window.wait_for("the second frame", lambda s: s["frame"] == 1 and s["shown"] == 1)
+    window.click("forward")
+    window.wait_for("the third frame", lambda s: s["frame"] == 2 and s["shown"] == 2)
+    window.key("bracketright")
+    window.wait_for("the next group", lambda s: s["frame"] == 8 and s["shown"] == 8)
+    window.click("timeline", across=(5 + 0.5) / 12)
+    before = window.wait_for("frame 5 by a click", lambda s: s["frame"] == 5 and s["shown"] == 5)
+    window.drag("timeline", (0.1, 0.5), ((10 + 0.5) / 12, 0.5))
+    window.wait_for("frame 10 by a drag", lambda s: s["frame"] == 10 and s["shown"] == 10)
+
+    # what is on the screen shows the colours of the body, and turning changes them
+    shot = tmp_path / "before.png"
+    _wait_until(lambda: _coloured(_pixels(window.screenshot(shot))) > 5000)
+    one = _pixels(shot)
+    window.drag("viewport", (0.4, 0.5), (0.6, 0.4))
+    turned = window.wait_for("another view", lambda s: s["orbit"] != before["orbit"] and s["settled"])
+    assert turned["orbit"][0] != before["orbit"][0]
+    _wait_until(lambda: np.abs(_pixels(window.screenshot(shot)).astype(int) - one).mean() > 1.0)
+    window.screenshot(artefacts / "window_playing.png")
+    window.drag("viewport", (0.5, 0.5), (0.6, 0.5), button=3)
+    window.wait_for("a moved target", lambda s: s["orbit"][3:] != turned["orbit"][3:])
+    window.key("r")
+    window.wait_for("the first view", lambda s: s["orbit"] == first["orbit"])
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+
+
+def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path: Path, artefacts: Path) -> None:
+    window = open_window(str(tmp_path))
+    state = window.wait_for("a message", lambda s: "neither a take" in s["message"])
+    assert state["shown"] is None
+    shot = artefacts / "window_message.png"
+    _wait_until(lambda: int((_pixels(window.screenshot(shot)).min(-1) > 180).sum()) > 300)  # the sentence's letters
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+
+
+def _coloured(pixels: np.ndarray) -> int:
+    """How many pixels are no grey."""
+    return int(((pixels.max(-1).astype(int) - pixels.min(-1)) > 60).sum())
+
+
+def _wait_until(accept: Callable[[], bool], seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not accept():
+        assert time.monotonic() < end, "the screen never showed it"
+        time.sleep(0.3)

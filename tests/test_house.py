@@ -1,0 +1,155 @@
+"""The house keeps its shape: imports run downwards, help is quick, dependencies say why, no machine's paths."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FLOORS = ("gui", "pipelines", "studio")  # each may import the ones after it
+HEAVY = ("torch", "open3d", "pycolmap", "pymeshlab", "cv2", "av", "matplotlib")
+
+
+def imported_names(path: Path) -> Iterator[tuple[int, str]]:
+    """(line, dotted module) of every import in a file, inside functions too; relative ones made absolute."""
+    package = path.relative_to(ROOT).parent.parts
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), filename=str(path))):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            yield node.lineno, ".".join(part for part in (base, node.module or "") if part)
+        elif (
+            isinstance(node, ast.Call)
+            and ast.unparse(node.func) in ("importlib.import_module", "import_module", "__import__")
+            and node.args
+            and isinstance(node.args[0], ast.Constant)
+        ):
+            yield node.lineno, str(node.args[0].value)
+
+
+def tracked_files() -> list[Path]:
+    """What git tracks, or would track: nothing that is ignored."""
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_imports_run_downwards(floor: str) -> None:
+    above = FLOORS[: FLOORS.index(floor)]
+    files = sorted((ROOT / floor).rglob("*.py"))
+    assert files
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line} imports {name}"
+        for path in files
+        for line, name in imported_names(path)
+        if name.split(".")[0] in (*above, "tests")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_presenters_know_no_open3d() -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line} imports {name}"
+        for path in (ROOT / "gui" / "presenters").rglob("*.py")
+        for line, name in imported_names(path)
+        if name.split(".")[0] == "open3d" or name.startswith(("gui.panels", "gui.viewport", "gui.window", "gui.app"))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_reading_of_imports_finds_all_kinds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    file = tmp_path / "studio" / "deep" / "a.py"
+    file.parent.mkdir(parents=True)
+    file.write_text(
+        "import gui.app as x\ndef f():\n    from pipelines import take\n    from ..other import y\n"
+        "    importlib.import_module('gui')\nfrom . import z\n"
+    )
+    names = {name for _, name in imported_names(file)}
+    assert names == {"gui.app", "pipelines", "studio.other", "gui", "studio.deep"}
+
+
+@pytest.mark.parametrize("module", ["pipelines.cli", "gui.app"])
+def test_help_imports_nothing_heavy(module: str) -> None:
+    code = (
+        f"import sys, {module} as command\n"
+        "try:\n    command.main(['--help'])\nexcept SystemExit as stop:\n    assert not stop.code\n"
+        f"print('LOADED', sorted(set({HEAVY!r}) & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "usage:" in done.stdout
+    assert "LOADED []" in done.stdout
+
+
+def test_each_dependency_says_why() -> None:
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    project = tomllib.loads(text)["project"]
+    named = [*project["dependencies"], *(name for extra in project["optional-dependencies"].values() for name in extra)]
+    assert len(named) > 10
+    for requirement in named:
+        lines = [line for line in text.splitlines() if f'"{requirement}"' in line and not line.startswith("requires")]
+        assert lines, requirement
+        assert all(re.search(r",\s+# \S.{5,}", line) for line in lines), f"{requirement}: no reason given"
+
+
+def test_the_lock_pins_every_dependency_within_its_range() -> None:
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    pinned = {}
+    for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines():
+        if line and not line.startswith("#"):
+            name, _, version = line.partition("==")
+            assert version, f"requirements.lock: {line} is not pinned"
+            pinned[canonicalize_name(name)] = version
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for text in [*project["dependencies"], *project["optional-dependencies"]["dev"]]:
+        requirement = Requirement(text)
+        version = pinned.get(canonicalize_name(requirement.name))
+        assert version is not None, f"{requirement.name} is not in requirements.lock"
+        assert requirement.specifier.contains(version), f"{text}: requirements.lock has {version}"
+
+
+def test_no_file_names_a_machines_folders() -> None:
+    # Written in pieces, so that this file does not find itself.
+    pattern = re.compile(rb"/" rb"(?:home|Users)/[a-z]|/" rb"root/|/" rb"work/(?:main|shared)|/" rb"tmp/[A-Za-z]")
+    suffixes = {
+        ".py",
+        ".md",
+        ".toml",
+        ".yaml",
+        ".yml",
+        ".json",
+        ".txt",
+        ".cpp",
+        ".h",
+        ".sh",
+        ".cfg",
+        ".lock",
+        ".html",
+        "",
+    }
+    wrong = [
+        f"{path.relative_to(ROOT)}: {found.group().decode()}"
+        for path in tracked_files()
+        if path.suffix in suffixes and (found := pattern.search(path.read_bytes()))
+    ]
+    assert not wrong, "\n".join(wrong)
