@@ -92,7 +92,7 @@ def _tolerance(stack: np.ndarray) -> int:
     """Levels that a still pixel may differ by between samples: 4 and three times the noise."""
     steps = [np.abs(stack[i + 1].astype(np.int16) - stack[i]) for i in range(0, len(stack) - 1, 4)]
     noise = 1.4826 * float(np.median(np.stack(steps))) / np.sqrt(2.0)
-    return int(round(4 + 3 * noise))
+    return round(4 + 3 * noise)
 
 
 def _neighbours(stack: np.ndarray, tolerance: int) -> np.ndarray:
@@ -136,7 +136,7 @@ def _estimate_small(
     density = np.log(_neighbours(stack, tolerance))
     plate, members = _pick(stack, density, tolerance)
     table: np.ndarray | None = None
-    for turn in range(3):
+    for _ in range(3):
         share = members.mean(axis=0)
         center = plate.astype(np.uint8)
         moved = np.stack([cv2.absdiff(sample, center).max(axis=-1) > 26 + tolerance for sample in stack])
@@ -226,6 +226,6 @@ def cached_background(folder: Path | None, key: str, make: Callable[[], Backgrou
     partial = folder / f".{path.name}.{os.getpid()}.tmp"
     with partial.open("wb") as file:
         parts = {"plate": made.plate, "known": made.known, "doubtful": made.doubtful, "colors": made.colors}
-        np.savez_compressed(file, **{name: part for name, part in parts.items() if part is not None})
+        np.savez_compressed(file, allow_pickle=False, **{n: part for n, part in parts.items() if part is not None})
     os.replace(partial, path)
     return made

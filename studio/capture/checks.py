@@ -71,8 +71,8 @@ def check_footage(
         problems += list(dict.fromkeys(broken[camera]))[:3]
         if empty[camera]:
             problems.append(
-                f"Camera '{camera}': the mask is empty in frame {number_ranges(empty[camera])}; mend the masks or leave "
-                "the camera or the frames out."
+                f"Camera '{camera}': the mask is empty in frame {number_ranges(empty[camera])}; mend the masks, or "
+                "leave the camera or the frames out."
             )
         if full[camera]:
             problems.append(

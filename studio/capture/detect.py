@@ -96,7 +96,8 @@ def detect_beside(root: Path, folders: Sequence[str], cameras: Sequence[str]) ->
     for folder in folders:
         if not (root / folder).is_dir():
             continue
-        for layout in (f"{folder}/{{camera}}/{{frame}}.*", f"{folder}/{{camera}}.*", f"{folder}/{{camera}}_{{frame}}.*"):
+        for below in ("{camera}/{frame}.*", "{camera}.*", "{camera}_{frame}.*"):
+            layout = f"{folder}/{below}"
             matches = [match for match in find_files(root, layout) if match.camera in wanted]
             if matches:
                 return _with_extension(layout, matches), matches

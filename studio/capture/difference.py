@@ -80,7 +80,8 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     luma_chroma = []
     for picture in (image, plate):
         # Chroma is recorded at half the size: compare it more blurred than luma.
-        values = cv2.cvtColor(cv2.GaussianBlur(picture, (0, 0), 0.7) / 255.0, cv2.COLOR_RGB2YCrCb) * 255.0
+        scaled = (cv2.GaussianBlur(picture, (0, 0), 0.7) / 255.0).astype(np.float32)
+        values = cv2.cvtColor(scaled, cv2.COLOR_RGB2YCrCb) * np.float32(255.0)
         values[..., 1:] = cv2.GaussianBlur(values[..., 1:], (0, 0), 1.3)
         luma_chroma.append(values)
     ours, empty = luma_chroma
@@ -201,9 +202,9 @@ def foreground_mask(
     closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[reach:-reach, reach:-reach]
     outside = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     cv2.floodFill(outside, None, (0, 0), 2)
-    closed |= outside[1:-1, 1:-1] == 0
-    mask |= (closed > 0) & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
-    return keep_components(mask, settings.components, minimum, core=sure, likeness=ratio)
+    enclosed = (closed > 0) | (outside[1:-1, 1:-1] == 0)
+    added = enclosed & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
+    return keep_components((mask > 0) | added, settings.components, minimum, core=sure, likeness=ratio)
 
 
 def solve_edges(

@@ -33,10 +33,10 @@ def color_histogram(colors: np.ndarray, bins: int = 16) -> np.ndarray:
 
     index = np.clip((colors * (bins / 256.0)).astype(np.int32), 0, bins - 1)
     flat = (index[:, 0] * bins + index[:, 1]) * bins + index[:, 2]
-    cube = np.bincount(flat, minlength=bins**3).astype(np.float32).reshape(bins, bins, bins)
+    cube: np.ndarray = np.bincount(flat, minlength=bins**3).astype(np.float32)
     for _ in range(3):  # one axis after another, by turning the cube
-        cube = cv2.GaussianBlur(cube.reshape(bins, bins * bins), (1, 5), sigmaX=0.0001, sigmaY=0.8)
-        cube = np.ascontiguousarray(np.moveaxis(cube.reshape(bins, bins, bins), 0, 2))
+        blurred = cv2.GaussianBlur(cube.reshape(bins, bins * bins), (1, 5), sigmaX=0.0001, sigmaY=0.8)
+        cube = np.ascontiguousarray(np.moveaxis(blurred.reshape(bins, bins, bins), 0, 2))
     return cube / max(float(cube.sum()), 1.0)
 
 
@@ -89,7 +89,7 @@ def keep_components(
     """The connected pieces of a binary mask that are no noise, with small holes filled.
 
     Args:
-        mask: (H, W) uint8, 0 or 1.
+        mask: (H, W) uint8, 0 or 1, or bool.
         components: how many pieces to keep, largest first; 0 keeps all that reach `minimum` and a hundredth of the
             largest.
         minimum: pixels; smaller pieces go, smaller holes are filled.
@@ -98,6 +98,7 @@ def keep_components(
     """
     import cv2
 
+    mask = mask.astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     if count == 1:
         return mask
@@ -114,8 +115,7 @@ def keep_components(
         )
         areas[means < 0.5 * means[int(areas.argmax())]] = 0
     order = np.argsort(-areas, kind="stable")
-    wanted = order[: components or None]
-    wanted = [label for label in wanted if areas[label] >= max(minimum, 1, 0.01 * areas.max())]
+    wanted = [label for label in order[: components or None] if areas[label] >= max(minimum, 1, 0.01 * areas.max())]
     keep = np.zeros(count, np.uint8)
     keep[wanted] = 1
     kept = keep[labels]

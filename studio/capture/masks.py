@@ -141,9 +141,7 @@ class PlateMatter:
                 f"{image.shape[1]}x{image.shape[0]}; they must have one size."
             )
         image = np.ascontiguousarray(image[:, :, :3])
-        return difference_matte(
-            image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors
-        )
+        return difference_matte(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
 
     def files(self) -> list[Path]:
         """See `Matter`."""

@@ -7,24 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from studio.cameras import Camera, Rig
-from studio.capture.background import Background, cached_background, estimate_background
 from studio.capture.checks import number_ranges
-from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside, detect_images
-from studio.capture.digest import digest_files
-from studio.capture.difference import DifferenceSettings
+from studio.capture.detect import detect_images
 from studio.capture.footage import Footage
-from studio.capture.masks import AlphaMatter, FileMatter, FullMatter, Matter, PlateMatter, plates_from_files
+from studio.capture.mask_sources import exact_mattes, mask_source
 from studio.capture.memory import ByteCache
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.sources import DecoderPool, FrameSource, decoder_limit, make_sources
 from studio.capture.spec import CaptureSpec
 from studio.capture.warp import Warp, fit_size
 from studio.errors import StudioError
-
-_FEW_FRAMES = 10  # below this a temporal median says little about what stands still
 
 
 def open_footage(
@@ -66,8 +59,8 @@ def open_footage(
     cache = ByteCache(spec.cache_bytes if spec.cache_bytes is not None else _cache_bytes())
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = _held_out(spec, tuple(sources))
-    matter, mask_note = _matter(spec, sources, frames, pool, cache_folder)
-    exact, exact_note = _exact(spec, sources, frames)
+    matter, mask_note = mask_source(spec, sources, frames, pool, cache_folder)
+    exact, exact_note = exact_mattes(spec, tuple(sources), frames)
     notes += [mask_note, exact_note]
     if held_out:
         notes.append(f"Held out: {', '.join(held_out)}.")
@@ -232,110 +225,3 @@ def _held_out(spec: CaptureSpec, names: tuple[str, ...]) -> tuple[str, ...]:
     if len(chosen) == len(names):
         raise StudioError(f"All {len(names)} cameras are held out; leave at least one to train on.")
     return chosen
-
-
-def _matter(
-    spec: CaptureSpec,
-    sources: Mapping[str, FrameSource],
-    frames: tuple[int, ...],
-    pool: DecoderPool,
-    cache_folder: Path | None,
-) -> tuple[Matter, str]:
-    """The source of mattes, and a sentence on it."""
-    kind = spec.masks
-    names = tuple(sources)
-    if kind in ("alpha", "auto") and all(source.has_alpha for source in sources.values()):
-        return AlphaMatter(), "Masks: the images' alpha channel."
-    if kind == "alpha":
-        bare = next(name for name, source in sources.items() if not source.has_alpha)
-        raise StudioError(f"Masks are to come from the alpha channel, but the images of camera '{bare}' have none.")
-    if kind in ("files", "auto"):
-        found = _mask_files(spec, names, required=kind == "files")
-        if found is not None:
-            pattern, matches = found
-            return _file_matter(matches, names, frames, pool, "mask"), f"Masks: files '{pattern}'."
-    if kind in ("clean_plate", "auto"):
-        found = _plates(spec, names, required=kind == "clean_plate")
-        if found is not None:
-            pattern, matches = found
-            without = sorted(set(names) - {match.camera for match in matches}, key=natural_key)
-            if without:
-                raise StudioError(f"Camera '{without[0]}' has no clean plate ('{pattern}'); add it or leave the camera out.")
-            load = plates_from_files(matches, spec.color_matrix)
-            paths = [match.path for match in matches]
-            matter = PlateMatter(load, paths, _difference(spec))
-            return matter, f"Masks: difference to the clean plates '{pattern}'."
-    count = min(len(source.frames) for source in sources.values())
-    if kind == "median_background" and count < 3:
-        raise StudioError(f"A median background needs at least 3 frames, the footage has {count}; give masks or plates.")
-    if kind == "median_background" or (kind == "auto" and count >= _FEW_FRAMES):
-
-        def behind(camera: str) -> Background:
-            source = sources[camera]
-
-            def read(frame: int) -> np.ndarray:
-                return source.read(frame)[:, :, :3]
-
-            key = digest_files(spec.root, source.files()) if cache_folder is not None else ""
-            return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
-
-        paths = [path for source in sources.values() for path in source.files()]
-        return PlateMatter(behind, paths, _difference(spec)), "Masks: difference to the set as recovered from the footage."
-    return FullMatter(), "Masks: none, everything is foreground."
-
-
-def _difference(spec: CaptureSpec) -> DifferenceSettings:
-    return DifferenceSettings(spec.mask_sensitivity, spec.mask_components, spec.mask_shadows)
-
-
-def _mask_files(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
-    if spec.mask_files != "auto":
-        matches = [match for match in find_files(spec.root, spec.mask_files) if match.camera in names]
-        if not matches:
-            raise StudioError(f"{spec.root}: no mask of the footage's cameras fits the pattern '{spec.mask_files}'.")
-        return spec.mask_files, matches
-    found = detect_beside(spec.root, MASK_FOLDERS, names)
-    if found is None and required:
-        raise StudioError(f"{spec.root}: no mask files were found; say where they are, mask_files: 'masks/{{camera}}.png'.")
-    return found
-
-
-def _plates(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
-    if spec.clean_plates != "auto":
-        matches = [match for match in find_files(spec.root, spec.clean_plates) if match.camera in names]
-        if not matches:
-            raise StudioError(f"{spec.root}: no clean plate of the footage's cameras fits '{spec.clean_plates}'.")
-        return spec.clean_plates, matches
-    found = detect_beside(spec.root, PLATE_FOLDERS, names)
-    if found is None and required:
-        raise StudioError(
-            f"{spec.root}: no clean plates were found; say where they are, clean_plates: 'clean_plates/{{camera}}.png'."
-        )
-    return found
-
-
-def _file_matter(
-    matches: list[Match], names: tuple[str, ...], frames: tuple[int, ...], pool: DecoderPool, what: str
-) -> FileMatter:
-    matter = FileMatter(make_sources(matches, pool))
-    for name in names:
-        missing = matter.missing(name, frames)
-        if missing:
-            raise StudioError(
-                f"Camera '{name}' has no {what} for frame {number_ranges(missing)}; add the missing files or leave the "
-                "camera or the frames out."
-            )
-    return matter
-
-
-def _exact(
-    spec: CaptureSpec, sources: Mapping[str, FrameSource], frames: tuple[int, ...]
-) -> tuple[Matter | None, str]:
-    if not spec.evaluation_mattes:
-        return None, ""
-    names = tuple(sources)
-    matches = [match for match in find_files(spec.root, spec.evaluation_mattes) if match.camera in names]
-    if not matches:
-        raise StudioError(f"{spec.root}: no evaluation matte fits the pattern '{spec.evaluation_mattes}'.")
-    matter = _file_matter(matches, names, frames, DecoderPool(len(names)), "evaluation matte")
-    return matter, f"Measured within the exact mattes '{spec.evaluation_mattes}'."

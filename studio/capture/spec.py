@@ -25,8 +25,8 @@ class CaptureSpec:
         masks: where the foreground comes from. "none": everything is foreground. "alpha": the images' alpha channel.
             "files": separate images or videos, white is foreground. "clean_plate": difference to a picture of the empty
             set. "median_background": difference to the set as recovered from the footage itself over time, for footage
-            without a plate (the cameras must stand still). "auto": the first of alpha, files, clean plates that the capture has, else the recovered set where
-            there are at least 10 frames, else none.
+            without a plate (the cameras must stand still). "auto": the first of alpha, files, clean plates that the
+            capture has, else the recovered set where there are at least 10 frames, else none.
         mask_files: pattern of the mask files; they may have another extension than the images. "auto" looks in folders
             named mask, masks, matte, mattes or alpha.
         clean_plates: pattern of the clean plates, one image (or video, of which the median is taken) a camera. "auto"
@@ -97,6 +97,6 @@ class CaptureSpec:
         if len(self.background) != 3 or not all(0.0 <= value <= 1.0 for value in self.background):
             raise StudioError(f"Capture: background is {self.background}; it must be three numbers in 0..1.")
         if not 0.0 < self.mask_sensitivity <= 10.0:
-            raise StudioError(f"Capture: mask_sensitivity is {self.mask_sensitivity:g}; it must be above 0, at most 10.")
+            raise StudioError(f"Capture: mask_sensitivity is {self.mask_sensitivity:g}; it must be in 0 to 10, not 0.")
         if self.mask_components < 0:
             raise StudioError(f"Capture: mask_components is {self.mask_components}; it must be 0 (any) or more.")

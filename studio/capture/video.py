@@ -46,7 +46,7 @@ class VideoReader:
         self._seekable = True
         with self._lock:
             self._open()
-            stream = self._stream
+            stream: Any = self._stream
             self.fps = float(stream.average_rate) if stream.average_rate else None
             entries = stream.index_entries
             listed = [entry for entry in entries if not entry.is_discard] if entries is not None else []
@@ -83,7 +83,7 @@ class VideoReader:
             StudioError: there is no such frame, or it cannot be decoded.
         """
         if not 0 <= index < self.frame_count:
-            raise StudioError(f"The video {self.path} has frames 0 to {self.frame_count - 1}; there is no frame {index}.")
+            raise StudioError(f"The video {self.path} has no frame {index}; it has 0 to {self.frame_count - 1}.")
         with self._lock:
             frame = self._decode(index)
             if (frame.width, frame.height) != self._coded:
@@ -168,7 +168,7 @@ class VideoReader:
         if index != self._next and not self._forward_is_best(index):
             self._seek(index)
         while True:
-            at, frame = self._step(index)
+            at, frame = self._step()
             self._current = (at, frame)
             if at == index:
                 return frame
@@ -183,25 +183,24 @@ class VideoReader:
         place = bisect.bisect_right(self._keyframes, index) - 1
         return place < 0 or self._keyframes[place] <= self._next
 
-    def _step(self, wanted: int) -> tuple[int, Any]:
+    def _step(self) -> tuple[int, Any]:
         import av
 
+        at = self._next
         try:
             frame = next(self._frames)
         except (StopIteration, av.error.EOFError):
-            done = self._next
             self.close()
             raise StudioError(
-                f"The video {self.path} ends after {done} of its {self.frame_count} frames: it is truncated; copy it "
-                f"again or set the last frame to {done}."
+                f"The video {self.path} ends after {at} of its {self.frame_count} frames: it is truncated; copy it "
+                f"again, or use frames below {at} only."
             ) from None
         except (av.error.FFmpegError, OSError, ValueError) as error:
             self.close()
+            reason = getattr(error, "strerror", None) or error
             raise StudioError(
-                f"Frame {self._next or wanted} of {self.path} cannot be decoded ({getattr(error, 'strerror', None) or error}); "
-                "copy or encode the video again."
+                f"Frame {at} of {self.path} cannot be decoded ({reason}); copy or encode the video again."
             ) from None
-        at = self._next
         if frame.is_corrupt:
             self.close()
             raise StudioError(f"Frame {at} of {self.path} is damaged; copy or encode the video again.")
