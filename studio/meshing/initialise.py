@@ -59,6 +59,15 @@ class InitResult:
     warnings: list[str]
 
 
+def _part(progress: ProgressFn, start: int, stop: int) -> ProgressFn:
+    """A step's own progress as a stretch of 0..100."""
+
+    def inner(done: int, total: int, **figures: object) -> None:
+        progress(start + round((stop - start) * done / max(total, 1)), 100, **figures)
+
+    return inner
+
+
 def _compare(mesh: Mesh, shapes: Silhouettes) -> tuple[list[np.ndarray], dict[str, float], dict[str, float]]:
     """Unexplained foreground (h, w) bool, 1 - IoU and uncovered share, a camera each."""
     import cv2
@@ -104,8 +113,7 @@ def visual_hull(
         StudioError: too few views, unusable cameras or masks, or a hull that is empty: says whose masks disagree.
     """
     settings = settings or HullSettings()
-    total = 10
-    shapes = Silhouettes(views, progress=lambda done, of, **_: progress(round(2 * done / of), total))
+    shapes = Silhouettes(views, progress=_part(progress, 0, 20))
     # A point that few cameras see is carved by few: ask for many, and for fewer only where masks stay unexplained.
     shares = [0.5, 0.34, 0.2] if settings.min_view_share is None else [settings.min_view_share]
     tried: list[int] = []
@@ -117,7 +125,7 @@ def visual_hull(
             continue
         tried.append(min_views)
         try:
-            result = _carve_once(shapes, settings, min_views, max_faces, lambda step: progress(2 + step, total))
+            result = _carve_once(shapes, settings, min_views, max_faces, lambda step: progress(20 + 10 * step, 100))
         except StudioError as error:
             failure = failure or error
             continue
@@ -128,7 +136,7 @@ def visual_hull(
             break
     if best is None:
         raise failure or StudioError("The visual hull is empty; check the masks and the camera poses.")
-    progress(total, total)
+    progress(100, 100)
     return best
 
 
@@ -149,10 +157,11 @@ def _carve_once(
     step(6)
     _, disagreement, uncovered = _compare(mesh, shapes)
     if len(mesh.faces) == 0:
-        smallest = sorted(zip(shapes.mattes, shapes.names, strict=True), key=lambda pair: float((pair[0] >= 128).mean()))
+        shares = {name: float((matte >= 128).mean()) for name, matte in zip(shapes.names, shapes.mattes, strict=True)}
+        smallest = sorted(shares, key=lambda name: shares[name])[:3]
         raise StudioError(
             "The visual hull is empty: the masks agree on no volume larger than a voxel; look first at the masks and "
-            f"poses of {', '.join(name for _, name in smallest[:3])}, which leave least."
+            f"poses of {', '.join(smallest)}, which leave least."
         )
     step(7)
     inside = max(int((hull.field > 0).sum()), 1)
@@ -205,16 +214,14 @@ def initialise_points(
     Raises:
         StudioError: see `visual_hull`.
     """
-    result = visual_hull(
-        views, settings, max_faces=max_faces, progress=lambda done, of, **_: progress(round(70 * done / of), 100)
-    )
+    result = visual_hull(views, settings, max_faces=max_faces, progress=_part(progress, 0, 70))
     points, normals = sample_surface(result.mesh, n_points, seed=seed)
     colors, seen = color_points(
         points,
         normals,
         views,
         MeshViews(result.mesh),
-        progress=lambda done, of, **_: progress(70 + round(30 * done / of), 100),
+        progress=_part(progress, 70, 100),
     )
     warnings = [
         f"Camera '{name}': the hull's silhouette and its mask differ by {value:.0%}; look at its mask and pose."

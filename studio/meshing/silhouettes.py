@@ -86,9 +86,7 @@ class Silhouettes:
             self._add(view.camera, view.matte, budget)
             progress(index + 1, len(views))
         if all(box is None for box in self.boxes):
-            raise StudioError(
-                f"The masks of all {len(views)} cameras are empty: nothing to reconstruct; check how the capture is masked."
-            )
+            raise StudioError(f"The masks of all {len(views)} cameras are empty: check how the capture is masked.")
 
     def _add(self, camera: Camera, matte: np.ndarray, budget: float) -> None:
         import cv2

@@ -1,0 +1,266 @@
+"""COLMAP model folders, text and binary: cameras.{txt,bin} and images.{txt,bin}.
+
+Written after the published form (COLMAP's documentation, "Output Format"); only cameras and poses are read, so models
+without points or with millions of them are alike. Poses are world to camera with OpenCV axes and the pixel origin is
+the image corner: COLMAP's conventions are ours. Newer models (rigs, frames) still write each image's own pose.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from studio.camera_files.common import camera_names, naming, read_text, write_atomic
+from studio.camera_files.rotations import matrix_to_quaternion, quaternion_to_matrix
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+
+# name -> (id, number of parameters); the ids are those of the binary form
+MODELS = {
+    "SIMPLE_PINHOLE": (0, 3),
+    "PINHOLE": (1, 4),
+    "SIMPLE_RADIAL": (2, 4),
+    "RADIAL": (3, 5),
+    "OPENCV": (4, 8),
+    "FULL_OPENCV": (6, 12),
+}
+OTHER_MODELS = {
+    5: "OPENCV_FISHEYE",
+    7: "FOV",
+    8: "SIMPLE_RADIAL_FISHEYE",
+    9: "RADIAL_FISHEYE",
+    10: "THIN_PRISM_FISHEYE",
+}
+
+
+def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """K (3, 3) and OpenCV distortion of a COLMAP camera.
+
+    Raises:
+        StudioError: the model has no OpenCV equivalent, or the number of parameters is wrong.
+    """
+    if model not in MODELS:
+        raise StudioError(
+            f"the camera model {model} is not supported (only {', '.join(MODELS)}); undistort the images with COLMAP."
+        )
+    if len(parameters) != MODELS[model][1]:
+        raise StudioError(f"the model {model} has {MODELS[model][1]} parameters, found {len(parameters)}.")
+    p = np.array(parameters, np.float64)
+    if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):
+        p = np.concatenate([p[:1], p])  # one focal length for both axes
+    K = np.array([[p[0], 0, p[2]], [0, p[1], p[3]], [0, 0, 1.0]])
+    lens = p[4:]
+    if len(lens) in (1, 2):
+        lens = np.concatenate([lens, np.zeros(4 - len(lens))])
+    return K, lens
+
+
+def lens_model(camera: Camera) -> tuple[str, list[float]]:
+    """COLMAP's model name and parameters for a camera.
+
+    Raises:
+        StudioError: skew, or distortion beyond FULL_OPENCV.
+    """
+    if abs(camera.K[0, 1]) > 1e-9:
+        raise StudioError(f"Camera '{camera.name}': COLMAP has no model with skew ({camera.K[0, 1]:g}).")
+    if np.any(camera.distortion[8:]):
+        raise StudioError(f"Camera '{camera.name}': COLMAP has no model with thin-prism terms; undistort first.")
+    base = [camera.fx, camera.fy, camera.cx, camera.cy]
+    if camera.is_pinhole:
+        return "PINHOLE", base
+    lens = np.zeros(8)
+    lens[: min(8, camera.distortion.size)] = camera.distortion[:8]
+    if not lens[4:].any():
+        return "OPENCV", base + lens[:4].tolist()
+    return "FULL_OPENCV", base + lens.tolist()
+
+
+@dataclass
+class _Lens:
+    width: int
+    height: int
+    model: str
+    parameters: list[float]
+
+
+@dataclass
+class _Pose:
+    name: str
+    lens: int
+    quat: list[float]
+    translation: list[float]
+
+
+def read_colmap(folder: Path) -> Rig:
+    """Read a model folder.
+
+    Args:
+        folder: holds cameras and images as .bin or .txt (binary wins, as in COLMAP); `sparse/0` or `sparse` below it
+            are found too.
+
+    Returns:
+        a camera for every registered image, sorted by name, named after the image.
+
+    Raises:
+        StudioError: no model there, a file is cut short or unreadable, an unsupported lens model, unusable values.
+    """
+    for candidate in (folder, folder / "sparse" / "0", folder / "sparse"):
+        for suffix in (".bin", ".txt"):
+            cameras, images = candidate / f"cameras{suffix}", candidate / f"images{suffix}"
+            if cameras.is_file() and images.is_file():
+                binary = suffix == ".bin"
+                lenses = _lenses_binary(cameras) if binary else _lenses_text(cameras)
+                poses = _poses_binary(images) if binary else _poses_text(images)
+                return _rig(cameras, images, lenses, poses)
+    raise StudioError(f"{folder}: holds no COLMAP model (cameras.bin and images.bin, or cameras.txt and images.txt).")
+
+
+def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: list[_Pose]) -> Rig:
+    if not poses:
+        raise StudioError(f"{image_path}: holds no registered image; run the reconstruction again.")
+    poses = sorted(poses, key=lambda pose: pose.name)
+    result = []
+    for name, pose in zip(camera_names([pose.name for pose in poses]), poses, strict=True):
+        if pose.lens not in lenses:
+            raise StudioError(
+                f"{image_path}: image '{pose.name}' uses camera {pose.lens}, which {camera_path} has not."
+            )
+        lens = lenses[pose.lens]
+        with naming(camera_path):
+            K, distortion = intrinsics(lens.model, lens.parameters)
+        with naming(image_path):
+            quat = np.array(pose.quat)
+            if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
+                raise StudioError(f"image '{pose.name}' has the unusable rotation {pose.quat}.")
+            transform = np.eye(4)
+            transform[:3, :3] = quaternion_to_matrix(quat)
+            transform[:3, 3] = pose.translation
+            result.append(Camera(name, lens.width, lens.height, K, transform, distortion))
+    with naming(image_path):
+        return Rig(tuple(result))
+
+
+def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int | str]:
+    """Leading fields of a line by kind: i int, f float, s word, r the rest as one string."""
+    words = line.split()
+    if len(words) < len(kinds):
+        raise StudioError(
+            f"{path}: line {number} has {len(words)} values where {len(kinds)} are needed; is it cut short?"
+        )
+    values: list[float | int | str] = []
+    for index, kind in enumerate(kinds):
+        try:
+            if kind == "r":
+                values.append(line.split(maxsplit=index)[index].strip())
+            else:
+                values.append({"i": int, "f": float, "s": str}[kind](words[index]))
+        except ValueError:
+            raise StudioError(f"{path}: line {number} has {words[index]!r} where a number is needed.") from None
+    return values
+
+
+def _lenses_text(path: Path) -> dict[int, _Lens]:
+    lenses = {}
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        key, model, width, height = _fields(path, number, line, "isii")
+        words = line.split()[4:]
+        parameters = _fields(path, number, " ".join(words), "f" * len(words))
+        lenses[int(key)] = _Lens(int(width), int(height), str(model), [float(p) for p in parameters])
+    return lenses
+
+
+def _poses_text(path: Path) -> list[_Pose]:
+    poses = []
+    # Every image has two lines; the second lists its points and may be empty.
+    lines = [(n, line) for n, line in enumerate(read_text(path).splitlines(), 1) if not line.lstrip().startswith("#")]
+    while lines and not lines[0][1].strip():
+        lines.pop(0)
+    for number, line in lines[::2]:
+        if not line.strip():
+            continue
+        values = _fields(path, number, line, "ifffffffir")
+        q, t = [float(v) for v in values[1:5]], [float(v) for v in values[5:8]]
+        poses.append(_Pose(str(values[9]), int(values[8]), q, t))
+    return poses
+
+
+class _Reader:
+    """Little-endian values from a file that may be cut short."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self.data = path.read_bytes()
+        except OSError as error:
+            raise StudioError(f"{path}: cannot be read ({error.strerror}).") from None
+        self.at = 0
+
+    def take(self, form: str) -> tuple[int | float, ...]:
+        size = struct.calcsize("<" + form)
+        self.skip(size)
+        return struct.unpack_from("<" + form, self.data, self.at - size)
+
+    def skip(self, size: int) -> None:
+        if self.at + size > len(self.data):
+            raise StudioError(
+                f"{self.path}: is cut short ({len(self.data)} bytes, at least {self.at + size} needed); copy it again."
+            )
+        self.at += size
+
+    def word(self) -> str:
+        end = self.data.find(b"\0", self.at)
+        if end < 0:
+            raise StudioError(f"{self.path}: is cut short inside an image name; copy it again.")
+        start, self.at = self.at, end + 1
+        return self.data[start:end].decode("utf-8", "replace")
+
+
+def _lenses_binary(path: Path) -> dict[int, _Lens]:
+    reader, lenses = _Reader(path), {}
+    by_id = {model_id: (name, count) for name, (model_id, count) in MODELS.items()}
+    for _ in range(int(reader.take("Q")[0])):
+        key, model, width, height = (int(value) for value in reader.take("iiQQ"))
+        if model not in by_id:
+            name = OTHER_MODELS.get(model, f"number {model}")
+            raise StudioError(
+                f"{path}: the camera model {name} is not supported (only {', '.join(MODELS)}); "
+                "undistort the images with COLMAP."
+            )
+        name, count = by_id[model]
+        lenses[key] = _Lens(width, height, name, [float(p) for p in reader.take(f"{count}d")])
+    return lenses
+
+
+def _poses_binary(path: Path) -> list[_Pose]:
+    reader, poses = _Reader(path), []
+    for _ in range(int(reader.take("Q")[0])):
+        values = reader.take("i7di")
+        name = reader.word()
+        reader.skip(24 * int(reader.take("Q")[0]))  # x, y, point id
+        pose = [float(value) for value in values[1:8]]
+        poses.append(_Pose(name, int(values[8]), pose[:4], pose[4:]))
+    return poses
+
+
+def write_colmap(rig: Rig, folder: Path, *, image_pattern: str = "{camera}.png") -> None:
+    """Write a text model without points: cameras.txt, images.txt, points3D.txt.
+
+    Raises:
+        StudioError: a camera that COLMAP's models cannot say, or an unwritable folder.
+    """
+    lenses = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
+    images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
+    for key, camera in enumerate(rig, 1):
+        model, parameters = lens_model(camera)
+        lenses.append(" ".join([str(key), model, str(camera.width), str(camera.height), *map(repr, parameters)]))
+        pose = [*matrix_to_quaternion(camera.rotation).tolist(), *camera.translation.tolist()]
+        images += [" ".join([str(key), *map(repr, pose), str(key), image_pattern.format(camera=camera.name)]), ""]
+    files = {"cameras.txt": lenses, "images.txt": images, "points3D.txt": ["# no points"]}
+    for name, lines in files.items():
+        write_atomic(folder / name, ("\n".join(lines) + "\n").encode())
