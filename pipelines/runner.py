@@ -86,7 +86,7 @@ def _logged(emit: Emit, take: Take) -> Emit:
 
 def _run_locked(context: Context, names: list[str], force: bool, run_started: float) -> None:
     write_text(context.take.config, dump_config(context.config))
-    _ = context.footage_digest  # footage that cannot be read is told before anything else
+    _ = context.raw_footage, context.footage_digest  # footage that cannot be read is told before anything else
     found = assess_all(STAGES, context)
     todo = [name for name in names if force or found[name].state != DONE]
     _refuse_gaps(todo, found)

@@ -37,12 +37,12 @@ train:
   opacity_reset_every: 1000
   prune_finetune_iterations: 5
   max_splats: 400
-  motion_iterations: 5
-  finetune_iterations: 5
+  motion_iterations: 10
+  finetune_iterations: 20
   hash_levels: 4
   hash_log2_size: 8
 evaluate: {report_frames: 2}
-run: {threads: 2, preview_seconds: 0}
+run: {threads: 1, preview_seconds: 0}
 """
 
 
