@@ -26,7 +26,7 @@ MAX_GROUP_FRAMES = 10_000
 MAX_FRAMES = 100_000_000
 MAX_GROUPS = 1_000_000
 MAX_FILE_BYTES = 1 << 30
-MAX_MANIFEST_BYTES = 256 << 20
+MAX_MANIFEST_BYTES = 64 << 20
 MAX_VALUE = 1e9
 
 Part = Literal["all", "high", "low", "low_mirrored"]

@@ -5,6 +5,7 @@ PyAV is imported where it is used, so that importing the package stays quick.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import threading
 from pathlib import Path
@@ -82,7 +83,8 @@ class PlaneEncoder:
 
     def abandon(self) -> None:
         """Close the file without caring what is in it (after an error)."""
-        self._out.close()
+        with contextlib.suppress(OSError, ValueError):
+            self._out.close()
 
 
 class PlaneDecoder:
