@@ -1,5 +1,6 @@
 """Fixtures for all tests."""
 
+import studio  # noqa: F401  (first: it settles how OpenMP waits, before torch loads)
 import pytest
 import torch
 

@@ -129,8 +129,8 @@ def _fine_tune(
     optimizer.set_means_progress(1.0)  # positions, if tuned at all, move at the keyframe's last rate
     stepper = Stepper(views, settings, generator)
     reference = previous.unit_quats
-    before = {name: value.detach() for name, value in baked_values(previous, reference).items()}
-    entropy = ResidualEntropy(before, quantisation_steps(before)).to(reference.device)
+    before = baked_values(previous, reference).detach()
+    entropy = ResidualEntropy(before, quantisation_steps(before), previous.sh_degree)
     entropy_adam = torch.optim.Adam(entropy.parameters(), lr=_ENTROPY_RATE, fused=True)
     plane = plane_pixels(len(previous))
     for iteration in range(1, settings.finetune_iterations + 1):

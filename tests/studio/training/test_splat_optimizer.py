@@ -24,7 +24,9 @@ def splats(count: int, degree: int = 1) -> Gaussians:
 def drive(optimizer: SplatOptimizer, weights: torch.Tensor, steps: int) -> None:
     for _ in range(steps):
         gaussians = optimizer.gaussians
-        loss = sum((tensor.flatten(1) if tensor.ndim > 1 else tensor[:, None]).sum(1) for _, tensor in gaussians.items())
+        loss = sum(
+            (tensor.flatten(1) if tensor.ndim > 1 else tensor[:, None]).sum(1) for _, tensor in gaussians.items()
+        )
         (loss * weights).sum().backward()
         optimizer.step()
 

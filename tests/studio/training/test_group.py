@@ -1,0 +1,201 @@
+"""Keyframe, motion and fine-tuning on a textured ball whose motion is known."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from studio.cameras import Camera
+from studio.errors import Cancelled, StudioError
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.training import TrainSettings, TrainView, train_interframe, train_keyframe
+from studio.training.keyframe import keyframe_steps
+
+WIDTH, HEIGHT = 64, 48
+SHIFT = torch.tensor([0.06, -0.03, 0.02])
+SETTINGS = TrainSettings(
+    keyframe_iterations=60,
+    densify_from=1000,
+    densify_until=0,
+    prune_finetune_iterations=10,
+    motion_iterations=60,
+    finetune_iterations=20,
+    hash_levels=6,
+    hash_log2_size=11,
+    max_splats=1000,
+)
+
+
+def cameras() -> list[Camera]:
+    """Eight cameras on two rings, looking at the origin from 3 units away."""
+    made = []
+    for index in range(8):
+        angle, height = index * math.pi / 4, 0.8 if index % 2 else -0.8
+        center = np.array([3 * math.cos(angle), height, 3 * math.sin(angle)])
+        forward = -center / np.linalg.norm(center)
+        right = np.cross([0.0, -1.0, 0.0], forward)
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
+        K = np.array([[75.0, 0, WIDTH / 2], [0, 75.0, HEIGHT / 2], [0, 0, 1]])
+        made.append(Camera(f"cam{index}", WIDTH, HEIGHT, K, pose))
+    return made
+
+
+def ball(offset: torch.Tensor) -> Gaussians:
+    """300 opaque splats on a sphere of radius 0.5 with a checkered colour that moves with it."""
+    index = torch.arange(300) + 0.5
+    polar, turn = torch.acos(1 - 2 * index / 300), math.pi * (1 + 5**0.5) * index
+    unit = torch.stack([polar.sin() * turn.cos(), polar.cos(), polar.sin() * turn.sin()], -1)
+    colors = 0.5 + 0.45 * torch.sign(torch.sin(7 * unit + torch.tensor([0.3, 1.1, 2.0])))
+    quats = torch.zeros(300, 4)
+    quats[:, 0] = 1
+    return Gaussians(
+        0.5 * unit + offset,
+        quats,
+        torch.full((300, 3), math.log(0.035)),
+        torch.full((300,), 5.0),
+        ((colors - 0.5) / 0.28209479)[:, None],
+    )
+
+
+def views(offset: torch.Tensor) -> list[TrainView]:
+    made = []
+    for camera in cameras():
+        with torch.no_grad():
+            render = rasterize(ball(offset), camera)
+        alpha = render.alpha.clamp(0, 1)
+        image = render.image / alpha[..., None].clamp_min(1e-3)
+        made.append(TrainView(camera, image.clamp(0, 1), alpha, (WIDTH, HEIGHT)))
+    return made
+
+
+@pytest.fixture(scope="module")
+def before() -> list[TrainView]:
+    return views(torch.zeros(3))
+
+
+@pytest.fixture(scope="module")
+def after() -> list[TrainView]:
+    return views(SHIFT)
+
+
+def loss_of(gaussians: Gaussians, seen: list[TrainView]) -> float:
+    black = torch.zeros(3)
+    with torch.no_grad():
+        errors = [
+            (rasterize(gaussians, view.camera, black).image - view.composited(black)).abs().mean() for view in seen
+        ]
+    return float(torch.stack(errors).mean())
+
+
+def test_motion_finds_where_the_surface_went(before: list[TrainView], after: list[TrainView]) -> None:
+    truth = ball(torch.zeros(3))
+    result = train_interframe(truth, after, SETTINGS, seed=3)
+    moved = result.warped.means - truth.means
+    error = (moved - SHIFT).norm(dim=-1)
+    assert float(error.mean()) < float(SHIFT.norm()) / 3
+    assert loss_of(result.warped, after) < 0.5 * loss_of(truth, after)
+    assert len(result.gaussians) == len(truth), "the number of splats stays within a group"
+    assert torch.equal(result.gaussians.means, result.warped.means), "fine-tuning leaves positions alone"
+
+
+def test_velocity_starts_from_the_last_motion(after: list[TrainView]) -> None:
+    settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_velocity=True)
+    previous, older = ball(torch.zeros(3)), ball(-SHIFT)
+    moved = train_interframe(previous, after, settings, before_previous=older).gaussians.means
+    assert torch.allclose(moved, previous.means + SHIFT, atol=1e-6)
+
+
+def test_temporal_and_entropy_losses_hold_attributes_still(after: list[TrainView]) -> None:
+    truth = ball(torch.zeros(3))
+    free = train_interframe(
+        truth, after, TrainSettings(**{**vars(SETTINGS), "entropy_weight": 0.0, "temporal_weight": 0.0}), seed=1
+    )
+    held = train_interframe(
+        truth, after, TrainSettings(**{**vars(SETTINGS), "entropy_weight": 0.01, "temporal_weight": 0.1}), seed=1
+    )
+
+    def change(gaussians: Gaussians) -> float:
+        return float((gaussians.log_scales - truth.log_scales).abs().mean())
+
+    assert change(held.gaussians) < 0.6 * change(free.gaussians)
+
+
+def test_keyframe_learns_the_ball_under_the_cap(before: list[TrainView]) -> None:
+    truth = ball(torch.zeros(3))
+    generator = torch.Generator().manual_seed(0)
+    points = truth.means + 0.02 * torch.randn(300, 3, generator=generator)
+    settings = TrainSettings(**{**vars(SETTINGS), "keyframe_iterations": 150, "max_splats": 180})
+    steps = []
+    trained = train_keyframe(
+        before,
+        points,
+        0.5 + 0.7 * 0.28209479 * truth.sh[:, 0],
+        settings,
+        seed=1,
+        progress=lambda done, total, **_: steps.append((done, total)),
+    )
+    assert len(trained) <= 180
+    assert loss_of(trained, before) < 0.5 * loss_of(truth[:1], before)
+    assert [done for done, _ in steps] == list(range(1, steps[-1][0] + 1))
+    assert steps[-1][0] == steps[-1][1] == keyframe_steps(settings, 300) == 170
+
+
+def test_sh_and_densification_run(before: list[TrainView]) -> None:
+    truth = ball(torch.zeros(3))
+    settings = TrainSettings(
+        sh_degree=2,
+        keyframe_iterations=40,
+        sh_degree_every=10,
+        densify_from=10,
+        densify_until=35,
+        densify_every=10,
+        densify_gradient=1e-7,
+        densify_max_splats=400,
+        prune_rounds=0,
+    )
+    counts = []
+    trained = train_keyframe(
+        before,
+        truth.means,
+        torch.full((300, 3), 0.5),
+        settings,
+        progress=lambda done, total, **figures: counts.append(figures.get("splats")),
+    )
+    assert 300 < len(trained) <= 400
+    assert trained.sh_degree == 2
+    assert float(trained.sh[:, 1:4].abs().sum()) > 0
+
+
+def test_same_seed_same_bits(after: list[TrainView]) -> None:
+    truth = ball(torch.zeros(3))
+    settings = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 5, "finetune_iterations": 5})
+    one = train_interframe(truth, after, settings, seed=7).gaussians
+    two = train_interframe(truth, after, settings, seed=7).gaussians
+    other = train_interframe(truth, after, settings, seed=8).gaussians
+    assert all(torch.equal(a, b) for (_, a), (_, b) in zip(one.items(), two.items(), strict=True))
+    assert not torch.equal(one.means, other.means)
+
+
+def test_cancel_passes_through(after: list[TrainView]) -> None:
+    def stop(done: int, total: int, **figures: object) -> None:
+        if done == 3:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        train_interframe(ball(torch.zeros(3)), after, SETTINGS, progress=stop)
+
+
+def test_unusable_input_is_named(before: list[TrainView]) -> None:
+    with pytest.raises(StudioError, match="at least 4"):
+        train_keyframe(before, torch.zeros(2, 3), torch.zeros(2, 3), SETTINGS)
+    with pytest.raises(StudioError, match="not finite"):
+        train_keyframe(before, torch.full((9, 3), float("nan")), torch.zeros(9, 3), SETTINGS)
+    with pytest.raises(StudioError, match="no view"):
+        train_keyframe([], torch.rand(9, 3), torch.zeros(9, 3), SETTINGS)
+    with pytest.raises(StudioError, match="sh_degree is 7"):
+        TrainSettings(sh_degree=7)

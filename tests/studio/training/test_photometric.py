@@ -1,0 +1,91 @@
+"""The fused photometric loss against its definition in torch."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from studio.errors import StudioError
+from studio.rasterizer.cpu import load_kernels
+from studio.training.photometric import photometric_loss, photometric_loss_torch
+
+
+def pair(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(height * 1000 + width)
+    target = torch.rand(height, width, 3, generator=generator)
+    image = (target + 0.2 * torch.randn(target.shape, generator=generator)).requires_grad_()
+    return image, target
+
+
+def both(image: torch.Tensor, target: torch.Tensor, weight: float) -> tuple[torch.Tensor, ...]:
+    loss = photometric_loss(image, target, weight)
+    (gradient,) = torch.autograd.grad(loss, image)
+    exact = image.detach().double().requires_grad_()
+    true_loss = photometric_loss_torch(exact, target.double(), weight)
+    (true_gradient,) = torch.autograd.grad(true_loss, exact)
+    return loss.detach().double(), gradient.double(), true_loss.detach(), true_gradient
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (3, 5), (11, 11), (17, 130), (135, 64), (270, 480)])
+@pytest.mark.parametrize("weight", [0.0, 0.2, 1.0])
+def test_value_and_gradient(size, weight) -> None:  # type: ignore[no-untyped-def]
+    loss, gradient, true_loss, true_gradient = both(*pair(*size), weight)
+    torch.testing.assert_close(loss, true_loss, rtol=1e-5, atol=1e-7)
+    assert (gradient - true_gradient).norm() <= 1e-5 * true_gradient.norm()
+
+
+def test_flat_images_have_no_difference() -> None:
+    flat = torch.full((20, 30, 3), 0.4, requires_grad=True)
+    loss = photometric_loss(flat, flat.detach().clone())
+    loss.backward()
+    assert abs(loss.item()) < 1e-6
+    assert flat.grad is not None
+    assert flat.grad.abs().max() < 1e-6
+
+
+def test_upstream_gradient_scales() -> None:
+    image, target = pair(30, 20)
+    (once,) = torch.autograd.grad(photometric_loss(image, target), image)
+    (thrice,) = torch.autograd.grad(3 * photometric_loss(image, target), image)
+    torch.testing.assert_close(thrice, 3 * once)
+
+
+def test_the_target_takes_no_gradient_and_none_is_computed_without_need() -> None:
+    image, target = pair(30, 20)
+    assert not photometric_loss(image.detach(), target).requires_grad
+    torch.testing.assert_close(photometric_loss(image.detach(), target), photometric_loss(image, target).detach())
+
+
+def test_same_bits_whatever_the_number_of_threads() -> None:
+    kernels = load_kernels()
+    image, target = (t.detach().contiguous() for t in pair(203, 151))
+    results = []
+    for threads in (1, 2, 5):
+        gradient = torch.empty_like(image)
+        results.append((kernels.loss(image, target, 151, 203, 0.2, gradient, threads), gradient))
+    for figures, gradient in results[1:]:
+        assert figures == results[0][0]
+        assert torch.equal(gradient, results[0][1])
+
+
+def test_instruction_sets_agree() -> None:
+    kernels = load_kernels()
+    image, target = pair(57, 41)
+    used = kernels.instruction_set()
+    try:
+        for name in kernels.instruction_sets():
+            kernels.use_instruction_set(name)
+            _, gradient, _, true_gradient = both(image, target, 0.2)
+            assert (gradient - true_gradient).norm() <= 1e-5 * true_gradient.norm()
+    finally:
+        kernels.use_instruction_set(used)
+
+
+def test_bad_arguments() -> None:
+    image, target = pair(8, 9)
+    with pytest.raises(StudioError, match="one size"):
+        photometric_loss(image, target[1:])
+    with pytest.raises(StudioError, match="0 to 1, found 2"):
+        photometric_loss(image, target, 2)
+    with pytest.raises(StudioError, match="one size"):
+        photometric_loss(image[:0], target[:0])
