@@ -157,7 +157,9 @@ def _fps(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[float, 
 def _found(spec: CaptureSpec, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
     sizes = sorted({(source.width, source.height) for source in sources.values()})
     size = " and ".join(f"{width}x{height}" for width, height in sizes)
-    span = "no common frame" if not frames else f"{len(frames)} frames ({frames[0]} to {frames[-1]})"
+    span = "no common frame"
+    if frames:
+        span = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames ({frames[0]} to {frames[-1]})"
     return f"Footage '{pattern}' below {spec.root}: {len(sources)} cameras, {span}, {size}."
 
 

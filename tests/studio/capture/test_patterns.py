@@ -1,0 +1,82 @@
+from pathlib import Path
+
+import pytest
+
+from studio.capture.detect import detect_images
+from studio.capture.patterns import find_files
+from studio.errors import StudioError
+
+
+def touch(root: Path, *names: str) -> None:
+    for name in names:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).touch()
+
+
+def test_camera_and_frame_are_read_from_the_path(tmp_path: Path) -> None:
+    touch(tmp_path, "images/c2/000007.png", "images/c10/000007.png", "images/c2/000003.png", "images/c2/notes.txt")
+    found = [(match.camera, match.frame) for match in find_files(tmp_path, "images/{camera}/{frame:06d}.png")]
+    assert found == [("c2", 3), ("c2", 7), ("c10", 7)]  # natural order
+
+
+def test_padding_in_the_pattern_is_a_least_width(tmp_path: Path) -> None:
+    touch(tmp_path, "a_12.png", "a_000012.png")
+    assert [match.path.name for match in find_files(tmp_path, "{camera}_{frame:06d}.png")] == ["a_000012.png"]
+
+
+def test_folder_a_frame_and_stars(tmp_path: Path) -> None:
+    touch(tmp_path, "0/images/a.jpg", "1/images/a.jpg", "1/images/b.png", "1/depth/a.png")
+    found = [(match.camera, match.frame) for match in find_files(tmp_path, "{frame}/images/{camera}.*")]
+    assert found == [("a", 0), ("a", 1), ("b", 1)]
+    assert len(find_files(tmp_path, "**/{camera}.png")) == 2
+
+
+def test_absolute_and_parent_patterns(tmp_path: Path) -> None:
+    touch(tmp_path, "rushes/a.mp4", "capture/x.txt")
+    for pattern in (f"{tmp_path}/rushes/{{camera}}.mp4", "../rushes/{camera}.mp4"):
+        assert [match.camera for match in find_files(tmp_path / "capture", pattern)] == ["a"]
+
+
+def test_two_files_for_one_camera_are_refused_by_name(tmp_path: Path) -> None:
+    touch(tmp_path, "videos/a.mp4", "videos/a.mov")
+    with pytest.raises(StudioError, match=r"Two files are camera 'a'.*a\.mov.*a\.mp4"):
+        find_files(tmp_path, "videos/{camera}.*")
+    touch(tmp_path, "i/a/1.png", "i/a/001.png")
+    with pytest.raises(StudioError, match="Two files are frame 1 of camera 'a'"):
+        find_files(tmp_path, "i/{camera}/{frame}.png")
+
+
+def test_pattern_without_camera_or_with_unknown_parts(tmp_path: Path) -> None:
+    with pytest.raises(StudioError, match=r"must contain \{camera\}"):
+        find_files(tmp_path, "videos/*.mp4")
+    with pytest.raises(StudioError, match=r"\{cam\} is not known"):
+        find_files(tmp_path, "{camera}/{cam}.mp4")
+
+
+@pytest.mark.parametrize(
+    ("files", "pattern"),
+    [
+        (["videos/a.mp4", "videos/b.mp4", "rgba/a/0.png"], "videos/{camera}.mp4"),
+        (["images/a/0.png", "images/b/0.png", "masks/a/0.png"], "images/{camera}/{frame}.png"),
+        (["images/DSC_0007.jpg", "images/DSC_0008.jpg"], "images/{camera}.jpg"),
+        (["images/a_0000.jpg", "images/a_0001.jpg", "images/b_0000.jpg", "images/b_0001.jpg"],
+         "images/{camera}_{frame}.jpg"),
+        (["0/images/a.png", "1/images/a.png"], "{frame}/images/{camera}.png"),
+        (["a.mp4", "b.mp4", "bg/a.png"], "{camera}.mp4"),
+        (["cam0/0001.png", "cam1/0001.png", "bg/0001.png"], "{camera}/{frame}.png"),
+        (["shoot/day1/a.mp4", "shoot/day1/b.mp4"], "shoot/day1/{camera}.mp4"),
+    ],
+)  # fmt: skip
+def test_usual_layouts_are_found(tmp_path: Path, files: list[str], pattern: str) -> None:
+    touch(tmp_path, *files)
+    found, matches = detect_images(tmp_path)
+    assert found == pattern
+    assert not {match.camera for match in matches} & {"bg", "masks"}
+
+
+def test_nothing_or_too_much_found_says_what_to_set(tmp_path: Path) -> None:
+    with pytest.raises(StudioError, match="no footage was found"):
+        detect_images(tmp_path)
+    touch(tmp_path, "x/day1/a.mp4", "x/day1/b.mp4", "x/day2/a.mp4", "x/day2/b.mp4")
+    with pytest.raises(StudioError, match="x/day1 and in x/day2"):
+        detect_images(tmp_path)

@@ -1,0 +1,156 @@
+import random
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from studio.capture.video import VideoReader
+from studio.errors import StudioError
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "options"),
+    [
+        ("closed.mp4", "libx264", {"bf": "3", "g": "10", "crf": "20"}),
+        ("open.mp4", "libx264", {"bf": "3", "g": "8", "crf": "20", "x264-params": "open-gop=1:b-pyramid=normal"}),
+        ("one_keyframe.mkv", "libx264", {"bf": "2", "g": "250", "crf": "20"}),
+        ("no_times.avi", "mpeg4", {"bf": "2", "g": "12", "q": "3"}),
+        ("stream.h264", "libx264", {"bf": "3", "g": "10", "crf": "20"}),
+    ],
+)
+def test_any_order_gives_the_frame_asked_for(
+    tmp_path: Path, make: SimpleNamespace, name: str, codec: str, options: dict[str, str]
+) -> None:
+    path = make.video(tmp_path / name, [make.numbered(index) for index in range(60)], codec=codec, options=options)
+    reader = VideoReader(path)
+    assert reader.frame_count == 60
+    order = [0, 1, 2, 59, 58, 30, 31, 12, 13, 50, 7, *random.Random(1).sample(range(60), 25)]
+    assert [make.number_of(reader.read(index)) for index in order] == order
+
+
+def test_reading_forwards_decodes_each_frame_once(tmp_path: Path, make: SimpleNamespace) -> None:
+    path = make.video(tmp_path / "v.mp4", [make.numbered(index) for index in range(30)])
+    reader = VideoReader(path)
+    steps = 0
+    real = reader._step
+
+    def counting() -> object:
+        nonlocal steps
+        steps += 1
+        return real()
+
+    reader._step = counting  # type: ignore[method-assign,assignment]
+    for index in range(30):
+        reader.read(index)
+        reader.read(index)
+    assert steps <= 30
+
+
+def test_a_closed_reader_opens_again_where_it_is_asked(tmp_path: Path, make: SimpleNamespace) -> None:
+    path = make.video(tmp_path / "v.mp4", [make.numbered(index) for index in range(30)])
+    reader = VideoReader(path)
+    reader.read(20)
+    reader.close()
+    assert not reader.is_open
+    assert make.number_of(reader.read(21)) == 21
+
+
+@pytest.mark.parametrize(
+    ("matrix", "tag", "red", "blue"),
+    [
+        ("bt601", None, 0.299, 0.114),
+        ("bt709", None, 0.2126, 0.0722),
+        ("auto", None, 0.299, 0.114),
+        ("auto", 1, 0.2126, 0.0722),
+        ("auto", 5, 0.299, 0.114),
+    ],
+)
+def test_colors_follow_the_matrix_of_the_standard(
+    tmp_path: Path, matrix: str, tag: int | None, red: float, blue: float
+) -> None:
+    # One flat YUV colour, lossless; expected RGB from the definition of limited-range YCbCr.
+    y, u, v = 120, 90, 160
+    planes = np.concatenate([np.full(64 * 96, y), np.full(32 * 48, u), np.full(32 * 48, v)]).astype(np.uint8)
+    frame = planes.reshape(96, 96)  # PyAV's layout of yuv420p for 96x64: (64 * 3 / 2, 96)
+    path = tmp_path / "flat.mp4"
+    import av
+
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt, stream.options = 96, 64, "yuv420p", {"qp": "0"}
+        if tag is not None:
+            stream.codec_context.colorspace = tag
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="yuv420p")))
+        container.mux(stream.encode())
+    luma, cb, cr = (y - 16) / 219, (u - 128) / 224, (v - 128) / 224
+    r = luma + 2 * (1 - red) * cr
+    b = luma + 2 * (1 - blue) * cb
+    g = (luma - red * r - blue * b) / (1 - red - blue)
+    found = VideoReader(path, matrix).read(0)[20:40, 20:40].reshape(-1, 3).mean(0)
+    np.testing.assert_allclose(found, 255 * np.array([r, g, b]), atol=1.2)
+
+
+def test_grey_lossless_video_keeps_every_value(tmp_path: Path, make: SimpleNamespace) -> None:
+    ramp = np.arange(64 * 96).reshape(64, 96).astype(np.uint8)
+    path = make.video(tmp_path / "m.mkv", [ramp], codec="ffv1", pixels="gray", options={"level": "3"}, source="gray")
+    assert np.array_equal(VideoReader(path).read(0), np.repeat(ramp[:, :, None], 3, 2))
+
+
+def test_rotation_tag_is_applied(tmp_path: Path, make: SimpleNamespace) -> None:
+    image = np.zeros((64, 96, 3), np.uint8)
+    image[:16, :] = 255  # the stored picture is bright above
+    path = make.video(tmp_path / "turned.mp4", [image] * 3, rotation=90)
+    reader = VideoReader(path)
+    assert (reader.width, reader.height) == (64, 96)
+    shown = reader.read(1)
+    # Turned by 90 degrees counterclockwise for display, what is above comes to the left.
+    assert shown.shape == (96, 64, 3)
+    assert shown[:, :12].mean() > 200
+    assert shown[:, 20:].mean() < 40
+
+
+def test_damage_is_named(tmp_path: Path, make: SimpleNamespace) -> None:
+    rng = np.random.default_rng(0)
+    frames = [rng.integers(0, 255, (64, 96, 3), dtype=np.uint8) for _ in range(40)]
+    good = make.video(tmp_path / "good.mp4", frames, options={"crf": "20"})
+    data = good.read_bytes()
+    moov_last = tmp_path / "cut.mp4"
+    moov_last.write_bytes(data[: len(data) // 2])
+    with pytest.raises(StudioError, match=r"cut\.mp4 cannot be opened"):
+        VideoReader(moov_last)
+    text = tmp_path / "text.mp4"
+    text.write_text("not a video")
+    with pytest.raises(StudioError, match=r"text\.mp4 cannot be opened"):
+        VideoReader(text)
+    with pytest.raises(StudioError, match="is not there"):
+        VideoReader(tmp_path / "none.mp4")
+    fast = make.video(tmp_path / "f.mp4", frames, options={"crf": "20", "movflags": "faststart"})
+    with pytest.raises(StudioError, match="has no frame 40; it has 0 to 39"):
+        VideoReader(fast).read(40)
+
+
+def test_a_video_cut_behind_its_index_says_where_it_ends(tmp_path: Path, make: SimpleNamespace) -> None:
+    import av
+
+    rng = np.random.default_rng(0)
+    path = tmp_path / "fast.mp4"
+    with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        for _ in range(40):
+            image = rng.integers(0, 255, (64, 96, 3), dtype=np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) * 2 // 3])
+    reader = VideoReader(path)
+    assert reader.frame_count == 40
+
+    def read_all() -> None:
+        for index in range(40):
+            reader.read(index)
+
+    with pytest.raises(StudioError, match=r"fast\.mp4 ends after \d+ of its 40 frames|Frame \d+ of .*fast\.mp4"):
+        read_all()
+    assert reader.read(0).shape == (64, 96, 3)  # what is whole can still be read
