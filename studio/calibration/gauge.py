@@ -1,0 +1,159 @@
+"""Where a solution lies in the world: similarity transforms, alignment to a reference, comparison with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from studio.cameras import Rig
+from studio.errors import StudioError
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x' = scale * rotation @ x + translation.
+
+    Attributes:
+        scale: positive.
+        rotation: (3, 3).
+        translation: (3,).
+    """
+
+    scale: float
+    rotation: np.ndarray
+    translation: np.ndarray
+
+    def points(self, points: np.ndarray) -> np.ndarray:
+        """Transformed points (N, 3)."""
+        return self.scale * points @ self.rotation.T + self.translation
+
+    def rig(self, rig: Rig) -> Rig:
+        """The same cameras in the new world: every image stays the same."""
+        cameras = []
+        for camera in rig:
+            pose = np.eye(4)
+            pose[:3, :3] = camera.rotation @ self.rotation.T
+            pose[:3, 3] = -pose[:3, :3] @ self.points(camera.center[None])[0]
+            cameras.append(replace(camera, world_to_camera=pose))
+        return Rig(tuple(cameras))
+
+
+def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
+    """The similarity that brings source (N, 3) nearest to target (N, 3) in least squares (Umeyama 1991).
+
+    Raises:
+        StudioError: fewer than three points, or all on one spot.
+    """
+    if len(source) < 3:
+        raise StudioError(f"At least 3 common cameras are needed to align two solutions, found {len(source)}.")
+    middle_source, middle_target = source.mean(0), target.mean(0)
+    a, b = source - middle_source, target - middle_target
+    spread = (a * a).sum() / len(a)
+    if spread < 1e-18:
+        raise StudioError("The cameras all stand on one spot: two solutions cannot be aligned by them.")
+    u, d, vt = np.linalg.svd(b.T @ a / len(a))
+    sign = np.ones(3)
+    sign[2] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    rotation = u @ np.diag(sign) @ vt
+    scale = float((d * sign).sum() / spread)
+    return Similarity(scale, rotation, middle_target - scale * rotation @ middle_source)
+
+
+def align_rigs(source: Rig, target: Rig) -> Similarity:
+    """The similarity from one solution to another, by the centres of the cameras they share.
+
+    Raises:
+        StudioError: fewer than three common cameras, or all on one spot.
+    """
+    names = [name for name in source.names if name in target]
+    return align_points(source.subset(names).centers, target.subset(names).centers)
+
+
+def upright(rig: Rig, points: np.ndarray) -> Similarity:
+    """The world that a rig alone suggests.
+
+    z up is the mean of the cameras' up directions, the origin is the point that the cameras look at (the middle of the
+    points where the axes do not meet before the cameras), x points from there towards the first camera, and the mean
+    distance of the cameras from the origin is 1.
+
+    Args:
+        rig: the cameras.
+        points: (P, 3) sparse points.
+    """
+    centers = rig.centers
+    focus = rig.focus
+    before = [float((focus - camera.center) @ camera.forward) > 0 for camera in rig]
+    if np.mean(before) < 0.9 and len(points):
+        focus = np.median(points, axis=0)
+    up = -np.mean([camera.rotation[1] for camera in rig], axis=0)
+    if np.linalg.norm(up) < 0.1:  # cameras on all sides of a sphere have no common up
+        up = np.array([0.0, 0.0, 1.0])
+    up /= np.linalg.norm(up)
+    toward = centers[0] - focus
+    toward = toward - (toward @ up) * up
+    if np.linalg.norm(toward) < 1e-9:
+        toward = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+    x = toward / np.linalg.norm(toward)
+    rotation = np.stack([x, np.cross(up, x), up])
+    distance = float(np.linalg.norm(centers - focus, axis=1).mean())
+    scale = 1.0 / max(distance, 1e-12)
+    return Similarity(scale, rotation, -scale * rotation @ focus)
+
+
+def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
+    """Scaling about the origin that puts two cameras at a known distance.
+
+    Raises:
+        StudioError: an unknown camera, a distance that is not positive, cameras on one spot.
+    """
+    if not distance > 0:
+        raise StudioError(f"The known distance between '{first}' and '{second}' is {distance}; it must be positive.")
+    found = float(np.linalg.norm(rig[first].center - rig[second].center))
+    if found < 1e-12:
+        raise StudioError(f"'{first}' and '{second}' stand on one spot; name two cameras that are apart.")
+    return Similarity(distance / found, np.eye(3), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class RigDifference:
+    """How far a solution is from a reference after alignment.
+
+    Attributes:
+        centers: a camera each, distance of the centres in the reference's units.
+        rotations: a camera each, degrees.
+        radius: mean distance of the reference's cameras from their middle, to put the centres in relation to.
+    """
+
+    centers: dict[str, float]
+    rotations: dict[str, float]
+    radius: float
+
+    @property
+    def center_percent(self) -> float:
+        """Largest distance of a centre, percent of the rig's radius."""
+        return 100.0 * max(self.centers.values()) / self.radius
+
+    @property
+    def rotation_degrees(self) -> float:
+        """Largest rotation."""
+        return max(self.rotations.values())
+
+
+def compare_rigs(found: Rig, reference: Rig) -> RigDifference:
+    """Align a solution with a reference and measure what differs, over the cameras they share.
+
+    Raises:
+        StudioError: fewer than three common cameras.
+    """
+    aligned = align_rigs(found, reference).rig(found)
+    names = [name for name in found.names if name in reference]
+    centers, rotations = {}, {}
+    for name in names:
+        a, b = aligned[name], reference[name]
+        centers[name] = float(np.linalg.norm(a.center - b.center))
+        # By the sine of half the angle: exact for small rotations too.
+        rotations[name] = float(np.degrees(2 * np.arcsin(min(1.0, np.linalg.norm(a.rotation - b.rotation) / 8**0.5))))
+    middle = reference.subset(names).centers
+    radius = float(np.linalg.norm(middle - middle.mean(0), axis=1).mean())
+    return RigDifference(centers, rotations, radius)
