@@ -56,7 +56,8 @@ def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | Non
     Returns:
         (3,) float32.
     """
-    usable = (plate.min(-1) > 20) & (plate.max(-1) < 240)
+    red, green, blue = plate[..., 0], plate[..., 1], plate[..., 2]
+    usable = (red > 20) & (green > 20) & (blue > 20) & (red < 240) & (green < 240) & (blue < 240)
     if known is not None:
         usable &= known
     if usable.sum() < 500:
@@ -200,9 +201,9 @@ def foreground_mask(
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     padded = cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
     closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[reach:-reach, reach:-reach]
-    outside = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    outside = cv2.copyMakeBorder(closed, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     cv2.floodFill(outside, None, (0, 0), 2)
-    enclosed = (closed > 0) | (outside[1:-1, 1:-1] == 0)
+    enclosed = outside[1:-1, 1:-1] != 2
     added = enclosed & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
     return keep_components((mask > 0) | added, settings.components, minimum, core=sure, likeness=ratio)
 
@@ -241,8 +242,9 @@ def solve_edges(
     behind = plate[rows, columns].astype(np.float32) * gain
     front, weight = masked_mean(ours, core, 1.5 * reach)
     contrast = front - behind
-    power = (contrast * contrast).sum(-1)
-    by_color = ((ours - behind) * contrast).sum(-1) / np.maximum(power, 1.0)
+    total = np.ones((1, 3), np.float32)
+    power = cv2.transform(contrast * contrast, total)
+    by_color = cv2.transform((ours - behind) * contrast, total) / np.maximum(power, 1.0)
     by_place = cv2.GaussianBlur(inner.astype(np.float32), (0, 0), 0.5 * reach)
     # Variance of the colour solution: noise and texture of about 12 levels; of the place: 0.25.
     trust = power / (12.0**2 * 3) * 0.25**2 * 16
