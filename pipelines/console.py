@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from pipelines.events import (
     Event,
@@ -19,18 +20,31 @@ from pipelines.events import (
     Warned,
 )
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 
 class JsonLines:
-    """Prints each event as a JSON object on a line of its own, at once."""
+    """Prints each event as a JSON object on a line of its own, at once.
+
+    When the reader goes away (the window is closed) the run goes on in silence; its log is in the take.
+    """
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream = stream or sys.stdout
+        self._stream: TextIO | None = stream or sys.stdout
         self._lock = threading.Lock()
 
     def __call__(self, event: Event) -> None:
         with self._lock:
-            self._stream.write(event.to_json() + "\n")
-            self._stream.flush()
+            if self._stream is None:
+                return
+            try:
+                self._stream.write(event.to_json() + "\n")
+                self._stream.flush()
+            except BrokenPipeError:
+                if self._stream is sys.stdout:  # or Python complains again when it flushes at the end
+                    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                self._stream = None
 
     def __enter__(self) -> JsonLines:
         return self
@@ -44,11 +58,10 @@ class Bars:
     terminal."""
 
     def __init__(self) -> None:
-        from rich.console import Console
         from rich.progress import BarColumn, TaskProgressColumn, TextColumn
         from rich.progress import Progress as RichProgress
 
-        self.console = Console(highlight=False)
+        self.console = console()
         self._bars = RichProgress(
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=28),
@@ -86,8 +99,10 @@ class Bars:
             self._drop_stage_bar()
         elif isinstance(event, StageFailed):
             self._drop_stage_bar()  # the command line prints the sentence, or the traceback
-        elif isinstance(event, RunFinished) and event.outcome == "cancelled":
-            self._say(f"[yellow]stopped[/yellow]: {_plain(event.message)}")
+        elif isinstance(event, RunFinished):
+            self._bars.stop()  # gives the cursor back, even if the process is about to be ended the hard way
+            if event.outcome == "cancelled":
+                self._say(f"[yellow]stopped[/yellow]: {_plain(event.message)}")
         elif isinstance(event, Log | Preview):
             pass  # for the log and the window
 
@@ -120,11 +135,20 @@ class Bars:
             if percent > self._last_percent:
                 self._last_percent = percent
                 self.console.print(
-                    f"{event.stage} {percent:3d} %  {_left(event.seconds_left)}  {note}".rstrip(), markup=False
+                    f"{event.stage} {percent:3d} %  {_left(event.seconds_left)}  {note}".rstrip(),
+                    markup=False,
+                    soft_wrap=True,
                 )
 
     def _say(self, text: str) -> None:
-        self._bars.console.print(text)
+        self._bars.console.print(text, soft_wrap=True)
+
+
+def console() -> Console:
+    """Where people read: as wide as the terminal, and wide enough for tables where there is none."""
+    from rich.console import Console
+
+    return Console(highlight=False, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
 
 
 def duration(seconds: float) -> str:

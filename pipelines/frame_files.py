@@ -16,10 +16,11 @@ _ENTRY = "v3studio"
 
 def write_frame(path: Path, gaussians: Gaussians, about: dict[str, Any]) -> None:
     """Atomic. `about` is JSON-ready: key of the recipe, group, index, frame number."""
-    from safetensors.torch import save_file
+    from safetensors.torch import save
 
+    data = save(gaussians.state_dict(), metadata={_ENTRY: json.dumps(about, sort_keys=True)})
     with atomic_path(path) as temporary:
-        save_file(gaussians.state_dict(), temporary, metadata={_ENTRY: json.dumps(about, sort_keys=True)})
+        temporary.write_bytes(data)  # a full disk is then an OSError like everywhere else
 
 
 def read_frame(path: Path) -> Gaussians:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pipelines.assess import DONE, StageStatus, assess, assess_all, write_record
 from pipelines.cancel import Cancellation, stop_on_signals
 from pipelines.config import Config, dump_config
-from pipelines.events import Emit, Event, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
+from pipelines.events import Emit, Event, Progress, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
 from pipelines.files import disk_errors, remove, write_text
 from pipelines.records import write_failure
 from pipelines.stages import STAGES, stage_named
@@ -55,14 +55,16 @@ def run(
     cancellation = cancellation or Cancellation()
     started = time.monotonic()
     names = [stage.name for stage in STAGES if stage.name in set(stages)]
+    tell = emit
 
     def finish(outcome: str, message: str = "") -> None:
-        emit(RunFinished(outcome=outcome, seconds=round(time.monotonic() - started, 2), message=message))
+        tell(RunFinished(outcome=outcome, seconds=round(time.monotonic() - started, 2), message=message))
 
     with stop_on_signals(cancellation, lambda: finish("cancelled", "stopped in the middle of a long step")):
         try:
             with disk_errors(take.root), take.locked(command):
-                _run_locked(Context(take, config, _logged(emit, take), cancellation), names, force, started)
+                tell = Logged(emit, take)
+                _run_locked(Context(take, config, tell, cancellation), names, force, started)
         except Cancelled:
             finish("cancelled", "what is finished is kept; run again to go on")
             raise
@@ -72,16 +74,26 @@ def run(
         finish("done")
 
 
-def _logged(emit: Emit, take: Take) -> Emit:
-    """Events also go to the take's log, one JSON object a line; the log of the run before is replaced."""
-    write_text(take.log, "")
+class Logged:
+    """Passes events on and writes them to the take's log, a JSON object a line; the log of the run before is replaced.
 
-    def both(event: Event) -> None:
-        with take.log.open("a", encoding="utf-8") as file:
+    Progress is written every two seconds only, or the log of a long run would fill the disk.
+    """
+
+    def __init__(self, emit: Emit, take: Take) -> None:
+        self._emit, self._path = emit, take.log
+        self._last_progress = -2.0
+        write_text(self._path, "")
+
+    def __call__(self, event: Event) -> None:
+        self._emit(event)
+        if isinstance(event, Progress):
+            if time.monotonic() - self._last_progress < 2:
+                return
+            self._last_progress = time.monotonic()
+        # a log that cannot be written (a full disk) must not hide what the event tells
+        with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as file:
             file.write(event.to_json() + "\n")
-        emit(event)
-
-    return both
 
 
 def _run_locked(context: Context, names: list[str], force: bool, run_started: float) -> None:
@@ -101,15 +113,16 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
     )
     _limit_threads(context.config.run.threads)
     weights = {name: stage_named(name).weight for name in todo}
+    reporter: StageReporter | None = None
     for position, name in enumerate(todo):
         stage = stage_named(name)
         # stages before this one have run by now: what looked stale may be up to date after all
         now = assess(stage, context, assess_all(STAGES, context))
         if now.state == DONE and not force:
             continue
-        before = sum(weights[n] for n in todo[:position]) / sum(weights.values())
-        share = weights[name] / sum(weights.values())
-        reporter = StageReporter(name, context, lambda f, b=before, s=share: b + s * f, run_started)  # type: ignore[misc]
+        reached = reporter.total_fraction if reporter else 0.0
+        later = sum(weights[after] for after in todo[position + 1 :])
+        reporter = StageReporter(name, context, weights[name], later, time.monotonic() - run_started, reached)
         _run_stage(stage, context, reporter, "asked for" if force and now.state == DONE else now.reason, force)
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from pipelines.config import Config
-from pipelines.console import duration
+from pipelines.console import console, duration
 from pipelines.files import read_json
 from pipelines.take import Take
 
@@ -21,11 +21,9 @@ _COLOURS = {"done": "green", "partial": "yellow", "stale": "yellow", "failed": "
 
 def print_evaluation(take: Take) -> None:
     """A row a frame, the means, and how it was measured."""
-    from rich.console import Console
-
     evaluation = read_json(take.evaluation)
     summary, protocol = evaluation["summary"], evaluation["protocol"]
-    console = Console(highlight=False)
+    screen = console()
     table = _table("frame", "group", "splats", "PSNR trained", "decoded", "SSIM trained", "decoded", "KB")
     for row in evaluation["frames"]:
         mark = "*" if row["keyframe"] else ""
@@ -34,33 +32,31 @@ def print_evaluation(take: Take) -> None:
         )
     table.add_section()
     table.add_row("mean", "", "", *_quality(summary), f"{summary['bytes_per_frame'] / 1000:.1f}")
-    console.print(table)
+    screen.print(table)
     which = "held-out" if protocol["held_out"] else "TRAINING (none is held out)"
-    console.print(
+    screen.print(
         f"{which} cameras {', '.join(protocol['cameras'])}; {protocol['crop']}; background "
         f"{tuple(protocol['background'])}; {protocol['total_bytes']:,} bytes in all. * keyframe",
         style="dim",
         markup=False,
     )
-    console.print(f"stream: {take.stream}\nreport: {take.report}", markup=False, soft_wrap=True)
+    screen.print(f"stream: {take.stream}\nreport: {take.report}", markup=False, soft_wrap=True)
 
 
 def print_status(take: Take, config: Config) -> None:
     """A row a stage, and who holds the take."""
-    from rich.console import Console
-
     from pipelines.runner import status
 
-    console = Console(highlight=False)
+    screen = console()
     table = _table("stage", "state", "finished", "took", "why", left=(0, 1, 4))
     for name, state in status(take, config).items():
         units = f"{state.units_done}/{state.units} {state.unit}" if state.units else ""
         took = duration(state.seconds) if state.seconds is not None and state.state == "done" else ""
         table.add_row(name, f"[{_COLOURS[state.state]}]{state.state}[/]", units, took, _escape(state.reason))
-    console.print(table)
+    screen.print(table)
     holder = take.running()
     if holder is not None:
-        console.print(f"running now: process {holder.get('pid')}, {holder.get('command')}", markup=False)
+        screen.print(f"running now: process {holder.get('pid')}, {holder.get('command')}", markup=False)
 
 
 def status_json(take: Take, config: Config) -> str:
@@ -73,9 +69,7 @@ def status_json(take: Take, config: Config) -> str:
 
 def print_playback(report: PlaybackReport) -> None:
     """A row a frame and the spread, in milliseconds."""
-    from rich.console import Console
-
-    console = Console(highlight=False)
+    screen = console()
     table = _table("frame", "group", "KB", "fetch ms", "decode ms", "dequantise ms")
     for row in report.frames:
         table.add_row(
@@ -87,8 +81,8 @@ def print_playback(report: PlaybackReport) -> None:
     for name in ("mean", "median", "p95", "max"):
         values = [getattr(spread, name) for spread in spreads]
         table.add_row(name, "", f"{values[0] / 1000:.1f}", *(f"{value:.2f}" for value in values[1:]))
-    console.print(table)
-    console.print(
+    screen.print(table)
+    screen.print(
         f"{report.shown} frames in {report.seconds:.2f} s: {report.fps:.1f} frames a second, {report.dropped} left out"
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -93,17 +93,24 @@ class Context:
 class StageReporter:
     """How a stage talks: progress with time left, figures, pictures, warnings. Checks for cancellation each time.
 
-    `overall(fraction)` maps this stage's fraction to the run's.
+    Attributes:
+        stage: its name.
+        context: where events go and what stops it.
+        own, later: the stage's share of the run and that of the stages after it, before anything is measured.
+        before: seconds that the run took until this stage began.
+        total_fraction: how far the run is, 0 to 1; never goes back.
     """
 
     stage: str
     context: Context
-    overall: Callable[[float], float] = lambda fraction: fraction
-    run_started: float = field(default_factory=time.monotonic)
+    own: float = 1.0
+    later: float = 0.0
+    before: float = 0.0
+    total_fraction: float = 0.0
 
     def __post_init__(self) -> None:
-        self._started = time.monotonic()
-        self._last = 0.0
+        self._began = self._clock = time.monotonic()
+        self._last = -_LEAST_PAUSE
         self._fraction = 0.0
         self._figures: dict[str, Any] = {}
 
@@ -121,18 +128,27 @@ class StageReporter:
         if now - self._last < _LEAST_PAUSE and fraction < 1:
             return
         self._last = now
-        total = self.overall(fraction)
+        left = _seconds_left(now - self._clock, fraction)
+        total_left = None
+        if left is not None:
+            total_left = left + (now - self._clock) / fraction * self.later / self.own
+            spent = self.before + now - self._began
+            self.total_fraction = max(self.total_fraction, min(1.0, spent / (spent + total_left)))
         self.context.emit(
             Progress(
                 stage=self.stage,
                 fraction=fraction,
-                total_fraction=total,
-                seconds_left=_seconds_left(now - self._started, fraction),
-                total_seconds_left=_seconds_left(now - self.run_started, total),
+                total_fraction=self.total_fraction,
+                seconds_left=left,
+                total_seconds_left=total_left,
                 label=label,
                 figures=dict(self._figures),
             )
         )
+
+    def start_clock(self) -> None:
+        """What went before (checks, warming up) says nothing about how long the rest takes."""
+        self._clock = time.monotonic()
 
     def forget_figures(self) -> None:
         """Figures told so far are of something that is finished (a frame)."""
@@ -166,7 +182,7 @@ class StageReporter:
 
 def _seconds_left(elapsed: float, fraction: float) -> float | None:
     """None until two seconds and a hundredth are behind us: earlier estimates jump."""
-    if elapsed < 2 or fraction < 0.01:
+    if fraction < 1 and (elapsed < 2 or fraction < 0.01):
         return None
     return elapsed * (1 - fraction) / fraction
 

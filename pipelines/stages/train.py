@@ -73,6 +73,7 @@ class TrainStage:
         finished = {group.index: self._finished(context, group) for group in groups}
         if context.config.train.check_footage:
             self._check_footage(context, reporter, groups, finished)
+        reporter.start_clock()
         work = GroupWork(context, reporter, TrainClock(groups, finished, context.config.train))
         splats = []
         for group in groups:
