@@ -101,7 +101,12 @@ def rasterize_cuda(
     pose = torch.eye(4)
     pose[:3, :3] = torch.as_tensor(pinhole.rotation)
     pose[:3, 3] = torch.as_tensor(pinhole.translation)
-    intrinsics = torch.tensor([[pinhole.fx, 0.0, pinhole.cx], [0.0, pinhole.fy, pinhole.cy], [0.0, 0.0, 1.0]])
+    # gsplat linearises within the image and 0.15 of its size around it. An image of another size and principal point
+    # puts that bound where `Pinhole.limits` has it; the shift back to the real image comes after the projection.
+    left, right, top, bottom = pinhole.limits
+    wide, high = (round((right - left) * pinhole.fx / 1.3), round((bottom - top) * pinhole.fy / 1.3))
+    cx, cy = -left * pinhole.fx - 0.15 * wide, -top * pinhole.fy - 0.15 * high
+    intrinsics = torch.tensor([[pinhole.fx, 0.0, cx], [0.0, pinhole.fy, cy], [0.0, 0.0, 1.0]])
     # One camera: C = 1. radii (1, N, 2) int, means2d (1, N, 2), depths (1, N), conics (1, N, 3).
     radii, means2d, depths, conics, _ = gsplat.fully_fused_projection(
         means,
@@ -110,15 +115,19 @@ def rasterize_cuda(
         log_scales.exp(),
         tensor(pose)[None],
         tensor(intrinsics)[None],
-        width,
-        height,
+        wide,
+        high,
         eps2d=DILATION,
         near_plane=near,
         opacities=opacities.detach(),  # only bounds the footprint
     )
-    shown = ((radii > 0).all(-1)) & (opacities >= ALPHA_MIN)
+    means2d = means2d + tensor([pinhole.cx - cx, pinhole.cy - cy])
     if screen_offsets is not None:
         means2d = means2d + screen_offsets
+    with torch.no_grad():
+        inside = ((means2d + radii > 0) & (means2d - radii < tensor([width, height]))).all(-1)
+        shown = (radii > 0).all(-1) & (opacities >= ALPHA_MIN) & inside
+        radii = torch.where(shown[..., None], radii, torch.zeros_like(radii))
     directions = (means - tensor(pinhole.center))[None]
     colors = gsplat.spherical_harmonics(gaussians.sh_degree, directions, sh[None], masks=shown)
     features = torch.cat([(colors + 0.5).clamp_min(0.0), depths[..., None]], -1)

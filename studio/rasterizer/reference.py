@@ -8,8 +8,6 @@ its transmittance to 1e-4. Splats at the same depth are drawn in the order in wh
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -73,6 +71,7 @@ def visible_radii(gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None
     """Half sides (N, 2) in pixels of the box outside which alpha < 1/255, 0 where nothing is drawn; depths (N,)."""
     finite = torch.isfinite(gaussians.means).all(-1) & torch.isfinite(gaussians.log_scales).all(-1)
     finite &= torch.isfinite(gaussians.quats).all(-1) & (gaussians.quats.norm(dim=-1) > 0)
+    finite &= torch.isfinite(gaussians.sh).flatten(1).all(-1)
     means2d, cov2d, det, depths, colors = project(gaussians, pinhole)
     if offsets is not None:
         means2d = means2d + offsets
@@ -157,8 +156,3 @@ def rasterize_reference(
     covered = alpha > 0
     depth = torch.where(covered, drawn[..., 3] / torch.where(covered, alpha, torch.ones_like(alpha)), 0.0)
     return Render(image=image, alpha=alpha, depth=depth, radii=half.amax(-1))
-
-
-def alpha_reach(opacity: float) -> float:
-    """How many standard deviations from its centre a splat of this opacity still has an alpha of 1/255."""
-    return math.sqrt(max(0.0, 2.0 * math.log(opacity / ALPHA_MIN)))

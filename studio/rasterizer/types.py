@@ -16,14 +16,25 @@ DILATION = 0.3
 ALPHA_MIN = 1.0 / 255.0
 """A splat adds nothing to a pixel where its alpha is below this (3DGS)."""
 
-TRANSMITTANCE_MIN = 1e-4
-"""Blending of a pixel stops before the splat that would bring its transmittance to this or below (3DGS)."""
+TRANSMITTANCE_MIN = 1.00001e-4
+"""Blending of a pixel stops before the splat that would bring its transmittance to this or below (3DGS: 1e-4).
+
+A hair above 1e-4, because two splats at the clamp of 0.99 leave exactly that: with the margin they end the pixel
+whatever the rounding, as they do in 3DGS.
+"""
 
 ALPHA_MAX = 0.99
 """Alpha's upper clamp in 3DGS. gsplat 1.5.3 has 0.999 compiled in."""
 
+FIELD = 2.0
+"""The projection of a splat is linearised at its centre, but at most this far (x / z, y / z) off the viewing axis.
+
+A bound keeps splats close beside the camera from growing over the whole image. 3DGS and gsplat put it a little outside
+the image, which makes a cropped view differ from a part of the whole one; a fixed 63 degrees does not.
+"""
+
 FIELD_MARGIN = 0.3
-"""The point at which the projection is linearised is kept within the image plus this part of half of it (gsplat)."""
+"""In views wider than `FIELD` the bound lies outside the image by this part of half its size, as in gsplat."""
 
 
 @dataclass(eq=False)
@@ -94,9 +105,9 @@ class Pinhole:
             translation=camera.translation,
             center=camera.center,
             limits=(
-                -camera.cx / camera.fx - margin_x,
-                (camera.width - camera.cx) / camera.fx + margin_x,
-                -camera.cy / camera.fy - margin_y,
-                (camera.height - camera.cy) / camera.fy + margin_y,
+                min(-FIELD, -camera.cx / camera.fx - margin_x),
+                max(FIELD, (camera.width - camera.cx) / camera.fx + margin_x),
+                min(-FIELD, -camera.cy / camera.fy - margin_y),
+                max(FIELD, (camera.height - camera.cy) / camera.fy + margin_y),
             ),
         )

@@ -13,7 +13,7 @@ constexpr int TILE = 32;              // side of a tile, pixels
 constexpr int SLOT = 10;              // gradients a (tile, splat) pair: see `Slot` in rasterize.h
 constexpr double DILATION = 0.3;      // the definition's constants: studio/rasterizer/types.py
 constexpr double ALPHA_MIN_LOG2 = -7.99435343685885793770;  // log2(1/255)
-constexpr double TRANSMITTANCE_MIN = 1e-4;
+constexpr double TRANSMITTANCE_MIN = 1.00001e-4;
 
 struct Camera {
     double rotation[9], translation[3], center[3];

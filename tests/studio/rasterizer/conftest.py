@@ -1,0 +1,162 @@
+"""Scenes, and the comparison of a backend with the reference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from studio.cameras import Camera
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.rasterizer.reference import project, visible_radii
+from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole
+
+
+def make_camera(
+    width: int = 75,
+    height: int = 49,
+    *,
+    focal: float = 60.0,
+    principal: tuple[float, float] | None = None,
+    turn: float = 0.3,
+    distance: float = 3.0,
+) -> Camera:
+    """A camera `distance` in front of the origin, turned about the y axis."""
+    cx, cy = principal if principal is not None else (0.44 * width, 0.51 * height)
+    pose = np.eye(4)
+    pose[:3, :3] = [[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]]
+    pose[2, 3] = distance
+    return Camera("test", width, height, np.array([[focal, 0, cx], [0, 1.03 * focal, cy], [0, 0, 1]]), pose)
+
+
+def make_splats(
+    count: int, *, degree: int = 3, seed: int = 0, log_scale: float = -3.0, spread: float = 0.5, opacity: float = 2.0
+) -> Gaussians:
+    """Random float64 splats about the origin whose values float32 holds exactly."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(*shape, generator=generator).double()
+
+    return Gaussians(
+        means=normal(count, 3) * spread,
+        quats=normal(count, 4),
+        log_scales=normal(count, 3) * 0.5 + log_scale,
+        logit_opacities=normal(count) * opacity,
+        sh=normal(count, (degree + 1) ** 2, 3) * 0.3,
+    ).map(lambda tensor: tensor.float().double())
+
+
+def sturdy_pixels(splats: Gaussians, camera: Camera, alpha_max: float = 0.99, near: float = 0.01) -> Tensor:
+    """(H, W) True where no yes-or-no decision of the definition hangs on less than float32's rounding.
+
+    The image jumps by up to 1/255 where a splat's alpha crosses 1/255, where transmittance crosses 1e-4, and where two
+    splats at one depth change places; a float32 backend may fall on the other side there.
+    """
+    pinhole = Pinhole.of(camera)
+    splats = splats.detach().to(torch.float64)
+    half, depths = visible_radii(splats, pinhole, None, near)
+    index = torch.nonzero(half[:, 0] > 0)[:, 0]
+    index = index[torch.argsort(depths[index], stable=True)]
+    means2d, cov2d, det, depths, _ = project(splats[index], pinhole)
+    ys, xs = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
+    dx, dy = xs.reshape(-1, 1) - means2d[:, 0], ys.reshape(-1, 1) - means2d[:, 1]
+    sigma = (cov2d[:, 2] * dx * dx - 2 * cov2d[:, 1] * dx * dy + cov2d[:, 0] * dy * dy) / (2 * det)
+    alpha = splats.opacities[index] * torch.exp(-sigma)
+    drawn = torch.where(alpha >= ALPHA_MIN, alpha.clamp_max(alpha_max), 0.0)
+    through = torch.cumprod(1 - drawn, dim=1)
+    matters = torch.cat([torch.ones_like(through[:, :1]), through[:, :-1]], 1) > 0.99 * TRANSMITTANCE_MIN
+    sturdy = ~(((alpha / ALPHA_MIN - 1).abs() < 1e-4) & matters).any(1)
+    sturdy &= ((through / TRANSMITTANCE_MIN - 1).abs() > 1e-3).all(1)
+    close = (depths[1:] - depths[:-1]).abs() < 2e-6 * depths[1:]
+    tied = torch.zeros_like(drawn, dtype=torch.bool)
+    tied[:, 1:] |= close
+    tied[:, :-1] |= close
+    sturdy &= (tied & (drawn > 0) & matters).sum(1) < 2
+    return sturdy.reshape(camera.height, camera.width)
+
+
+@dataclass
+class Drawn:
+    """Outputs and gradients of one backend."""
+
+    image: Tensor
+    alpha: Tensor
+    depth: Tensor
+    radii: Tensor
+    gradients: dict[str, Tensor]
+
+
+def draw_with_gradients(
+    splats: Gaussians,
+    camera: Camera,
+    backend: str,
+    dtype: torch.dtype = torch.float64,
+    *,
+    weight: Tensor | None = None,
+    outputs: tuple[str, ...] = ("image", "alpha", "depth"),
+    alpha_max: float | None = 0.99,
+    device: str = "cpu",
+) -> Drawn:
+    """Draw and go back through a random linear loss; `weight` (H, W) multiplies the loss of each pixel."""
+    leaves = splats.map(lambda tensor: tensor.detach().to(device, dtype, copy=True).requires_grad_())
+    offsets = torch.zeros(len(splats), 2, dtype=dtype, device=device, requires_grad=True)
+    background = torch.tensor([0.2, 0.5, 1.0], dtype=dtype, device=device, requires_grad=True)
+    render = rasterize(leaves, camera, background, backend=backend, screen_offsets=offsets, alpha_max=alpha_max)
+    generator = torch.Generator().manual_seed(1)
+    loss = render.image.sum() * 0
+    for name in ("image", "alpha", "depth"):
+        value = getattr(render, name)
+        factor = (torch.rand(value.shape, generator=generator, dtype=torch.float64) - 0.5).to(device, dtype)
+        if weight is not None:
+            factor = factor * weight.reshape(weight.shape + (1,) * (value.ndim - 2)).to(factor)
+        if name in outputs:
+            loss = loss + (value * factor).sum()
+    loss.backward()
+    gradients = {name: tensor.grad for name, tensor in leaves.items()}
+    gradients |= {"screen_offsets": offsets.grad, "background": background.grad}
+    return Drawn(
+        image=render.image.detach().cpu().double(),
+        alpha=render.alpha.detach().cpu().double(),
+        depth=render.depth.detach().cpu().double(),
+        radii=render.radii.cpu().double(),
+        gradients={name: torch.zeros(()) if grad is None else grad.cpu().double() for name, grad in gradients.items()},
+    )
+
+
+def assert_same(
+    ours: Drawn, truth: Drawn, *, where: Tensor | None = None, image: float = 1e-4, gradient: float = 1e-3
+) -> None:
+    """Images within `image`, every gradient within `gradient` of its own size."""
+    where = torch.ones_like(truth.alpha, dtype=torch.bool) if where is None else where
+    for name in ("image", "alpha"):
+        error = (getattr(ours, name) - getattr(truth, name)).abs()[where]
+        assert not len(error) or error.max() <= image, f"{name} is off by {error.max():.2e}"
+    depth = (ours.depth - truth.depth).abs()[where] / truth.depth[where].clamp_min(1e-3)
+    assert not len(depth) or depth.max() <= image, f"depth is off by {depth.max():.2e}"
+    for name, true in truth.gradients.items():
+        mine = ours.gradients[name]
+        assert torch.isfinite(mine).all(), f"the gradient of {name} is not finite"
+        size, error = true.norm(), (mine - true).norm()
+        # What rounding leaves where everything cancels out is measured against one pixel's worth of loss.
+        assert error <= gradient * size + 1e-6, f"the gradient of {name} is off by {error / size:.2e} of {size:.2e}"
+
+
+@pytest.fixture
+def helpers() -> Callable[..., None]:
+    """This module's functions, for the tests beside it."""
+
+    class Helpers:
+        camera = staticmethod(make_camera)
+        splats = staticmethod(make_splats)
+        sturdy = staticmethod(sturdy_pixels)
+        draw = staticmethod(draw_with_gradients)
+        assert_same = staticmethod(assert_same)
+
+    return Helpers  # type: ignore[return-value]

@@ -1,0 +1,296 @@
+"""The CPU kernels against the reference, on ordinary and on awkward scenes."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+
+import pytest
+import torch
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.rasterizer.cpu import load_kernels
+
+
+def compare(helpers, splats, camera, **options) -> None:  # type: ignore[no-untyped-def]
+    """float64 to rounding, float32 to the bounds that every backend must keep."""
+    truth = helpers.draw(splats, camera, "reference", **options)
+    exact = helpers.draw(splats, camera, "cpu", **options)
+    helpers.assert_same(exact, truth, image=1e-9, gradient=1e-8)
+    torch.testing.assert_close(exact.radii, truth.radii)
+    sturdy = helpers.sturdy(splats, camera)
+    assert sturdy.double().mean() > 0.7
+    truth = helpers.draw(splats, camera, "reference", weight=sturdy.double(), **options)
+    single = helpers.draw(splats, camera, "cpu", torch.float32, weight=sturdy.double(), **options)
+    helpers.assert_same(single, truth, where=sturdy)
+
+
+@pytest.mark.parametrize(
+    ("count", "degree", "log_scale"), [(1, 0, -3), (50, 3, -3), (300, 1, -3), (300, 2, -1), (1500, 3, -3.5), (37, 3, 1)]
+)
+def test_random_scenes(helpers, count, degree, log_scale) -> None:
+    compare(helpers, helpers.splats(count, degree=degree, log_scale=log_scale), helpers.camera())
+
+
+@pytest.mark.parametrize("outputs", [("image",), ("alpha",), ("depth",), ("image", "depth")])
+def test_gradients_of_each_output_alone(helpers, outputs) -> None:
+    compare(helpers, helpers.splats(80), helpers.camera(), outputs=outputs)
+
+
+def test_no_splats(helpers) -> None:
+    compare(helpers, helpers.splats(0), helpers.camera())
+
+
+def test_nothing_in_sight(helpers) -> None:
+    splats = helpers.splats(20)
+    splats.means[:, 2] -= 50
+    drawn = helpers.draw(splats, helpers.camera(turn=0.0), "cpu")
+    assert drawn.radii.max() == 0
+    assert drawn.alpha.max() == 0
+    assert all(drawn.gradients[name].abs().max() == 0 for name in ("means", "quats", "log_scales", "sh"))
+
+
+def test_splats_behind_and_beside_the_camera(helpers) -> None:
+    splats = helpers.splats(200, spread=4.0, log_scale=-1.0)
+    depth = (splats.means @ torch.tensor(helpers.camera().rotation).T)[:, 2] + 3
+    assert (depth < 0).sum() > 20
+    compare(helpers, splats, helpers.camera())
+
+
+def test_huge_splats(helpers) -> None:
+    compare(helpers, helpers.splats(20, log_scale=4.0), helpers.camera())
+
+
+def test_tiny_splats(helpers) -> None:
+    compare(helpers, helpers.splats(200, log_scale=-14.0), helpers.camera())
+
+
+def test_needles(helpers) -> None:
+    splats = helpers.splats(100)
+    splats.log_scales[:] = torch.tensor([0.0, -9.0, -9.0], dtype=torch.float64)
+    compare(helpers, splats, helpers.camera())
+
+
+def test_sheets(helpers) -> None:
+    splats = helpers.splats(60)
+    splats.log_scales[:] = torch.tensor([-0.5, -12.0, -1.0], dtype=torch.float64)
+    compare(helpers, splats, helpers.camera())
+
+
+def test_opacity_zero_and_one(helpers) -> None:
+    splats = helpers.splats(60)
+    splats.logit_opacities[::3] = 60.0
+    splats.logit_opacities[1::3] = -60.0
+    compare(helpers, splats, helpers.camera())
+
+
+def test_on_the_border_and_on_tile_edges(helpers) -> None:
+    """Centres exactly on the image's corners and on multiples of the tiles' sides (32 here, 16 in the reference)."""
+    camera = helpers.camera(96, 64, focal=64.0, principal=(32.0, 32.0), turn=0.0, distance=4.0)
+    spots = [(x, y) for x in (0.0, 16.0, 31.5, 32.0, 64.0, 96.0) for y in (0.0, 0.5, 32.0, 63.5, 64.0)]
+    splats = helpers.splats(len(spots), log_scale=-2.5)
+    for i, (x, y) in enumerate(spots):
+        splats.means[i] = torch.tensor([(x - 32) / 64 * 4, (y - 32) / (64 * 1.03) * 4, 0.001 * i])
+    splats = splats.map(lambda tensor: tensor.float().double())
+    compare(helpers, splats, camera)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (4, 2), (5, 3), (32, 32), (33, 65)])
+def test_image_sizes(helpers, size) -> None:
+    compare(helpers, helpers.splats(40, log_scale=-2), helpers.camera(*size, focal=40.0))
+
+
+@pytest.mark.parametrize("principal", [(-70.0, -30.0), (150.0, 20.0), (36.3, 400.0)])
+def test_principal_point_outside(helpers, principal) -> None:
+    camera = helpers.camera(principal=principal, distance=6.0)
+    compare(helpers, helpers.splats(400, spread=3.0, log_scale=-2.0), camera)
+
+
+def test_a_crop_is_a_part_of_the_whole(helpers) -> None:
+    camera, splats = helpers.camera(300, 200, focal=240.0), helpers.splats(500).to(torch.float32)
+    whole = rasterize(splats, camera, backend="cpu")
+    part = rasterize(splats, camera.cropped(101, 53, 90, 70), backend="cpu")
+    torch.testing.assert_close(part.image, whole.image[53:123, 101:191], atol=1e-4, rtol=0)
+
+
+def test_ten_thousand_splats_on_one_pixel(helpers) -> None:
+    camera = helpers.camera(20, 20, focal=50.0, turn=0.0)
+    splats = helpers.splats(10_000, degree=0, log_scale=-6.0, spread=1e-3)
+    splats.means[:, 2] = torch.linspace(0, 1, 10_000, dtype=torch.float64)
+    splats.logit_opacities[:] = torch.linspace(-5.4, -4.6, 10_000, dtype=torch.float64)
+    splats = splats.map(lambda tensor: tensor.float().double())
+    truth, exact = helpers.draw(splats, camera, "reference"), helpers.draw(splats, camera, "cpu")
+    helpers.assert_same(exact, truth, image=1e-9, gradient=1e-7)
+    assert truth.alpha.max() > 0.999
+
+
+@pytest.mark.parametrize("alpha_max", [0.9, 0.999, 1.0])
+def test_other_alpha_clamps(helpers, alpha_max) -> None:
+    splats, camera = helpers.splats(60, opacity=4.0), helpers.camera()
+    truth = helpers.draw(splats, camera, "reference", alpha_max=alpha_max)
+    helpers.assert_same(helpers.draw(splats, camera, "cpu", alpha_max=alpha_max), truth, image=1e-9, gradient=1e-7)
+
+
+def test_screen_offsets_move_splats(helpers) -> None:
+    camera = helpers.camera()
+    splats = helpers.splats(1)
+    shift = torch.tensor([[3.0, -2.0]], dtype=torch.float64)
+    moved = rasterize(splats, camera, backend="cpu", screen_offsets=shift).image
+    still = rasterize(splats, camera, backend="cpu").image
+    torch.testing.assert_close(moved[:-2, 3:], still[2:, :-3])
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_same_bits_whatever_the_number_of_threads(helpers, dtype) -> None:
+    splats, camera = helpers.splats(3000), helpers.camera(200, 150, focal=150.0)
+    before = torch.get_num_threads()
+    try:
+        runs = []
+        for threads in (1, 2, 3, 2):
+            torch.set_num_threads(threads)
+            runs.append(helpers.draw(splats, camera, "cpu", dtype))
+    finally:
+        torch.set_num_threads(before)
+    for run in runs[1:]:
+        for name in ("image", "alpha", "depth", "radii"):
+            assert torch.equal(getattr(run, name), getattr(runs[0], name))
+        for name, gradient in run.gradients.items():
+            if name != "background":  # a sum that torch makes
+                assert torch.equal(gradient, runs[0].gradients[name]), name
+
+
+def test_instruction_sets_agree(helpers) -> None:
+    kernels = load_kernels()
+    splats, camera = helpers.splats(300), helpers.camera()
+    sturdy = helpers.sturdy(splats, camera)
+    used = kernels.instruction_set()
+    assert "baseline" in kernels.instruction_sets()
+    try:
+        for name in kernels.instruction_sets():
+            kernels.use_instruction_set(name)
+            truth = helpers.draw(splats, camera, "reference", weight=sturdy.double())
+            single = helpers.draw(splats, camera, "cpu", torch.float32, weight=sturdy.double())
+            helpers.assert_same(single, truth, where=sturdy)
+            helpers.assert_same(
+                helpers.draw(splats, camera, "cpu"),
+                helpers.draw(splats, camera, "reference"),
+                image=1e-9,
+                gradient=1e-8,
+            )
+    finally:
+        kernels.use_instruction_set(used)
+    with pytest.raises(ValueError, match="mmx"):
+        kernels.use_instruction_set("mmx")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("attribute", ["means", "quats", "log_scales", "logit_opacities", "sh"])
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+def test_a_value_that_is_not_finite(helpers, attribute, value, backend) -> None:
+    """Checked: an error that names it. Unchecked: the splat is left out and harms nothing else."""
+    camera, splats = helpers.camera(), helpers.splats(40)
+    broken = splats.clone()
+    getattr(broken, attribute).view(40, -1)[7, 0] = value
+    with pytest.raises(StudioError, match=rf"{attribute} of splat 7"):
+        rasterize(broken, camera, backend=backend, checked=True)
+    if attribute == "logit_opacities" and value == math.inf:
+        return  # opacity 1, which can be drawn
+    if attribute == "log_scales" and value == -math.inf:
+        return  # a splat of no thickness, which can be drawn
+    rest = splats[torch.arange(40) != 7]
+    drawn, truth = helpers.draw(broken, camera, backend), helpers.draw(rest, camera, backend)
+    torch.testing.assert_close(drawn.image, truth.image)
+    assert drawn.radii[7] == 0
+    for name in ("means", "quats", "log_scales", "sh"):
+        assert torch.isfinite(drawn.gradients[name]).all()
+        assert drawn.gradients[name][7].abs().max() == 0
+
+
+def test_a_quaternion_of_length_zero(helpers) -> None:
+    camera, splats = helpers.camera(), helpers.splats(10)
+    splats.quats[3] = 0
+    with pytest.raises(StudioError, match="splat 3 has length 0"):
+        rasterize(splats, camera, backend="cpu", checked=True)
+    for backend in ("cpu", "reference"):
+        drawn = helpers.draw(splats, camera, backend)
+        assert drawn.radii[3] == 0
+        assert torch.isfinite(drawn.gradients["quats"]).all()
+
+
+def test_values_at_the_end_of_the_range_neither_crash_nor_hang(helpers) -> None:
+    camera = helpers.camera()
+    splats = helpers.splats(64).to(torch.float32)
+    splats.means[0] = 3e38
+    splats.means[1, :2] = 1e20
+    splats.log_scales[2] = 80.0
+    splats.log_scales[3] = 300.0
+    splats.quats[4] *= 1e30
+    splats.quats[5] *= 1e-30
+    splats.sh[6] = 1e30
+    splats.means[7] = torch.tensor(camera.center).float()
+    splats.logit_opacities[8] = 1e30
+    leaves = splats.map(lambda tensor: tensor.clone().requires_grad_())
+    render = rasterize(leaves, camera, backend="cpu")
+    render.image.sum().backward()
+    assert render.image.shape == (49, 75, 3)
+
+
+def test_views_of_other_tensors(helpers) -> None:
+    camera, splats = helpers.camera(), helpers.splats(30)
+    table = torch.cat([splats.means, splats.quats, splats.log_scales, splats.logit_opacities[:, None]], 1)
+    strided = Gaussians(table[:, :3], table[:, 3:7], table[:, 7:10], table[:, 10], splats.sh.flip(0).flip(0))
+    assert torch.equal(rasterize(strided, camera, backend="cpu").image, rasterize(splats, camera, backend="cpu").image)
+
+
+def test_no_gradient_where_none_is_asked_for(helpers) -> None:
+    camera, splats = helpers.camera(), helpers.splats(30)
+    assert not rasterize(splats, camera, backend="cpu").image.requires_grad
+    splats.sh.requires_grad_()
+    with torch.no_grad():
+        assert not rasterize(splats, camera, backend="cpu").image.requires_grad
+    render = rasterize(splats, camera, backend="cpu")
+    assert not render.radii.requires_grad
+    render.image.sum().backward()
+    assert splats.sh.grad is not None
+    assert splats.means.grad is None
+
+
+def test_several_python_threads_at_once(helpers) -> None:
+    camera, splats = helpers.camera(200, 150, focal=150.0), helpers.splats(2000).to(torch.float32)
+    truth = rasterize(splats, camera, backend="cpu").image
+    wrong: list[int] = []
+
+    def work(number: int) -> None:
+        for _ in range(20):
+            if not torch.equal(rasterize(splats, camera, backend="cpu").image, truth):
+                wrong.append(number)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_forked_child_draws_too(helpers) -> None:
+    camera, splats = helpers.camera(), helpers.splats(300).to(torch.float32)
+    truth = rasterize(splats, camera, backend="cpu").image
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if torch.equal(rasterize(splats, camera, backend="cpu").image, truth) else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def test_kernels_check_the_sizes_of_arrays() -> None:
+    kernels = load_kernels()
+    image = torch.zeros(4, 4, 3)
+    with pytest.raises(ValueError, match="target has 45 values, expected 48"):
+        kernels.loss(image, torch.zeros(3, 5, 3), 4, 4, 0.2, None, 1)
+    with pytest.raises(TypeError):
+        kernels.loss(image.double(), image.double(), 4, 4, 0.2, None, 1)

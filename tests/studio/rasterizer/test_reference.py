@@ -1,0 +1,175 @@
+"""The definition itself, against closed forms, sampling and finite differences."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from studio.cameras import Camera
+from studio.gaussians import SH_C0, Gaussians
+from studio.rasterizer import rasterize
+from studio.rasterizer.harmonics import sh_basis, sh_colors
+from studio.rasterizer.reference import project
+from studio.rasterizer.types import Pinhole
+
+AHEAD = Camera("ahead", 21, 15, np.array([[30.0, 0, 10.5], [0, 30.0, 7.5], [0, 0, 1]]), np.eye(4))
+
+
+def ball(z: float, scale: float, opacity: float, color: tuple[float, float, float]) -> Gaussians:
+    """A round splat on the axis of `AHEAD`, of one colour."""
+    one = torch.ones(1, dtype=torch.float64)
+    return Gaussians(
+        means=torch.tensor([[0.0, 0.0, z]], dtype=torch.float64),
+        quats=torch.tensor([[1.0, 0, 0, 0]], dtype=torch.float64),
+        log_scales=torch.full((1, 3), math.log(scale), dtype=torch.float64),
+        logit_opacities=torch.logit(one * opacity) if opacity < 1 else one * math.inf,
+        sh=(torch.tensor(color, dtype=torch.float64).view(1, 1, 3) - 0.5) / SH_C0,
+    )
+
+
+def draw(splats: Gaussians, **options: object) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    render = rasterize(splats, AHEAD, backend="reference", **options)  # type: ignore[arg-type]
+    return render.image, render.alpha, render.depth
+
+
+def expected_alpha(z: float, scale: float, opacity: float) -> np.ndarray:
+    variance = (30.0 * scale / z) ** 2 + 0.3
+    y, x = np.mgrid[0:15, 0:21] + 0.5
+    alpha = np.minimum(opacity * np.exp(-((x - 10.5) ** 2 + (y - 7.5) ** 2) / (2 * variance)), 0.99)
+    return np.where(alpha < 1 / 255, 0, alpha)
+
+
+def test_one_ball_is_a_gaussian_over_the_background() -> None:
+    background = torch.tensor([0.1, 0.2, 0.9], dtype=torch.float64)
+    image, alpha, depth = draw(ball(2.0, 0.15, 0.8, (1.0, 0.25, 0.0)), background=background)
+    a = expected_alpha(2.0, 0.15, 0.8)
+    np.testing.assert_allclose(alpha, a, atol=1e-12)
+    np.testing.assert_allclose(
+        image, a[..., None] * np.array([1.0, 0.25, 0.0]) + (1 - a[..., None]) * background.numpy(), atol=1e-12
+    )
+    np.testing.assert_allclose(depth, np.where(a > 0, 2.0, 0.0), atol=1e-12)
+
+
+def test_nearer_splat_covers_the_farther_whatever_their_order() -> None:
+    near, far = ball(2.0, 0.1, 0.6, (1, 0, 0)), ball(3.0, 0.4, 0.9, (0, 0, 1))
+    a, b = expected_alpha(2.0, 0.1, 0.6), expected_alpha(3.0, 0.4, 0.9)
+    for splats in (Gaussians.cat(near, far), Gaussians.cat(far, near)):
+        image, alpha, depth = draw(splats)
+        np.testing.assert_allclose(image[..., 0], a, atol=1e-12)
+        np.testing.assert_allclose(image[..., 2], (1 - a) * b, atol=1e-12)
+        total = a + (1 - a) * b
+        np.testing.assert_allclose(alpha, total, atol=1e-12)
+        np.testing.assert_allclose(depth[total > 0], ((2 * a + 3 * (1 - a) * b)[total > 0] / total[total > 0]))
+
+
+def test_equal_depth_keeps_the_given_order() -> None:
+    red, blue = ball(2.0, 0.5, 0.9, (1, 0, 0)), ball(2.0, 0.5, 0.9, (0, 0, 1))
+    image, _, _ = draw(Gaussians.cat(red, blue))
+    assert image[7, 10, 0] == pytest.approx(0.9, abs=1e-3)
+    assert image[7, 10, 2] == pytest.approx(0.09, abs=1e-3)
+
+
+def test_alpha_is_clamped_and_a_finished_pixel_takes_no_more() -> None:
+    opaque = [ball(2.0 + 0.1 * i, 5.0, 1.0, (1, 1, 1)) for i in range(4)]
+    _, alpha, _ = draw(opaque[0])
+    assert alpha[7, 10] == pytest.approx(0.99)
+    # 0.01^2 is not above 1e-4, so the second splat already ends the pixel and is not drawn.
+    _, alpha, _ = draw(Gaussians.cat(*opaque))
+    assert alpha[7, 10] == pytest.approx(0.99)
+    _, alpha, _ = draw(Gaussians.cat(*opaque), alpha_max=0.9)
+    assert alpha[7, 10] == pytest.approx(1 - 0.1**3)
+    _, alpha, _ = draw(opaque[0], alpha_max=0.999)
+    assert alpha[7, 10] == pytest.approx(0.999)
+
+
+def test_a_splat_too_faint_or_too_near_is_not_drawn() -> None:
+    for splat in (ball(2.0, 0.2, 0.0039, (1, 1, 1)), ball(0.005, 0.2, 0.9, (1, 1, 1)), ball(-2.0, 1.0, 0.9, (1, 1, 1))):
+        render = rasterize(splat, AHEAD, backend="reference")
+        assert render.alpha.max() == 0
+        assert render.radii.tolist() == [0]
+    assert rasterize(ball(2.0, 0.2, 0.004, (1, 1, 1)), AHEAD, backend="reference").radii[0] > 0
+
+
+def test_radius_is_where_alpha_reaches_a_255th() -> None:
+    render = rasterize(ball(2.0, 0.15, 0.8, (1, 1, 1)), AHEAD, backend="reference")
+    variance = (30 * 0.15 / 2) ** 2 + 0.3
+    assert render.radii[0].item() == pytest.approx(math.sqrt(2 * math.log(0.8 * 255) * variance))
+
+
+def test_covariance_is_that_of_projected_samples(helpers) -> None:  # type: ignore[no-untyped-def]
+    """A small splat's covariance on the screen, by projecting points drawn from it with Camera.project."""
+    camera = helpers.camera(640, 480, focal=700.0)
+    splats = helpers.splats(3, log_scale=-5.5, spread=0.2)
+    means2d, cov2d, det, depths, _ = project(splats, Pinhole.of(camera))
+    rng = np.random.default_rng(0)
+    for i in range(3):
+        # scalar-first quaternion to matrix through the rotation it makes of each axis: q v q*
+        w, *v = (splats.quats[i] / splats.quats[i].norm()).tolist()
+        v = np.array(v)
+        axes = np.stack([e + 2 * np.cross(v, np.cross(v, e) + w * e) for e in np.eye(3)], axis=1)
+        local = rng.standard_normal((400_000, 3)) * splats.scales[i].numpy()
+        pixels, depth = camera.project(local @ axes.T + splats.means[i].numpy())
+        np.testing.assert_allclose(pixels.mean(0), means2d[i], atol=0.05)
+        np.testing.assert_allclose(depth.mean(), depths[i], rtol=1e-3)
+        sampled, found = np.cov(pixels.T), cov2d[i].numpy() - np.array([0.3, 0.0, 0.3])
+        np.testing.assert_allclose(
+            [sampled[0, 0], sampled[0, 1], sampled[1, 1]], found, atol=0.02 * np.abs(sampled).max()
+        )
+        assert det[i].item() == pytest.approx((cov2d[i, 0] * cov2d[i, 2] - cov2d[i, 1] ** 2).item())
+
+
+def test_spherical_harmonics_are_orthonormal() -> None:
+    """Integrals of products over the sphere, by Gauss-Legendre in z and equal steps around."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    angle = np.arange(24) * 2 * np.pi / 24
+    z = np.repeat(nodes, 24)
+    ring = np.sqrt(1 - z * z)
+    directions = torch.tensor(np.stack([ring * np.cos(np.tile(angle, 12)), ring * np.sin(np.tile(angle, 12)), z], 1))
+    area = torch.tensor(np.repeat(weights, 24) * 2 * np.pi / 24)
+    basis = sh_basis(directions, 3)
+    torch.testing.assert_close(
+        basis.T @ (basis * area[:, None]), torch.eye(16, dtype=torch.float64), atol=1e-12, rtol=0
+    )
+
+
+def test_spherical_harmonics_have_the_order_and_signs_of_3dgs() -> None:
+    x, y, z = torch.eye(3, dtype=torch.float64)
+    first = sh_basis(torch.stack([x, y, z]), 1)[:, 1:]
+    c = 0.4886025119029199
+    torch.testing.assert_close(first, torch.tensor([[0, 0, -c], [-c, 0, 0], [0, c, 0]], dtype=torch.float64))
+    # m = -2 .. 2 are xy, yz, 3 z^2 - 1, xz, x^2 - y^2; each is the largest along its own axis
+    s = math.sqrt(0.5)
+    axes = torch.tensor([[s, s, 0], [0, s, s], [0, 0, 1], [s, 0, s], [1, 0, 0]], dtype=torch.float64)
+    second = sh_basis(axes, 2)[:, 4:]
+    assert second.abs().argmax(0).tolist() == [0, 1, 2, 3, 4]
+    assert second.diagonal().sign().tolist() == [1, -1, 1, -1, 1]
+
+
+def test_color_is_never_negative() -> None:
+    sh = torch.full((1, 1, 3), -10.0)
+    assert sh_colors(torch.tensor([[0.0, 0, 1]]), sh).tolist() == [[0, 0, 0]]
+
+
+def test_a_crop_is_a_part_of_the_whole(helpers) -> None:  # type: ignore[no-untyped-def]
+    camera, splats = helpers.camera(), helpers.splats(60)
+    whole = rasterize(splats, camera, backend="reference")
+    part = rasterize(splats, camera.cropped(20, 10, 33, 21), backend="reference")
+    torch.testing.assert_close(part.image, whole.image[10:31, 20:53], atol=1e-4, rtol=0)
+
+
+def test_gradcheck(helpers) -> None:  # type: ignore[no-untyped-def]
+    camera = helpers.camera(9, 7, focal=9.0)
+    splats = helpers.splats(6, degree=3, log_scale=-1.5, opacity=1.0)
+    leaves = [tensor.requires_grad_() for _, tensor in splats.items()]
+    offsets = torch.zeros(6, 2, dtype=torch.float64, requires_grad=True)
+    background = torch.tensor([0.3, 0.6, 0.1], dtype=torch.float64, requires_grad=True)
+
+    def function(*values: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        *attributes, shift, behind = values
+        render = rasterize(Gaussians(*attributes), camera, behind, backend="reference", screen_offsets=shift)
+        return render.image, render.alpha, render.depth
+
+    assert torch.autograd.gradcheck(function, (*leaves, offsets, background))

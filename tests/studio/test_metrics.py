@@ -1,0 +1,77 @@
+"""PSNR and SSIM against closed forms and OpenCV's Gaussian filter."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from studio.errors import StudioError
+from studio.metrics import psnr, ssim, ssim_map
+
+
+def pair(height: int = 31, width: int = 43) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    a = torch.rand(height, width, 3, generator=generator, dtype=torch.float64)
+    return a, (a + 0.2 * torch.randn(a.shape, generator=generator, dtype=torch.float64)).clamp(0, 1)
+
+
+def test_psnr_of_a_constant_difference() -> None:
+    a = torch.full((5, 7, 3), 0.3, dtype=torch.float64)
+    assert psnr(a, a + 0.1).item() == pytest.approx(20.0)
+    assert psnr(a, a).item() == float("inf")
+
+
+def test_psnr_within_a_mask() -> None:
+    a = torch.zeros(4, 4, 3)
+    b = a.clone()
+    b[:2] += 0.1
+    b[2:] += 0.5
+    mask = torch.zeros(4, 4)
+    mask[:2] = 1
+    assert psnr(a, b, mask).item() == pytest.approx(20.0, abs=1e-4)
+    assert psnr(a, b, mask.bool()).item() == pytest.approx(20.0, abs=1e-4)
+    with pytest.raises(StudioError, match="empty"):
+        psnr(a, b, torch.zeros(4, 4))
+
+
+def opencv_ssim(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def blur(x: np.ndarray) -> np.ndarray:
+        return cv2.GaussianBlur(x, (11, 11), 1.5, borderType=cv2.BORDER_CONSTANT)
+
+    ma, mb = blur(a), blur(b)
+    va, vb, cov = blur(a * a) - ma * ma, blur(b * b) - mb * mb, blur(a * b) - ma * mb
+    c1, c2 = 0.01**2, 0.03**2
+    return (2 * ma * mb + c1) * (2 * cov + c2) / ((ma * ma + mb * mb + c1) * (va + vb + c2))
+
+
+def test_ssim_is_opencvs() -> None:
+    a, b = pair()
+    expected = opencv_ssim(a.numpy(), b.numpy())
+    np.testing.assert_allclose(ssim_map(a, b).permute(1, 2, 0), expected, atol=1e-9)
+    assert ssim(a, b).item() == pytest.approx(expected.mean())
+    mask = torch.zeros(31, 43)
+    mask[10:20, 5:30] = 1
+    assert ssim(a, b, mask).item() == pytest.approx(expected[10:20, 5:30].mean())
+
+
+def test_ssim_of_an_image_with_itself_is_one() -> None:
+    a, _ = pair()
+    assert ssim(a, a).item() == pytest.approx(1.0)
+
+
+def test_ssim_gradient() -> None:
+    a, b = pair(6, 5)
+    assert torch.autograd.gradcheck(lambda x: ssim(x, b), (a.requires_grad_(),))
+
+
+@pytest.mark.parametrize("function", [psnr, ssim])
+def test_shapes_that_do_not_fit(function) -> None:  # type: ignore[no-untyped-def]
+    a, b = pair()
+    with pytest.raises(StudioError, match="one size"):
+        function(a, b[1:])
+    with pytest.raises(StudioError, match="one size"):
+        function(a[..., 0], b[..., 0])
+    with pytest.raises(StudioError, match="mask must be"):
+        function(a, b, torch.ones(3, 3))
