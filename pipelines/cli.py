@@ -6,11 +6,13 @@ Exit codes: 0 done, 1 bad input or a failure (one sentence on stderr), 2 wrong u
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipelines.cancel import EXIT_CANCELLED
 from studio.errors import Cancelled, StudioError
 
 STAGE_HELP = {
@@ -26,10 +28,21 @@ _SETTINGS_NOTE = """settings:
 """
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code."""
+def main() -> int:
+    """Run the command in `sys.argv`; returns the exit code. A stopped run ends the process at once."""
+    code = execute(sys.argv[1:])
+    if code == EXIT_CANCELLED:
+        # tearing down torch and its threads takes a while on a busy machine; who pressed Ctrl-C waits for nothing
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code
+
+
+def execute(arguments: Sequence[str]) -> int:
+    """Run a command inside this process; returns the exit code (SystemExit with 2 for wrong usage)."""
     parser = _parser()
-    plain = _long_settings_as_set(sys.argv[1:] if arguments is None else arguments, parser)
+    plain = _long_settings_as_set(arguments, parser)
     known = parser.parse_args(plain)
     try:
         known.overrides = _overrides(known)
@@ -40,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"error: {error}", file=sys.stderr)
         return 1
     except (Cancelled, KeyboardInterrupt):
-        return 130
+        return EXIT_CANCELLED
     except BrokenPipeError:  # `v3studio config | head`
         sys.stderr.close()
         return 1

@@ -138,11 +138,16 @@ def _train_seconds(context: Context) -> list[tuple[int, float]]:
 
 
 def _calibration(context: Context) -> dict[str, Any]:
-    """The plain values of the calibration's report."""
+    """The plain values of the calibration's report; tables by camera stay in calibrate/report.json."""
     if not context.take.calibration_report.is_file():
         return {}
-    report = read_json(context.take.calibration_report)
-    return {name: value for name, value in report.items() if isinstance(value, (str, int, float))}
+    found: dict[str, Any] = {}
+    for name, value in read_json(context.take.calibration_report).items():
+        if isinstance(value, dict) and len(value) <= 4:
+            found |= {f"{name} {key}": item for key, item in value.items() if isinstance(item, (int, float))}
+        elif isinstance(value, (str, int, float)):
+            found[name] = value
+    return found
 
 
 def _timings(context: Context) -> list[tuple[str, float]]:

@@ -5,6 +5,7 @@ Layout::
     take.json                                   format version, what made it
     config.yaml                                 all settings, resolved
     calibrate/rig.json, report.json             cameras as in the footage (full size, with lens distortion)
+    calibrate/points.ply                        sparse points, where the cameras were found from the footage
     initialise/group_000/mesh.ply, points.ply   visual hull and points of each group's keyframe; report.json
     train/group_000/frame_000000.safetensors    Gaussians of a frame (counted from 0 in the take); group.json
     stream/                                     the stream, and nothing else
@@ -98,6 +99,11 @@ class Take:
     def calibration_report(self) -> Path:
         """calibrate/report.json."""
         return self.root / "calibrate" / "report.json"
+
+    @property
+    def calibration_points(self) -> Path:
+        """calibrate/points.ply: sparse points, where the cameras were found from the footage."""
+        return self.root / "calibrate" / "points.ply"
 
     def initialise_group(self, group: int) -> Path:
         """initialise/group_000: mesh.ply, points.ply, report.json."""

@@ -125,6 +125,30 @@ class CalibrateSection(Section):
     ignore_performer: bool = False
     """Leave the performer out when looking for features; needs masks. Helps where the room is rich in texture."""
 
+    lens: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"] = "SIMPLE_RADIAL"
+    """COLMAP's model of the lenses: more terms follow stronger distortion and need more features."""
+
+    shared_lens: bool = False
+    """All cameras have one lens in common (one camera carried about, or lenses locked alike)."""
+
+    focal_factor: float = Field(default=1.2, gt=0, le=100)
+    """First guess of the focal lengths, in longer image sides."""
+
+    refine_principal_point: bool = False
+    """Estimate the principal points too; needs many well spread features."""
+
+    max_features: int = Field(default=8192, ge=100)
+    """Most features a camera."""
+
+    max_image_size: int = Field(default=2400, ge=64)
+    """Longer side in pixels above which features are found in a reduced image."""
+
+    guided: bool = False
+    """Match again along the epipolar lines: more matches, longer."""
+
+    mapper: Literal["auto", "incremental", "global"] = "auto"
+    """How the cameras are put together; auto tries incremental, then weaker demands, then global."""
+
 
 class InitialiseSection(Section):
     """Points for each group's keyframe, from the visual hull of the masks."""

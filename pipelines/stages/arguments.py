@@ -6,10 +6,18 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import BakeSection, CaptureSection, InitialiseSection, TrainSection
+from pipelines.config import (
+    BakeSection,
+    CalibrateSection,
+    CaptureSection,
+    InitialiseSection,
+    RunSection,
+    TrainSection,
+)
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
+    from studio.calibration import SfmSettings
     from studio.capture import CaptureSpec
     from studio.meshing import HullSettings
     from studio.stream import BakeSettings
@@ -29,6 +37,13 @@ def capture_spec(section: CaptureSection) -> CaptureSpec:
     values = section.model_dump(exclude={"rig", "cache_megabytes"})
     cache = None if section.cache_megabytes is None else section.cache_megabytes * 2**20
     return CaptureSpec(**values, cache_bytes=cache)
+
+
+def sfm_settings(section: CalibrateSection, run: RunSection) -> SfmSettings:
+    """How structure from motion solves."""
+    from studio.calibration import SfmSettings
+
+    return SfmSettings(**section.model_dump(exclude={"frame", "ignore_performer"}), threads=run.threads, seed=run.seed)
 
 
 def hull_settings(section: InitialiseSection) -> HullSettings:

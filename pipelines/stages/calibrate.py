@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pipelines.files import atomic_path, digest_of_file, write_json
-from pipelines.stages.arguments import camera_file
+from pipelines.point_files import write_points
+from pipelines.stages.arguments import camera_file, sfm_settings
 from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
 from studio.errors import StudioError
 
@@ -32,7 +35,7 @@ class CalibrateStage:
             "footage": context.footage_digest,
             "frame": self._frame(context),
             **capture,
-            **without(settings_of(context.config, "calibrate"), "calibrate.frame"),
+            **without(settings_of(context.config, "calibrate", "run.seed"), "calibrate.frame"),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -93,18 +96,21 @@ class CalibrateStage:
         masks = None
         if context.config.calibrate.ignore_performer:
             # structure from motion wants what may be looked at: the room
-            masks = {camera: 255 - footage.raw_matte(camera, frame) for camera in footage.camera_names}
+            masks = {
+                camera: np.where(footage.raw_matte(camera, frame) < 128, 255, 0).astype(np.uint8)
+                for camera in footage.camera_names
+            }
         work = context.take.work(self.name)
         work.mkdir(parents=True, exist_ok=True)
         result = calibrate_from_images(
-            images, masks, workdir=work, progress=reporter.part("structure from motion", 0.1, 1.0)
+            images,
+            masks,
+            workdir=work,
+            settings=sfm_settings(context.config.calibrate, context.config.run),
+            progress=reporter.part("structure from motion", 0.1, 1.0),
         )
-        missing = [camera for camera in footage.camera_names if camera not in result.rig]
-        if missing:
-            raise StudioError(
-                f"Structure from motion found no place for {', '.join(missing)} ({len(result.rig)} of {len(images)} "
-                f"cameras stand); try another calibrate.frame, or give a calibration in capture.rig."
-            )
+        with atomic_path(context.take.calibration_points) as temporary:
+            write_points(temporary, result.points, None, result.colors)
         return result.rig.subset(footage.camera_names), {"source": "footage", "frame": frame, **result.report}
 
 

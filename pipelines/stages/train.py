@@ -11,6 +11,7 @@ from pipelines.files import read_json, remove, write_json
 from pipelines.frame_files import read_about, read_frame, write_frame
 from pipelines.groups import Group
 from pipelines.pictures import draw, write_picture
+from pipelines.point_files import read_points
 from pipelines.records import result_of
 from pipelines.stages.arguments import NOT_TRAINING, train_settings
 from pipelines.stages.base import (
@@ -23,7 +24,7 @@ from pipelines.stages.base import (
     settings_of,
     without,
 )
-from pipelines.stages.initialise import read_points, seen_by_training
+from pipelines.stages.initialise import seen_by_training
 from pipelines.stages.train_clock import TrainClock
 from studio.errors import StudioError
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipelines.config import Config, describe, dump_config, load_config, parse_override
 from pipelines.config.loading import all_names
-from pipelines.stages.arguments import bake_settings, capture_spec, hull_settings, train_settings
+from pipelines.stages.arguments import bake_settings, capture_spec, hull_settings, sfm_settings, train_settings
 from studio.errors import StudioError
 
 
@@ -41,6 +41,7 @@ def test_defaults_are_the_papers():
     [
         ("train", train_settings, {"snapshot_every"}),
         ("initialise", hull_settings, set()),
+        ("calibrate", lambda section: sfm_settings(section, Config().run), {"threads", "seed", "keep_known"}),
         ("bake", lambda section: bake_settings(section, 1), {"threads", "codec"}),
         ("capture", capture_spec, {"cache_bytes"}),
     ],

@@ -80,12 +80,13 @@ def test_sigterm_stops_within_two_seconds_and_run_goes_on(finished, project, sta
 
     def in_training(event) -> bool:
         if isinstance(event, Metrics) and event.stage == "train":
-            stopped.append(time.monotonic())
+            stopped.append(time.time())
             return True
         return False
 
     events = stop_when(process, in_training, signal.SIGTERM)
-    assert time.monotonic() - stopped[0] < 2.5  # two seconds, and the end of the process on a busy machine
+    assert events[-1].time - stopped[0] < 2
+    assert time.time() - stopped[0] < 3  # with the end of the process, on a machine that runs other tests
     assert process.returncode == 130
     assert isinstance(events[-1], RunFinished)
     assert events[-1].outcome == "cancelled"

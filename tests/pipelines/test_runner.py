@@ -12,9 +12,9 @@ from PIL import Image
 from pipelines.config import load_config, parse_override
 from pipelines.events import Event, Metrics, Progress, RunFinished, RunStarted, StageFinished, StageStarted
 from pipelines.frame_files import read_frame
+from pipelines.point_files import read_points
 from pipelines.runner import ALL_STAGES, run, status
 from pipelines.stages.evaluate import padded_box
-from pipelines.stages.initialise import read_points
 from pipelines.take import Take
 from studio.errors import Cancelled, StudioError
 
