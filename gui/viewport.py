@@ -13,6 +13,9 @@ from open3d.visualization import gui
 from gui.panels.picture import as_image, image_widget, plain
 from gui.presenters.player import Picture, PlayerPresenter
 
+EMPTY = (28, 30, 33)
+"""Colour where nothing is open, 8-bit sRGB."""
+
 MAX_PIXELS = 960 * 540
 """Pictures have at most so many pixels and are stretched to the widget, which bounds the time to draw one."""
 
@@ -35,7 +38,7 @@ class Viewport:
         self._player = player
         self._changed = changed
         self._last: tuple[int, int] | None = None
-        self.widget = image_widget(plain(*player.size, (28, 30, 33), mark=1))
+        self.widget = image_widget(plain(*player.size, EMPTY, mark=1))
         self.widget.set_on_mouse(self._on_mouse)
 
     def place(self, x: float, y: float, width: float, height: float) -> None:

@@ -15,7 +15,7 @@ from gui.panels.controls import ControlsPanel
 from gui.panels.timeline import TimelinePanel
 from gui.presenters.player import PlayerPresenter
 from gui.redraw import Redraws
-from gui.viewport import Viewport
+from gui.viewport import EMPTY, Viewport
 
 SHORTCUTS = """Space: play or pause
 Left, Right: one frame back or on
@@ -56,6 +56,7 @@ class MainWindow:
         self._timeline = TimelinePanel(self.player, self._redraws.changed)
         self._controls = ControlsPanel(self.player, em, self._redraws.changed)
         self._message = gui.Label("")
+        self._message.background_color = gui.Color(*(value / 255 for value in EMPTY))
         self._status = gui.Label("")
         self._status.text_color = gui.Color(0.62, 0.66, 0.7)
         self._ground = gui.Vert()  # lies under all others: without it what they leave free stays black
@@ -204,11 +205,13 @@ class MainWindow:
         self._timeline.place(left, bottom, width, timeline_height)
         view_height = max(bottom - 0.3 * em - area.y, 16)
         self._viewport.place(area.x, area.y, area.width, view_height)
-        wanted = self._message.calc_preferred_size(context, gui.Widget.Constraints())
+        constraints = gui.Widget.Constraints()
+        constraints.width = int(0.8 * width)  # a longer sentence is broken into lines
+        wanted = self._message.calc_preferred_size(context, constraints)
         self._message.frame = gui.Rect(
-            area.x + max((area.width - wanted.width) / 2, margin),
+            area.x + (area.width - min(wanted.width, constraints.width)) / 2,
             area.y + (view_height - wanted.height) / 2,
-            min(wanted.width, width),
+            min(wanted.width, constraints.width),
             wanted.height,
         )
 

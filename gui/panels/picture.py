@@ -9,7 +9,7 @@ from open3d.visualization import gui
 
 def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
     """An Open3D image of (H, W, 3) uint8 RGB. Three channels: with four the widget blends with what lies below."""
-    return o3d.geometry.Image(np.ascontiguousarray(pixels))  # type: ignore[call-overload]  # its stub forgets arrays
+    return o3d.geometry.Image(np.ascontiguousarray(pixels))
 
 
 def plain(width: int, height: int, colour: tuple[int, int, int], mark: int) -> np.ndarray:

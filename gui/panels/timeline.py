@@ -42,11 +42,12 @@ class TimelinePanel:
     def update(self) -> bool:
         """Draw again where something changed; returns whether it did."""
         transport = self._player.transport
-        state = (self._size, transport.frame, transport.frame_count, transport.group_starts)
+        frame = transport.frame if self._player.source is not None else None
+        state = (self._size, frame, transport.frame_count, transport.group_starts)
         if state == self._drawn:
             return False
         self._drawn = state
-        self.widget.update_image(as_image(self.timeline.picture(transport.frame)))
+        self.widget.update_image(as_image(self.timeline.picture(frame)))
         return True
 
     def _on_mouse(self, event: gui.MouseEvent) -> gui.Widget.EventCallbackResult:

@@ -45,11 +45,15 @@ class Timeline:
         """Index of the group that a frame belongs to."""
         return max(sum(1 for start in self.group_starts if start <= frame) - 1, 0)
 
-    def picture(self, frame: int) -> np.ndarray:
-        """(height, width, 3) uint8 RGB: groups in two shades, what has been played, and the current frame."""
+    def picture(self, frame: int | None) -> np.ndarray:
+        """(height, width, 3) uint8 RGB: groups in two shades, what has been played, and the current frame (None: an
+        empty track)."""
         image = np.empty((self.height, self.width, 3), np.uint8)
         image[:] = BACKGROUND
         top, bottom = self.height // 4, self.height - self.height // 4
+        if frame is None:
+            image[top:bottom] = TRACK
+            return image
         starts = [*self.group_starts, self.frame_count]
         head_left, head_right = self.span(frame)
         for group, (first, end) in enumerate(itertools.pairwise(starts)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from gui.presenters.timeline import Timeline
@@ -110,6 +111,7 @@ def test_timeline_shows_groups_and_the_current_frame() -> None:
     assert not (row[right + 5] == row[left]).all()
     first_group, second_group = row[150], row[250]
     assert not (first_group == second_group).all()
+    assert len(np.unique(timeline.picture(None)[8], axis=0)) == 1
 
 
 def test_redraws_are_asked_for_again(clock: HandClock) -> None:
