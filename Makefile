@@ -37,7 +37,7 @@ format: system .venv/package.stamp ## let ruff mend what it can
 	$(PY) -m ruff format .
 
 lock: .venv/package.stamp ## write requirements.lock from what .venv holds
-	@{ grep '^#' requirements.lock; $(PY) -m pip freeze --exclude v3studio --exclude-editable | sed 's/+cpu$$//'; } > requirements.lock.new
+	@$(PY) scripts/lock.py > requirements.lock.new
 	@mv requirements.lock.new requirements.lock
 
 clean: ## remove .venv, builds and caches (takes stay)

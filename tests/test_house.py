@@ -87,8 +87,8 @@ def test_the_reading_of_imports_finds_all_kinds(tmp_path: Path, monkeypatch: pyt
 @pytest.mark.parametrize("module", ["pipelines.cli", "gui.app"])
 def test_help_imports_nothing_heavy(module: str) -> None:
     code = (
-        f"import sys, {module} as command\n"
-        "try:\n    command.main(['--help'])\nexcept SystemExit as stop:\n    assert not stop.code\n"
+        f"import sys, {module} as command\nsys.argv = ['command', '--help']\n"
+        "try:\n    command.main()\nexcept SystemExit as stop:\n    assert not stop.code\n"
         f"print('LOADED', sorted(set({HEAVY!r}) & set(sys.modules)))"
     )
     done = subprocess.run(
@@ -108,6 +108,29 @@ def test_each_dependency_says_why() -> None:
         lines = [line for line in text.splitlines() if f'"{requirement}"' in line and not line.startswith("requires")]
         assert lines, requirement
         assert all(re.search(r",\s+# \S.{5,}", line) for line in lines), f"{requirement}: no reason given"
+
+
+# Where the import's name is not the package's. torch, numpy and so on are the same.
+MODULES = {"opencv-contrib-python-headless": "cv2", "pyyaml": "yaml", "pillow": "PIL"}
+NEVER_IMPORTED = {"packaging"}  # extra cuda: gsplat imports it
+
+
+def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None:
+    from packaging.requirements import Requirement
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [*project["dependencies"], *project["optional-dependencies"]["cuda"]]
+    names = {Requirement(text).name for text in wanted} - NEVER_IMPORTED
+    declared = {MODULES.get(name, name) for name in names}
+    imported = {
+        name.split(".")[0]
+        for floor in FLOORS
+        for path in (ROOT / floor).rglob("*.py")
+        for _, name in imported_names(path)
+    }
+    foreign = {name for name in imported if name not in sys.stdlib_module_names and name not in FLOORS}
+    assert foreign - declared == set(), "imported, but not among pyproject's dependencies"
+    assert declared - foreign == set(), "among pyproject's dependencies, but never imported"
 
 
 def test_the_lock_pins_every_dependency_within_its_range() -> None:
