@@ -152,7 +152,7 @@ template <typename T> struct Group {
     V quat[4], quat_length;            // quat has length 1
     V rotation[9], scale[3];
     V plane_u[3], plane_v[3];          // rows of jacobian * world-to-camera
-    V m_u[3], m_v[3];                  // those times rotation
+    V m_u[3], m_v[3], m_cross[3];      // those times rotation, and their cross product
     V u[3], v[3];                      // those times scale: the rows of the covariance's factor
     V xx, xy, yy, det;                 // dilated covariance and its determinant
     V log2_opacity, one_minus_opacity;
@@ -211,12 +211,18 @@ VS_INLINE void project_group(const Splats<T>& splats, const Camera& camera, std:
     V uu = g.u[0] * g.u[0] + g.u[1] * g.u[1] + g.u[2] * g.u[2];
     V vv = g.v[0] * g.v[0] + g.v[1] * g.v[1] + g.v[2] * g.v[2];
     g.xy = g.u[0] * g.v[0] + g.u[1] * g.v[1] + g.u[2] * g.v[2];
-    V c0 = g.u[1] * g.v[2] - g.u[2] * g.v[1], c1 = g.u[2] * g.v[0] - g.u[0] * g.v[2],
-      c2 = g.u[0] * g.v[1] - g.u[1] * g.v[0];
     g.xx = uu + d;
     g.yy = vv + d;
-    // Lagrange's identity: keeps its digits for needles.
-    g.det = c0 * c0 + c1 * c1 + c2 * c2 + d * (uu + vv) + d * d;
+    // |u|^2 |v|^2 - (u.v)^2 = |u x v|^2, and u x v is the viewing ray in the splat's axes, scaled: for needles this keeps
+    // the digits that the difference loses.
+    V ray[3], area = fx_z * fy_z, cross = V{};
+    for (int k = 0; k < 3; k++) ray[k] = g.x_lim * w[k] + g.y_lim * w[3 + k] + w[6 + k];
+    for (int k = 0; k < 3; k++) {
+        g.m_cross[k] = area * (ray[0] * r[k] + ray[1] * r[3 + k] + ray[2] * r[6 + k]);
+        V part = g.m_cross[k] * g.scale[(k + 1) % 3] * g.scale[(k + 2) % 3];
+        cross += part * part;
+    }
+    g.det = cross + d * (uu + vv) + d * d;
 
     V t_opacity = vexp(-logit);
     g.log2_opacity = -vlog2(T(1) + t_opacity);
@@ -744,12 +750,11 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
     const V q = load<T>(lanes[S_Q]), qu = load<T>(lanes[S_QU]), quu = load<T>(lanes[S_QUU]), qv = load<T>(lanes[S_QV]),
             quv = load<T>(lanes[S_QUV]), qvv = load<T>(lanes[S_QVV]);
 
-    // cov^-1 d = k (a u, b u + c v), with k = 2 ln 2 undoing the scale for base 2
-    const T k = T(1.3862943611198906);
-    V d_x = k * a * qu, d_y = k * (b * qu + c * qv);
-    V d_xx = T(0.5) * k * k * a * a * quu;
-    V d_xy = k * k * a * (b * quu + c * quv);
-    V d_yy = T(0.5) * k * k * (b * b * quu + T(2) * b * c * quv + c * c * qvv);
+    // With L the Cholesky factor of the inverse covariance (a, b, c without their scale), the gradient of the mean is
+    // L^T (qu, qv), and that of the covariance's factor F (rows u and v) is L^T Q (L F), with Q = (quu quv; quv qvv).
+    const T root = T(1.1774100225154747), k = root * root;   // k = 2 ln 2 undoes the scale for base 2
+    const V l_a = root * a, l_b = root * b, l_c = root * c;
+    const V d_x = root * l_a * qu, d_y = root * (l_b * qu + l_c * qv);
     V d_logit = keep<T>(drawn, g.one_minus_opacity * q);
 
     // colour
@@ -772,37 +777,48 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
     }
     scatter_long<T>(grad.d_sh, floats, first, valid, sh);
 
-    // covariance = factor factor^T
-    V d_mu[3], d_mv[3], d_log_scale[3];
-    for (int j = 0; j < 3; j++) {
-        V d_u = T(2) * d_xx * g.u[j] + d_xy * g.v[j], d_v = T(2) * d_yy * g.v[j] + d_xy * g.u[j];
-        d_log_scale[j] = keep<T>(drawn, d_u * g.u[j] + d_v * g.v[j]);
-        d_mu[j] = d_u * g.scale[j];
-        d_mv[j] = d_v * g.scale[j];
-    }
-    V d_r[9], d_pu[3], d_pv[3];
+    // Columns of L F, divided by the scales: (e, f). Each is formed from the cross product of F's rows, since
+    // l_a u + l_b v cancels out for needles.
+    V e[3], f[3];
     for (int i = 0; i < 3; i++) {
-        const V* r = g.rotation + 3 * i;
-        d_pu[i] = d_mu[0] * r[0] + d_mu[1] * r[1] + d_mu[2] * r[2];
-        d_pv[i] = d_mv[0] * r[0] + d_mv[1] * r[1] + d_mv[2] * r[2];
-        for (int j = 0; j < 3; j++) d_r[3 * i + j] = g.plane_u[i] * d_mu[j] + g.plane_v[i] * d_mv[j];
+        const int j = (i + 1) % 3, l = (i + 2) % 3;
+        V bent = g.v[j] * g.scale[j] * g.m_cross[l] - g.v[l] * g.scale[l] * g.m_cross[j];
+        e[i] = l_a / g.yy * (bent + T(DILATION) * g.m_u[i]);
+        f[i] = l_c * g.m_v[i];
+    }
+    V e_q[3], f_q[3];                    // Q (e, f)
+    for (int i = 0; i < 3; i++) {
+        e_q[i] = k * (quu * e[i] + quv * f[i]);
+        f_q[i] = k * (quv * e[i] + qvv * f[i]);
+    }
+    V square[3], d_log_scale[3];
+    for (int i = 0; i < 3; i++) {
+        square[i] = g.scale[i] * g.scale[i];
+        d_log_scale[i] = keep<T>(drawn, square[i] * (e_q[i] * e[i] + f_q[i] * f[i]));
+    }
+    // A turn about the splat's own axis l mixes the columns i and j.
+    V turn[3];
+    for (int l = 0; l < 3; l++) {
+        const int i = (l + 1) % 3, j = (l + 2) % 3;
+        turn[l] = T(2) * (e_q[i] * e[j] + f_q[i] * f[j]) * (square[i] - square[j]) / g.quat_length;
     }
     const V* n = g.quat;
-    V d_n[4];
-    d_n[0] = T(2) * (n[3] * (d_r[3] - d_r[1]) + n[2] * (d_r[2] - d_r[6]) + n[1] * (d_r[7] - d_r[5]));
-    d_n[1] = T(2) * (n[2] * (d_r[1] + d_r[3]) + n[3] * (d_r[2] + d_r[6]) + n[0] * (d_r[7] - d_r[5]) - T(2) * n[1] * (d_r[4] + d_r[8]));
-    d_n[2] = T(2) * (n[1] * (d_r[1] + d_r[3]) + n[3] * (d_r[5] + d_r[7]) + n[0] * (d_r[2] - d_r[6]) - T(2) * n[2] * (d_r[0] + d_r[8]));
-    d_n[3] = T(2) * (n[1] * (d_r[2] + d_r[6]) + n[2] * (d_r[5] + d_r[7]) + n[0] * (d_r[3] - d_r[1]) - T(2) * n[3] * (d_r[0] + d_r[4]));
-    V along = n[0] * d_n[0] + n[1] * d_n[1] + n[2] * d_n[2] + n[3] * d_n[3], d_quat[4];
-    for (int j = 0; j < 4; j++) d_quat[j] = keep<T>(drawn, (d_n[j] - n[j] * along) / g.quat_length);
+    V d_quat[4] = {-n[1] * turn[0] - n[2] * turn[1] - n[3] * turn[2], n[0] * turn[0] - n[3] * turn[1] + n[2] * turn[2],
+                   n[3] * turn[0] + n[0] * turn[1] - n[1] * turn[2], -n[2] * turn[0] + n[1] * turn[1] + n[0] * turn[2]};
+    for (int j = 0; j < 4; j++) d_quat[j] = keep<T>(drawn, d_quat[j]);
 
     // plane_u = fx / z (w0 - x_lim w2), plane_v = fy / z (w1 - y_lim w2)
     T w[9];
     for (int i = 0; i < 9; i++) w[i] = T(camera.rotation[i]);
     const T fx = T(camera.fx), fy = T(camera.fy);
-    V pu_w2 = d_pu[0] * w[6] + d_pu[1] * w[7] + d_pu[2] * w[8], pv_w2 = d_pv[0] * w[6] + d_pv[1] * w[7] + d_pv[2] * w[8];
-    V d_inverse = (d_pu[0] * g.plane_u[0] + d_pu[1] * g.plane_u[1] + d_pu[2] * g.plane_u[2] + d_pv[0] * g.plane_v[0] +
-                   d_pv[1] * g.plane_v[1] + d_pv[2] * g.plane_v[2]) * g.depth;
+    V pu_w2{}, pv_w2{};
+    for (int i = 0; i < 3; i++) {
+        V along = square[i] * (w[6] * g.rotation[i] + w[7] * g.rotation[3 + i] + w[8] * g.rotation[6 + i]);
+        pu_w2 += along * (l_a * e_q[i]);
+        pv_w2 += along * (l_b * e_q[i] + l_c * f_q[i]);
+    }
+    // 1 / z scales all of F, as the three scales together do
+    V d_inverse = (d_log_scale[0] + d_log_scale[1] + d_log_scale[2]) * g.depth;
     Mask<T> free_x = ge<T>(g.x_z, all<T>(T(camera.limits[0]))) & le<T>(g.x_z, all<T>(T(camera.limits[1])));
     Mask<T> free_y = ge<T>(g.y_z, all<T>(T(camera.limits[2]))) & le<T>(g.y_z, all<T>(T(camera.limits[3])));
     V d_x_z = fx * d_x - keep<T>(free_x, fx * g.inverse_depth * pu_w2);
