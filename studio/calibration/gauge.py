@@ -153,7 +153,9 @@ def compare_rigs(found: Rig, reference: Rig) -> RigDifference:
         a, b = aligned[name], reference[name]
         centers[name] = float(np.linalg.norm(a.center - b.center))
         # By the sine of half the angle: exact for small rotations too.
-        rotations[name] = float(np.degrees(2 * np.arcsin(min(1.0, np.linalg.norm(a.rotation - b.rotation) / 8**0.5))))
+        rotations[name] = float(
+            np.degrees(2 * np.arcsin(min(1.0, float(np.linalg.norm(a.rotation - b.rotation)) / 8**0.5)))
+        )
     middle = reference.subset(names).centers
     radius = float(np.linalg.norm(middle - middle.mean(0), axis=1).mean())
     return RigDifference(centers, rotations, radius)

@@ -53,8 +53,8 @@ class Worker:
 
     Args:
         folder: the work folder.
-        job: names (list), lenses (a dict of model, width, height, params, prior, known each), lens_of (index of the
-            lens, for each name), masks (bool), max_features, max_image_size, guided, mapper, seed, threads, keep_known, refine_principal_point.
+        job: what `studio.calibration.sfm` wrote: names; lenses (model, width, height, params, prior, known) and lens_of
+            (index of a lens for each name); masks; the settings.
     """
 
     def __init__(self, folder: Path, job: dict[str, Any]) -> None:

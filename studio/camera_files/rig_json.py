@@ -33,7 +33,7 @@ def rig_from_values(path: Path, values: dict[str, Any]) -> Rig:
             raise StudioError(f"its format is {values['format']!r}; '{FORMAT}' is expected.")
         if values.get("version", VERSION) != VERSION:
             raise StudioError(
-                f"it is version {values['version']} of rig.json, this program reads version {VERSION}; update V3 Studio."
+                f"it is version {values['version']}, this program reads version {VERSION}; update V3 Studio."
             )
         entries = values.get("cameras")
         if not isinstance(entries, list) or not entries:

@@ -8,7 +8,7 @@ import numpy as np
 
 from studio.cameras import Camera
 from studio.meshing.silhouettes import ViewLike
-from studio.meshing.surface import MeshViews
+from studio.meshing.surface import MeshViews, open3d
 from studio.progress import ProgressFn, no_progress
 
 
@@ -22,7 +22,7 @@ def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     padded = np.zeros((rows * row, 2), np.float32)
     padded[: len(at)] = at
     grid = padded.reshape(rows, row, 2)
-    out = cv2.remap(image, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    out = cv2.remap(image, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return out.reshape(rows * row, *image.shape[2:])[: len(at)].astype(np.float32)
 
 
@@ -96,7 +96,7 @@ def color_points(
     if lit.any():
         colors[lit] = np.nanmedian(values[:, lit], axis=0)
     if lit.any() and not lit.all():
-        import open3d as o3d
+        o3d = open3d()
 
         tree = o3d.core.nns.NearestNeighborSearch(o3d.core.Tensor(points[lit].astype(np.float32)))
         tree.knn_index()

@@ -6,15 +6,14 @@ voxel grid, on which the signed distance to the hull is evaluated in a band abou
 units, orientation or size of the scene.
 
 One bad mask must not carve a limb away, and yet demanding less than agreement of all cameras makes every hull fatter.
-So the hull is carved strictly, then each mask is asked what it shows that the strict hull leaves unexplained. Space
-that only a tolerated few cameras refuse, and that most of the others miss, is given back (`Hull.restored`).
+So the hull is carved strictly and afterwards voted on (`studio.meshing.vote`).
 """
 
 from __future__ import annotations
 
-import itertools
+import dataclasses
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -79,7 +78,7 @@ class Hull:
     band: float
     min_views: int
     restored: int = 0
-    outvoted: dict[str, int] = field(default_factory=dict)
+    outvoted: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def volume(self) -> float:
@@ -329,47 +328,3 @@ def carve(
     tolerant_field = strict_field if allowed == 0 else volume(tolerant)
     progress(3, 3)
     return Hull(strict_field, corner + voxel / 2, voxel, band, min_views), tolerant_field
-
-
-def restore(hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, unexplained: list[np.ndarray]) -> Hull:
-    """Give back what a few bad masks carved away.
-
-    Args:
-        hull: the strict hull.
-        tolerant: (Z, Y, X) the field in which the tolerated number of cameras is ignored.
-        shapes: the silhouettes.
-        unexplained: a camera each, (h, w) bool in the reduced image: foreground that the strict hull does not cover.
-
-    Returns:
-        the hull in which every voxel that more than half of the cameras which accept and see it leave unexplained
-        has the tolerant value (and its neighbours, so that the surface closes).
-    """
-    flat = np.flatnonzero((tolerant.ravel() > 0) & (hull.field.ravel() <= 0))
-    if len(flat) == 0:
-        return hull
-    points = torch.from_numpy(hull.points(flat).astype(np.float32))
-    missing = torch.zeros(len(points), dtype=torch.int16)
-    accepting = torch.zeros(len(points), dtype=torch.int16)
-    refusing = torch.zeros((len(shapes), len(points)), dtype=torch.bool)
-    for index, camera in enumerate(shapes.cameras):
-        value, seen = shapes.distance(index, points)
-        pixels, _ = shapes.project(index, points)
-        column = pixels[:, 0].clamp(0, camera.width - 1).long()
-        row = pixels[:, 1].clamp(0, camera.height - 1).long()
-        gap = torch.from_numpy(unexplained[index])[row, column]
-        accepting += seen & (value > 0)
-        refusing[index] = seen & (value <= 0)
-        missing += seen & (value > 0) & gap
-    # A part shows beside the body only from some directions: half of the accepting cameras miss it.
-    back = (missing >= 2) & (missing * 2 >= accepting)
-    if not back.any():
-        return hull
-    merged = hull.field.copy()
-    given = np.stack(np.unravel_index(flat[back.numpy()], merged.shape))
-    limit = np.array(merged.shape)[:, None] - 1
-    for offset in itertools.product(range(-2, 3), repeat=3):
-        near = tuple(np.clip(given + np.array(offset)[:, None], 0, limit))
-        merged[near] = tolerant[near]
-    votes = refusing[:, back].sum(1).tolist()
-    outvoted = {name: int(n) for name, n in zip(shapes.names, votes, strict=True) if n}
-    return Hull(merged, hull.origin, hull.voxel, hull.band, hull.min_views, int(back.sum()), outvoted)

@@ -9,10 +9,11 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.meshing.coloring import color_points
-from studio.meshing.hull import Hull, HullSettings, carve, locate, restore
+from studio.meshing.hull import Hull, HullSettings, carve, locate
 from studio.meshing.sampling import sample_surface
 from studio.meshing.silhouettes import Silhouettes, ViewLike
 from studio.meshing.surface import Mesh, MeshViews, extract_surface
+from studio.meshing.vote import restore
 from studio.progress import ProgressFn, no_progress
 
 _COMPARE_PIXELS = 120_000

@@ -15,6 +15,13 @@ from studio.errors import StudioError
 from studio.meshing.hull import Hull
 
 
+def open3d() -> Any:
+    """The open3d module, imported when first needed; untyped, because its stubs know neither arrays nor strings."""
+    import open3d as module
+
+    return module
+
+
 @dataclass
 class Mesh:
     """Triangles.
@@ -29,7 +36,7 @@ class Mesh:
 
     def to_open3d(self) -> Any:
         """The same as an `open3d.geometry.TriangleMesh`."""
-        import open3d as o3d
+        o3d = open3d()
 
         return o3d.geometry.TriangleMesh(
             o3d.utility.Vector3dVector(self.vertices), o3d.utility.Vector3iVector(self.faces)
@@ -64,7 +71,7 @@ class Mesh:
 
     def save(self, path: Path) -> None:
         """Write as PLY, atomically."""
-        import open3d as o3d
+        o3d = open3d()
 
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -83,7 +90,7 @@ class Mesh:
         Raises:
             StudioError: the file is missing or holds no triangles.
         """
-        import open3d as o3d
+        o3d = open3d()
 
         if not Path(path).is_file():
             raise StudioError(f"{path}: there is no such mesh file.")
@@ -128,7 +135,7 @@ def extract_surface(
     Returns:
         a mesh with no loose vertices, normals outward; it may be empty (no voxel inside).
     """
-    import open3d as o3d
+    o3d = open3d()
 
     field = smooth_field(hull.field, smoothing)
     if not (field > 0).any():
@@ -159,7 +166,7 @@ class MeshViews:
     """Ray casting of one mesh from many cameras."""
 
     def __init__(self, mesh: Mesh) -> None:
-        import open3d as o3d
+        o3d = open3d()
 
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
@@ -168,7 +175,7 @@ class MeshViews:
 
     def depth(self, camera: Camera) -> np.ndarray:
         """(H, W) float32: depth along the viewing axis at every pixel centre, infinity where the mesh is not hit."""
-        import open3d as o3d
+        o3d = open3d()
 
         columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
         local = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K).T
