@@ -1,0 +1,336 @@
+"""Camera files: against COLMAP's own reader and writer, against hand-made files, and with every kind of damage."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from studio.camera_files import read_rig, write_rig
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+
+POINTS = np.random.default_rng(1).uniform(-0.5, 0.5, (40, 3))
+
+
+def looking_at_origin(angle: float, height: float, distance: float = 3.0) -> np.ndarray:
+    """World to camera of a camera on a ring, z up."""
+    center = np.array([distance * np.cos(angle), distance * np.sin(angle), height])
+    forward = -center / np.linalg.norm(center)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
+    return pose
+
+
+@pytest.fixture
+def rig() -> Rig:
+    lenses = [np.zeros(0), np.array([-0.1, 0.05, 0.001, -0.002]), np.array([-0.2, 0.1, 0.001, 0.002, -0.03])]
+    cameras = []
+    for index, lens in enumerate(lenses):
+        K = np.array([[510.0 + index, 0, 331.25], [0, 505.5, 177.75 - index], [0, 0, 1]])
+        cameras.append(Camera(f"cam{index:02d}", 640, 360, K, looking_at_origin(index * 1.3, 0.4 * index), lens))
+    return Rig(tuple(cameras))
+
+
+def assert_same_images(found: Rig, wanted: Rig) -> None:
+    """Every camera projects every point to the same pixel."""
+    assert set(found.names) == set(wanted.names)
+    for camera in wanted:
+        twin = found[camera.name]
+        assert (twin.width, twin.height) == (camera.width, camera.height)
+        np.testing.assert_allclose(twin.project(POINTS)[0], camera.project(POINTS)[0], atol=1e-6)
+        np.testing.assert_allclose(twin.project(POINTS)[1], camera.project(POINTS)[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["rig.json", "transforms.json", "sparse"])
+def test_what_is_written_is_read_again(rig: Rig, tmp_path: Path, name: str) -> None:
+    write_rig(rig, tmp_path / name)
+    assert_same_images(read_rig(tmp_path / name), rig)
+    assert not [path for path in tmp_path.rglob("*") if ".tmp" in path.name]
+
+
+def test_cameras_json_with_k_r_t(rig: Rig, tmp_path: Path) -> None:
+    entries = [
+        {
+            "name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "K": camera.K.tolist(),
+            "R": camera.rotation.tolist(),
+            "t": camera.translation.tolist(),
+            "distortion": camera.distortion.tolist(),
+        }
+        for camera in rig
+    ]
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps({"convention": "OpenCV", "frames": 30, "fps": 25.0, "cameras": entries}))
+    assert_same_images(read_rig(path), rig)
+
+
+def test_transforms_json_by_hand(tmp_path: Path) -> None:
+    """A camera at (0, 0, 2) with OpenGL axes along the world's looks down -z; the field of view is 90 degrees."""
+    matrix = np.eye(4)
+    matrix[2, 3] = 2.0
+    frame = {"file_path": "images/a.png", "transform_matrix": matrix.tolist()}
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"camera_angle_x": np.pi / 2, "w": 200, "h": 100, "frames": [frame]}))
+    camera = read_rig(path)["a"]
+    pixels, depth = camera.project(np.array([[0.0, 0, 0], [0.5, 0.25, 0]]))
+    # right is +x; up is +y, which is a smaller row; 45 degrees are half the width
+    np.testing.assert_allclose(pixels, [[100, 50], [125, 37.5]], atol=1e-9)
+    np.testing.assert_allclose(depth, [2, 2])
+
+
+def test_transforms_json_with_opencv_axes_and_matrix(rig: Rig, tmp_path: Path) -> None:
+    """NeuS2's flavour: from_na, and an intrinsic matrix in each frame."""
+    camera = rig["cam00"]
+    matrix = np.eye(4)
+    matrix[:3, :3] = camera.K
+    frame = {
+        "file_path": "images/cam00.png",
+        "transform_matrix": np.linalg.inv(camera.world_to_camera).tolist(),
+        "intrinsic_matrix": matrix.tolist(),
+    }
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"from_na": True, "w": 640, "h": 360, "frames": [frame]}))
+    assert_same_images(read_rig(path), rig.subset(["cam00"]))
+
+
+def test_transforms_size_from_the_image(tmp_path: Path) -> None:
+    from PIL import Image
+
+    (tmp_path / "train").mkdir()
+    Image.new("RGB", (64, 48)).save(tmp_path / "train" / "r_0.png")
+    frame = {"file_path": "./train/r_0", "transform_matrix": np.eye(4).tolist()}
+    path = tmp_path / "transforms_train.json"
+    path.write_text(json.dumps({"camera_angle_x": 0.6, "frames": [frame]}))
+    camera = read_rig(path)["r_0"]
+    assert (camera.width, camera.height) == (64, 48)
+    assert camera.fx == pytest.approx(32 / np.tan(0.3))
+
+
+@pytest.mark.parametrize("form", ["bin", "txt"])
+def test_colmap_models_as_colmap_writes_them(tmp_path: Path, form: str) -> None:
+    """A synthetic reconstruction, written by COLMAP: our cameras put its points where COLMAP puts them."""
+    pycolmap = pytest.importorskip("pycolmap")
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 3, 2
+    options.num_points3D = 50
+    options.camera_model_id = pycolmap.CameraModelId.SIMPLE_RADIAL
+    options.camera_params = [1280.0, 512.0, 384.0, 0.05]
+    model = pycolmap.synthesize_dataset(options)
+    (model.write_binary if form == "bin" else model.write_text)(tmp_path)
+    found = read_rig(tmp_path)
+    assert len(found) == model.num_reg_images() == 6
+    points = np.array([point.xyz for point in model.points3D.values()])
+    for image in model.images.values():
+        camera = next(c for c in found if np.allclose(c.center, image.projection_center(), atol=1e-9))
+        expected = np.array([image.project_point(point) for point in points])
+        np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-6)
+
+
+def test_colmap_reads_what_we_write(rig: Rig, tmp_path: Path) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    write_rig(rig, tmp_path / "model")
+    model = pycolmap.Reconstruction(tmp_path / "model")
+    for image in model.images.values():
+        camera = rig[Path(image.name).stem]
+        expected = np.array([image.project_point(point) for point in POINTS])
+        np.testing.assert_allclose(camera.project(POINTS)[0], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("model", "parameters"),
+    [
+        ("SIMPLE_PINHOLE", [500, 320, 180]),
+        ("PINHOLE", [500, 510, 321, 181]),
+        ("SIMPLE_RADIAL", [500, 320, 180, -0.1]),
+        ("RADIAL", [500, 320, 180, -0.1, 0.05]),
+        ("OPENCV", [500, 510, 320, 180, -0.1, 0.05, 0.002, -0.003]),
+        ("FULL_OPENCV", [500, 510, 320, 180, -0.1, 0.05, 0.002, -0.003, 0.01, 0.02, -0.01, 0.005]),
+    ],
+)
+def test_every_colmap_lens_bends_as_colmap_bends(tmp_path: Path, model: str, parameters: list[float]) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    (tmp_path / "cameras.txt").write_text(f"# c\n7 {model} 640 360 {' '.join(map(str, parameters))}\n")
+    (tmp_path / "images.txt").write_text("# i\n3 1 0 0 0 0 0 2.0 7 sub folder/a b.png\n\n")
+    camera = read_rig(tmp_path)["a b"]
+    lens = pycolmap.Camera(model=model, width=640, height=360, params=parameters)
+    local = POINTS + np.array([0, 0, 2.0])
+    rays = local[:, :2] / local[:, 2:]
+    expected = np.array(lens.img_from_cam(np.column_stack([rays, np.ones(len(rays))])))
+    np.testing.assert_allclose(camera.project(POINTS)[0], expected, atol=1e-6)
+
+
+def test_names_from_folders(tmp_path: Path) -> None:
+    """One image a camera in folders of the cameras' names: the folders name the cameras."""
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 64 48 50 50 32 24\n")
+    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 left/0001.png\n\n2 1 0 0 0 1 0 0 1 right/0001.png\n\n")
+    assert read_rig(tmp_path).names == ("left", "right")
+
+
+def qualisys(rig: Rig) -> str:
+    """What Qualisys Track Manager writes for a rig: millimetres, y up and z back, pixels in 1/64, inclusive corners."""
+    cameras = []
+    for camera in rig:
+        r = np.diag([1.0, -1.0, -1.0]) @ camera.rotation
+        turn = " ".join(f'r{i + 1}{j + 1}="{r[i, j]!r}"' for i in range(3) for j in range(3))
+        turn = turn.replace("np.float64(", "").replace(")", "")
+        x, y, z = (camera.center * 1000).tolist()
+        k1, k2, p1, p2, k3 = np.pad(camera.distortion, (0, 5 - camera.distortion.size)).tolist()
+        cameras.append(
+            f'<camera active="1" model="Miqus Video" serial="{camera.name}">'
+            f'<fov_video left="0" top="0" right="{camera.width - 1}" bottom="{camera.height - 1}"/>'
+            f'<transform x="{x!r}" y="{y!r}" z="{z!r}" {turn}/>'
+            f'<intrinsic focalLengthU="{camera.fx * 64!r}" focalLengthV="{camera.fy * 64!r}" skew="0" '
+            f'centerPointU="{(camera.cx - 0.5) * 64!r}" centerPointV="{(camera.cy - 0.5) * 64!r}" '
+            f'radialDistortion1="{k1!r}" radialDistortion2="{k2!r}" radialDistortion3="{k3!r}" '
+            f'tangentalDistortion1="{p1!r}" tangentalDistortion2="{p2!r}"/></camera>'
+        )
+    marker = '<camera active="1" model="Oqus 7" serial="marker only"/>'
+    return f'<?xml version="1.0"?><calibration><cameras>{"".join(cameras)}{marker}</cameras></calibration>'
+
+
+def test_qualisys(rig: Rig, tmp_path: Path) -> None:
+    path = tmp_path / "Calib.qca.txt"
+    path.write_text(qualisys(rig))
+    assert_same_images(read_rig(path), rig)
+
+
+# Bad input ------------------------------------------------------------------------------------------------------------
+
+
+def write_all(rig: Rig, folder: Path) -> dict[str, Path]:
+    """One file of every text form."""
+    for name in ("rig.json", "transforms.json", "model"):
+        write_rig(rig, folder / name)
+    (folder / "Calib.qca.txt").write_text(qualisys(rig))
+    return {name: folder / name for name in ("rig.json", "transforms.json", "Calib.qca.txt")}
+
+
+@pytest.mark.parametrize("name", ["rig.json", "transforms.json", "Calib.qca.txt"])
+def test_cut_short_anywhere(rig: Rig, tmp_path: Path, name: str) -> None:
+    path = write_all(rig, tmp_path)[name]
+    whole = path.read_text().rstrip()
+    for length in range(0, len(whole) - 1, max(1, len(whole) // 40)):
+        path.write_text(whole[:length])
+        with pytest.raises(StudioError, match=name):
+            read_rig(path)
+
+
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
+def test_binary_cut_short_anywhere(rig: Rig, tmp_path: Path, name: str) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    write_rig(rig, tmp_path / "model")
+    pycolmap.Reconstruction(tmp_path / "model").write_binary(tmp_path / "model")
+    path = tmp_path / "model" / name
+    whole = path.read_bytes()
+    assert len(read_rig(tmp_path / "model")) == 3
+    for length in range(0, len(whole) - 1, max(1, len(whole) // 40)):
+        path.write_bytes(whole[:length])
+        with pytest.raises(StudioError, match=name):
+            read_rig(tmp_path / "model")
+
+
+def test_not_a_number_is_named(rig: Rig, tmp_path: Path) -> None:
+    files = write_all(rig, tmp_path)
+    values = json.loads(files["rig.json"].read_text())
+    values["cameras"][1]["K"][0][0] = float("nan")
+    files["rig.json"].write_text(json.dumps(values))
+    with pytest.raises(StudioError, match=r"rig\.json: Camera 'cam01'.*K"):
+        read_rig(files["rig.json"])
+    values = json.loads(files["transforms.json"].read_text())
+    values["frames"][2]["cx"] = float("inf")
+    files["transforms.json"].write_text(json.dumps(values))
+    with pytest.raises(StudioError, match=r"transforms\.json: Camera 'cam02': 'cx' is inf"):
+        read_rig(files["transforms.json"])
+    text = files["Calib.qca.txt"].read_text()
+    files["Calib.qca.txt"].write_text(text.replace('skew="0"', 'skew="nan"', 1))
+    with pytest.raises(StudioError, match=r"Calib\.qca\.txt: Camera 'cam00': 'skew' is nan"):
+        read_rig(files["Calib.qca.txt"])
+    images = tmp_path / "model" / "images.txt"
+    lines = images.read_text().splitlines()
+    images.write_text(
+        "\n".join(" ".join(["1", "nan", *line.split()[2:]]) if "cam00" in line else line for line in lines)
+    )
+    with pytest.raises(StudioError, match=r"images\.txt: image 'cam00\.png'.*nan"):
+        read_rig(tmp_path / "model")
+
+
+def test_two_cameras_of_one_name(rig: Rig, tmp_path: Path) -> None:
+    files = write_all(rig, tmp_path)
+    for name in ("rig.json", "transforms.json", "Calib.qca.txt"):
+        files[name].write_text(files[name].read_text().replace("cam01", "cam00"))
+        with pytest.raises(StudioError, match=f"{name}: Two cameras are named 'cam00'"):
+            read_rig(files[name])
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("rig.json", "K"),
+        ("rig.json", "width"),
+        ("rig.json", "world_to_camera"),
+        ("transforms.json", "transform_matrix"),
+        ("transforms.json", "fl_x"),
+        ("transforms.json", "file_path"),
+        ("Calib.qca.txt", "transform"),
+        ("Calib.qca.txt", "focalLengthV"),
+        ("Calib.qca.txt", "r23"),
+    ],
+)
+def test_missing_key_is_named(rig: Rig, tmp_path: Path, name: str, key: str) -> None:
+    path = write_all(rig, tmp_path)[name]
+    text = path.read_text()
+    path.write_text(text.replace(f'"{key}"', '"x_"') if name.endswith("json") else text.replace(key, "x_"))
+    with pytest.raises(StudioError) as caught:
+        read_rig(path)
+    assert str(path) in str(caught.value)
+    # K, R, t are the alternative to a missing pose
+    assert key in str(caught.value) or (key == "world_to_camera" and "'R'" in str(caught.value))
+
+
+def test_unknown_things_are_refused(rig: Rig, tmp_path: Path) -> None:
+    with pytest.raises(StudioError, match="no such camera file"):
+        read_rig(tmp_path / "nothing.json")
+    with pytest.raises(StudioError, match="holds no COLMAP model"):
+        read_rig(tmp_path)
+    for text in ("hello", "[1, 2]", '{"a": 1}'):
+        (tmp_path / "x.json").write_text(text)
+        with pytest.raises(StudioError, match=r"x\.json"):
+            read_rig(tmp_path / "x.json")
+    (tmp_path / "x.json").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(StudioError, match="not a text file"):
+        read_rig(tmp_path / "x.json")
+    (tmp_path / "x.json").write_text(json.dumps({"format": "v3studio-rig", "version": 99, "cameras": []}))
+    with pytest.raises(StudioError, match="version 99"):
+        read_rig(tmp_path / "x.json")
+    with pytest.raises(StudioError, match=r"\.xyz"):
+        write_rig(rig, tmp_path / "rig.xyz")
+
+
+def test_fisheye_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("1 OPENCV_FISHEYE 64 48 50 50 32 24 0 0 0 0\n")
+    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n\n")
+    with pytest.raises(StudioError, match=r"cameras\.txt: the camera model OPENCV_FISHEYE"):
+        read_rig(tmp_path)
+    frame = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"w": 8, "h": 8, "fl_x": 9, "camera_model": "OPENCV_FISHEYE", "frames": [frame]}))
+    with pytest.raises(StudioError, match="fisheye"):
+        read_rig(path)
+
+
+def test_transforms_cannot_say_the_rational_model(rig: Rig, tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    camera = replace(rig["cam00"], distortion=np.array([0.1, 0.1, 0, 0, 0.1, 0.2, 0, 0]))
+    with pytest.raises(StudioError, match="'cam00': transforms"):
+        write_rig(Rig((camera,)), tmp_path / "transforms.json")
+    write_rig(Rig((camera,)), tmp_path / "model")
+    assert_same_images(read_rig(tmp_path / "model"), Rig((camera,)))
