@@ -19,6 +19,7 @@ import numpy as np
 import torch
 
 from studio.errors import StudioError
+from studio.meshing.blame import raise_disagreement
 from studio.meshing.silhouettes import Silhouettes
 from studio.progress import ProgressFn, no_progress
 
@@ -85,19 +86,14 @@ class Hull:
         """World units cubed."""
         return float((self.field > 0).sum()) * self.voxel**3
 
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner (3,) of what may be inside, one voxel wider.
-
-        Raises:
-            StudioError: no voxel is near the hull.
-        """
+    def bounds(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Lower and upper corner (3,) of what may be inside, one voxel wider; None where nothing may."""
         near = self.field > -self.voxel
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        low, high = np.zeros(3), np.zeros(3)
         for axis in range(3):
-            profile = near.sum(axis=tuple(other for other in range(3) if other != axis))
-            index = np.flatnonzero(profile > 0)
+            index = np.flatnonzero(near.any(axis=tuple(other for other in range(3) if other != axis)))
             if len(index) == 0:
-                raise StudioError("The visual hull is empty; check the masks and the camera poses.")
+                return None
             low[2 - axis] = self.origin[2 - axis] + self.voxel * (index[0] - 1)
             high[2 - axis] = self.origin[2 - axis] + self.voxel * (index[-1] + 1)
         return low, high
@@ -163,43 +159,6 @@ def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
     return centre, 2.0 * float(max(reach, spread, 1e-9))
 
 
-def _raise_disagreement(shapes: Silhouettes, centres: torch.Tensor, size: float, min_views: int) -> None:
-    """Name the cameras that refuse the cells on which most of the others agree."""
-    radius = size * math.sqrt(3) / 2
-    refused, seen = [], []
-    for index in range(len(shapes)):
-        no, yes = shapes.touches(index, centres, radius)
-        refused.append(no)
-        seen.append(yes)
-    refusal, sight = torch.stack(refused), torch.stack(seen)
-    views = sight.sum(0)
-    enough = views >= min_views
-    count = len(shapes)
-    if not enough.any():
-        best = int(views.max())
-        raise StudioError(
-            f"The visual hull is empty: no point is seen by more than {best} of {count} cameras "
-            f"where {min_views} are needed; check the camera poses (or lower min_view_share)."
-        )
-    agreement = (sight & ~refusal).sum(0).float() / views.clamp_min(1)
-    agreement[~enough] = -1
-    top = agreement >= agreement.max() - 1e-6
-    share = refusal[:, top].float().mean(1)
-    blamed = [shapes.names[i] for i in torch.argsort(share, descending=True).tolist() if share[i] > 0.25]
-    empty = [name for name, box in zip(shapes.names, shapes.boxes, strict=True) if box is None]
-    hint = f" ({', '.join(empty)} empty)" if empty else ""
-    if len(blamed) > count // 2 or not blamed:
-        blamed = blamed or shapes.names
-        raise StudioError(
-            f"The visual hull is empty: the masks of {', '.join(blamed)} agree on no common volume{hint}; "
-            "check the camera poses and the masks."
-        )
-    raise StudioError(
-        f"The visual hull is empty: the masks of {', '.join(blamed)}{hint} disagree with those of the other "
-        f"{count - len(blamed)} cameras; mend these masks or leave these cameras out."
-    )
-
-
 def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of what the masks agree on.
 
@@ -223,7 +182,7 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
         split = 2
         kept = candidates[_keep(shapes, candidates, edge, allowed, min_views)]
         if len(kept) == 0:
-            _raise_disagreement(shapes, candidates, edge, min_views)
+            raise_disagreement(shapes, candidates, edge * math.sqrt(3) / 2, min_views)
         cells = kept
         low, high = cells.amin(0) - edge / 2, cells.amax(0) + edge / 2
         longest = float((high - low).max())

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
+import torch
 
 from studio.errors import StudioError
+from studio.meshing.blame import raise_disagreement
 from studio.meshing.coloring import color_points
 from studio.meshing.hull import Hull, HullSettings, carve, locate
 from studio.meshing.sampling import sample_surface
@@ -17,6 +20,7 @@ from studio.meshing.vote import restore
 from studio.progress import ProgressFn, no_progress
 
 _COMPARE_PIXELS = 120_000
+_GROSS = 0.05  # outvoted on more than this share of the hull, a camera is left out
 
 
 @dataclass
@@ -28,7 +32,8 @@ class HullResult:
         mesh: its surface, never empty.
         disagreement: a camera each, 0..1: 1 - IoU of the hull's silhouette and the mask.
         uncovered: a camera each, 0..1: share of the mask that the hull leaves unexplained.
-        outvoted: a camera each: share of the hull's voxels which this camera's mask refused and was outvoted on.
+        outvoted: a camera each: share of the hull's voxels which this camera's mask refused and was outvoted on; a
+            camera with more than 0.05 was left out.
     """
 
     hull: Hull
@@ -145,29 +150,46 @@ def _carve_once(
     shapes: Silhouettes, settings: HullSettings, min_views: int, max_faces: int, step: Callable[[int], None]
 ) -> HullResult:
     """Carve, vote, and take the surface, for one number of views."""
+    hull, mesh = _zoomed(shapes, settings, min_views, max_faces, step)
+    inside = max(int((hull.field > 0).sum()), 1)
+    outvoted = {name: hull.outvoted.get(name, 0) / inside for name in shapes.names}
+    gross = [name for name, share in outvoted.items() if share > _GROSS]
+    if gross and len(shapes) - len(gross) >= 3:
+        # Where such a mask is wrong it was outvoted, but it cannot be trusted at the seams either.
+        hull, mesh = _zoomed(shapes.without(gross), settings, min_views, max_faces, step)
+    _, disagreement, uncovered = _compare(mesh, shapes)
+    step(7)
+    return HullResult(hull, mesh, disagreement, uncovered, outvoted)
+
+
+def _zoomed(
+    shapes: Silhouettes, settings: HullSettings, min_views: int, max_faces: int, step: Callable[[int], None]
+) -> tuple[Hull, Mesh]:
+    """The voted hull at full resolution within its own bounds, and its surface, never empty."""
     allowed = settings.outvoted(len(shapes))
+    min_views = min(min_views, len(shapes))
     bounds = locate(shapes, allowed, min_views)
     # The first bounds are loose where cameras overlap little: zoom in on what is really there.
     for _ in range(4):
         coarse, _ = _voted(shapes, bounds, min(96, settings.resolution), allowed, min_views)
-        before, bounds = bounds, coarse.bounds()
+        found = coarse.bounds()
+        if found is None:
+            _raise_empty(shapes, bounds, min_views)
+        before, bounds = bounds, found
         step(1)
         if (bounds[1] - bounds[0]).max() > 0.7 * (before[1] - before[0]).max():
             break
     hull, mesh = _voted(shapes, bounds, settings.resolution, allowed, min_views, settings.smoothing, max_faces)
-    step(6)
-    _, disagreement, uncovered = _compare(mesh, shapes)
     if len(mesh.faces) == 0:
-        shares = {name: float((matte >= 128).mean()) for name, matte in zip(shapes.names, shapes.mattes, strict=True)}
-        smallest = sorted(shares, key=lambda name: shares[name])[:3]
-        raise StudioError(
-            "The visual hull is empty: the masks agree on no volume larger than a voxel; look first at the masks and "
-            f"poses of {', '.join(smallest)}, which leave least."
-        )
-    step(7)
-    inside = max(int((hull.field > 0).sum()), 1)
-    outvoted = {name: hull.outvoted.get(name, 0) / inside for name in shapes.names}
-    return HullResult(hull, mesh, disagreement, uncovered, outvoted)
+        _raise_empty(shapes, bounds, min_views)
+    step(6)
+    return hull, mesh
+
+
+def _raise_empty(shapes: Silhouettes, bounds: tuple[np.ndarray, np.ndarray], min_views: int) -> NoReturn:
+    """Ask all cameras about a grid of points within the bounds."""
+    axes = [torch.linspace(float(low), float(high), 48) for low, high in zip(*bounds, strict=True)]
+    raise_disagreement(shapes, torch.cartesian_prod(*axes), 0.0, min_views)
 
 
 def _voted(

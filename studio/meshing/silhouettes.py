@@ -8,7 +8,8 @@ this radius touch the silhouette" without looking at more than one pixel, which 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Collection, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -118,6 +119,14 @@ class Silhouettes:
 
     def __len__(self) -> int:
         return len(self.cameras)
+
+    def without(self, names: Collection[str]) -> Silhouettes:
+        """The same, some cameras left out; the maps are shared."""
+        kept = [index for index, name in enumerate(self.names) if name not in names]
+        result = copy.copy(self)
+        for part in ("names", "cameras", "maps", "boxes", "mattes", "footprints"):
+            setattr(result, part, [getattr(self, part)[index] for index in kept])
+        return result
 
     def project(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Pixels (N, 2) and depths (N,) of world points (N, 3) float32 in the reduced image of one camera."""
