@@ -162,7 +162,7 @@ def duration(seconds: float) -> str:
 
 
 def _left(seconds: float | None) -> str:
-    return "" if seconds is None else f"{duration(max(seconds, 1) if seconds < 10 else seconds)} left"
+    return "" if seconds is None or seconds < 1 else f"{duration(seconds)} left"
 
 
 def _note(event: Progress) -> str:
@@ -177,7 +177,7 @@ def _note(event: Progress) -> str:
 
 def _short(value: Any) -> str:
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return f"{value:.4g}" if abs(value) < 1000 else f"{value:,.0f}"
     text = str(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipelines.files import atomic_path
 from studio.errors import StudioError
-from studio.gaussians import Gaussians
+
+if TYPE_CHECKING:
+    from studio.gaussians import Gaussians
 
 # One entry, because safetensors writes several in an order of its own, and equal runs must give equal bytes.
 _ENTRY = "v3studio"
@@ -32,6 +34,8 @@ def read_frame(path: Path) -> Gaussians:
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
+    from studio.gaussians import Gaussians
+
     try:
         return Gaussians.from_state_dict(load_file(path))
     except FileNotFoundError:
@@ -47,7 +51,7 @@ def read_about(path: Path) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(path, framework="np") as file:
             about = json.loads((file.metadata() or {})[_ENTRY])
     except (SafetensorError, OSError, KeyError, ValueError):
         return None

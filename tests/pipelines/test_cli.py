@@ -123,3 +123,14 @@ def test_stdout_of_json_is_events_only(cli, finished, tmp_path):
     assert kinds[0] == "run_started"
     assert kinds[-1] == "run_finished"
     assert "stage_finished" in kinds
+
+
+def test_status_answers_without_torch(finished):
+    script = (
+        "import sys\n"
+        "from pipelines.cli import execute\n"
+        f"assert execute(['status', {str(finished / 'take')!r}]) == 0\n"
+        "print('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.endswith("False\n"), done.stderr
