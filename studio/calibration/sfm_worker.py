@@ -219,6 +219,10 @@ class Worker:
         options.num_threads = self.threads
         options.random_seed = self.seed
         options.min_model_size = 2
+        if self.job["keep_known"] and any(lens["known"] for lens in self.job["lenses"]):
+            # The global mapper cannot hold some lenses and refine others.
+            options.mapper.bundle_adjustment.refine_focal_length = False
+            options.mapper.bundle_adjustment.refine_extra_params = False
         out = self.folder / "models_global"
         out.mkdir(exist_ok=True)
         _say(step="global mapping", done=0, total=1)
