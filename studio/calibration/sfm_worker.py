@@ -226,6 +226,11 @@ class Worker:
         out = self.folder / "models_global"
         out.mkdir(exist_ok=True)
         _say(step="global mapping", done=0, total=1)
+        if not all(lens["prior"] for lens in self.job["lenses"]):
+            # Unlike the incremental mapper the global one cannot find its way from a guessed focal length.
+            calibration = pycolmap.ViewGraphCalibrationOptions()
+            calibration.random_seed = self.seed
+            pycolmap.calibrate_view_graph(self.database, calibration)
         found = pycolmap.global_mapping(self.database, self.folder / "images", out, options=options)
         return list(found.values())
 
