@@ -28,7 +28,7 @@ void* take_buffer(std::size_t bytes, std::size_t* capacity) {
         std::lock_guard<std::mutex> guard(mutex);
         std::size_t best = idle.size();
         for (std::size_t i = 0; i < idle.size(); i++)
-            if (idle[i].capacity >= bytes && idle[i].capacity <= 4 * bytes + 65536 &&
+            if (idle[i].capacity >= bytes && idle[i].capacity <= 2 * bytes + 65536 &&
                 (best == idle.size() || idle[i].capacity < idle[best].capacity))
                 best = i;
         if (best < idle.size()) {

@@ -6,7 +6,8 @@
 
 namespace vs {
 
-void* take_buffer(std::size_t bytes, std::size_t* capacity);  // 64-byte aligned, contents undefined; may throw bad_alloc
+void* take_buffer(std::size_t bytes,
+                  std::size_t* capacity);  // 64-byte aligned, contents undefined; may throw bad_alloc
 void give_buffer(void* pointer, std::size_t capacity);
 void release_idle_buffers();
 
@@ -14,11 +15,15 @@ void release_idle_buffers();
 // them.
 #define VS_ALWAYS_INLINE __attribute__((always_inline))
 
-template <typename T> class Buffer {
+template <typename T>
+class Buffer {
   public:
     Buffer() = default;
-    VS_ALWAYS_INLINE explicit Buffer(std::size_t count) : data_(static_cast<T*>(take_buffer(count * sizeof(T), &capacity_))) {}
-    VS_ALWAYS_INLINE Buffer(Buffer&& other) noexcept : data_(other.data_), capacity_(other.capacity_) { other.data_ = nullptr; }
+    VS_ALWAYS_INLINE explicit Buffer(std::size_t count)
+        : data_(static_cast<T*>(take_buffer(count * sizeof(T), &capacity_))) {}
+    VS_ALWAYS_INLINE Buffer(Buffer&& other) noexcept : data_(other.data_), capacity_(other.capacity_) {
+        other.data_ = nullptr;
+    }
     VS_ALWAYS_INLINE Buffer& operator=(Buffer&& other) noexcept {
         if (this != &other) {
             free();

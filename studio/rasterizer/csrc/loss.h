@@ -8,7 +8,7 @@
 constexpr int TAPS = 11, HALF = 5, REACH = 3 * HALF;
 
 struct LossWeights {
-    float tap[HALF + 1];               // the centre first
+    float tap[HALF + 1];  // the centre first
 };
 
 // out[i] = sum_k tap_k in[i + 3 k], `in` with REACH floats to spare on both sides
@@ -35,8 +35,8 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
     float* y_row = x_row + padded;
     float* part[3];
     for (int k = 0; k < 3; k++) part[k] = y_row + (k + 1) * padded;
-    float* first = scratch + 5 * padded;                     // [4][TAPS][wide]
-    float* second = first + 4 * TAPS * wide;                 // [3][TAPS][wide]
+    float* first = scratch + 5 * padded;      // [4][TAPS][wide]
+    float* second = first + 4 * TAPS * wide;  // [3][TAPS][wide]
     auto slot = [](int row) { return (row + 4 * TAPS) % TAPS; };
     for (int i = 0; i < 5 * padded; i++) scratch[i] = 0;
 
@@ -87,7 +87,7 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
                 VFloat b1 = mxx_myy + c1, b2 = squares - mxx_myy + c2;
                 VFloat ib1 = 1.0f / b1, ib2 = 1.0f / b2, ib = ib1 * ib2;
                 VFloat ssim = a1 * a2 * ib;
-                if (i + LANES > floats) {                    // lanes beyond the row's end count nothing
+                if (i + LANES > floats) {  // lanes beyond the row's end count nothing
                     for (int j = 0; j < LANES; j++)
                         if (i + j >= floats) ssim[j] = mx[j] = my[j] = ib[j] = ib1[j] = ib2[j] = 0;
                 }
@@ -114,7 +114,8 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
         for (int i = 0; i < wide; i += LANES) {
             VFloat x{}, y{};
             const int here = floats - i < LANES ? floats - i : LANES;
-            if (here == LANES) x = load<float>(xs + i), y = load<float>(ys + i);
+            if (here == LANES)
+                x = load<float>(xs + i), y = load<float>(ys + i);
             else
                 for (int j = 0; j < here; j++) x[j] = xs[i + j], y[j] = ys[i + j];
             VFloat difference = x - y;
@@ -123,10 +124,12 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             if (job.gradient == nullptr) continue;
             const VFloat zero{};
             VFloat sign = difference > zero ? all<float>(l1_scale) : (difference < zero ? all<float>(-l1_scale) : zero);
-            VFloat g = blur_column(w, ring[0], i) + 2.0f * x * blur_column(w, ring[1], i) + y * blur_column(w, ring[2], i);
+            VFloat g =
+                blur_column(w, ring[0], i) + 2.0f * x * blur_column(w, ring[1], i) + y * blur_column(w, ring[2], i);
             g = sign + ssim_scale * g;
             float* out = job.gradient + std::size_t(o) * floats + i;
-            if (here == LANES) store<float>(out, g);
+            if (here == LANES)
+                store<float>(out, g);
             else
                 for (int j = 0; j < here; j++) out[j] = g[j];
         }

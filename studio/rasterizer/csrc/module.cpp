@@ -27,8 +27,10 @@ namespace vs {
 
 namespace {
 
-template <typename T> using In = nb::ndarray<const T, nb::c_contig, nb::device::cpu>;
-template <typename T> using Out = nb::ndarray<T, nb::c_contig, nb::device::cpu>;
+template <typename T>
+using In = nb::ndarray<const T, nb::c_contig, nb::device::cpu>;
+template <typename T>
+using Out = nb::ndarray<T, nb::c_contig, nb::device::cpu>;
 
 std::vector<const Kernels*> supported() {
     std::vector<const Kernels*> found;
@@ -43,20 +45,22 @@ std::vector<const Kernels*> supported() {
 
 const Kernels* kernels = supported().front();
 
-template <typename A> void expect(const A& array, std::size_t size, const char* name) {
+template <typename A>
+void expect(const A& array, std::size_t size, const char* name) {
     if (array.size() != size)
         throw std::invalid_argument(std::string(name) + " has " + std::to_string(array.size()) + " values, expected " +
                                     std::to_string(size));
 }
-template <typename A> auto* pointer(const std::optional<A>& array, std::size_t size, const char* name) {
+template <typename A>
+auto* pointer(const std::optional<A>& array, std::size_t size, const char* name) {
     if (!array) return static_cast<decltype(array->data())>(nullptr);
     expect(*array, size, name);
     return array->data();
 }
 
 template <typename T>
-Splats<T> splats_of(const In<T>& means, const In<T>& quats, const In<T>& log_scales, const In<T>& logits, const In<T>& sh,
-                    const std::optional<In<T>>& offsets) {
+Splats<T> splats_of(const In<T>& means, const In<T>& quats, const In<T>& log_scales, const In<T>& logits,
+                    const In<T>& sh, const std::optional<In<T>>& offsets) {
     Splats<T> s;
     const std::size_t n = logits.size();
     s.count = std::int64_t(n);
@@ -77,6 +81,18 @@ Splats<T> splats_of(const In<T>& means, const In<T>& quats, const In<T>& log_sca
     return s;
 }
 
+// A new torch tensor in memory that is kept for the next frame when the tensor goes.
+template <typename T>
+nb::ndarray<nb::pytorch, T> empty(const std::vector<std::size_t>& shape) {
+    std::size_t count = 1;
+    for (std::size_t side : shape) count *= side;
+    auto buffer = std::make_unique<Buffer<T>>(count);
+    T* data = buffer->get();
+    nb::capsule owner(buffer.get(), [](void* p) noexcept { delete static_cast<Buffer<T>*>(p); });
+    buffer.release();
+    return nb::ndarray<nb::pytorch, T>(data, shape.size(), shape.data(), owner);
+}
+
 int checked_threads(int threads) {
     if (threads < 1) return 1;
     return threads > 256 ? 256 : threads;
@@ -84,8 +100,8 @@ int checked_threads(int threads) {
 
 template <typename T>
 Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, std::optional<In<T>> offsets,
-                  In<double> camera, int width, int height, double near, double alpha_max, In<T> background, Out<T> image,
-                  Out<T> alpha, Out<T> depth, Out<T> radii, int threads) {
+                  In<double> camera, int width, int height, double near, double alpha_max, In<T> background,
+                  Out<T> image, Out<T> alpha, Out<T> depth, Out<T> radii, int threads) {
     const Splats<T> splats = splats_of<T>(means, quats, log_scales, logits, sh, offsets);
     if (width < 1 || height < 1 || width > 32000 || height > 32000)
         throw std::invalid_argument("the image must be from 1x1 to 32000x32000 pixels");
@@ -107,8 +123,10 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
     const Outputs<T> out = {background.data(), image.data(), alpha.data(), depth.data(), radii.data()};
     {
         nb::gil_scoped_release release;
-        if constexpr (sizeof(T) == 4) kernels->forward_float(splats, out, *frame, checked_threads(threads));
-        else kernels->forward_double(splats, out, *frame, checked_threads(threads));
+        if constexpr (sizeof(T) == 4)
+            kernels->forward_float(splats, out, *frame, checked_threads(threads));
+        else
+            kernels->forward_double(splats, out, *frame, checked_threads(threads));
     }
     return frame.release();
 }
@@ -130,13 +148,23 @@ void backward(const Frame<T>& frame, In<T> means, In<T> quats, In<T> log_scales,
     expect(d_log_scales, 3 * n, "d_log_scales");
     expect(d_logits, n, "d_logits");
     expect(d_sh, 3 * n * splats.coefficients, "d_sh");
-    const Gradients<T> grad = {image.data(), alpha.data(), depth.data(),
-                               pointer(d_image, 3 * pixels, "d_image"), pointer(d_alpha, pixels, "d_alpha"),
-                               pointer(d_depth, pixels, "d_depth"), d_means.data(), d_quats.data(), d_log_scales.data(),
-                               d_logits.data(), d_sh.data(), pointer(d_offsets, 2 * n, "d_offsets")};
+    const Gradients<T> grad = {image.data(),
+                               alpha.data(),
+                               depth.data(),
+                               pointer(d_image, 3 * pixels, "d_image"),
+                               pointer(d_alpha, pixels, "d_alpha"),
+                               pointer(d_depth, pixels, "d_depth"),
+                               d_means.data(),
+                               d_quats.data(),
+                               d_log_scales.data(),
+                               d_logits.data(),
+                               d_sh.data(),
+                               pointer(d_offsets, 2 * n, "d_offsets")};
     nb::gil_scoped_release release;
-    if constexpr (sizeof(T) == 4) kernels->backward_float(splats, grad, frame, checked_threads(threads));
-    else kernels->backward_double(splats, grad, frame, checked_threads(threads));
+    if constexpr (sizeof(T) == 4)
+        kernels->backward_float(splats, grad, frame, checked_threads(threads));
+    else
+        kernels->backward_double(splats, grad, frame, checked_threads(threads));
 }
 
 std::pair<double, double> loss(In<float> image, In<float> target, int width, int height, double dssim_weight,
@@ -151,21 +179,22 @@ std::pair<double, double> loss(In<float> image, In<float> target, int width, int
     return {job.l1, job.ssim};
 }
 
-template <typename T> void add(nb::module_& m, const char* frame_name) {
+template <typename T>
+void add(nb::module_& m, const char* frame_name) {
     nb::class_<Frame<T>>(m, frame_name, "What a backward pass needs of its forward pass.")
         .def_prop_ro("pairs", [](const Frame<T>& f) { return f.pairs; }, "Number of (tile, splat) pairs.");
-    m.def("forward", &forward<T>, nb::arg("means").noconvert(), nb::arg("quats").noconvert(), nb::arg("log_scales").noconvert(),
-          nb::arg("logits").noconvert(), nb::arg("sh").noconvert(), nb::arg("offsets").noconvert().none(),
-          nb::arg("camera").noconvert(), nb::arg("width"), nb::arg("height"), nb::arg("near"), nb::arg("alpha_max"),
-          nb::arg("background").noconvert(), nb::arg("image").noconvert(), nb::arg("alpha").noconvert(),
-          nb::arg("depth").noconvert(), nb::arg("radii").noconvert(), nb::arg("threads"));
+    m.def("forward", &forward<T>, nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
+          nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
+          nb::arg("offsets").noconvert().none(), nb::arg("camera").noconvert(), nb::arg("width"), nb::arg("height"),
+          nb::arg("near"), nb::arg("alpha_max"), nb::arg("background").noconvert(), nb::arg("image").noconvert(),
+          nb::arg("alpha").noconvert(), nb::arg("depth").noconvert(), nb::arg("radii").noconvert(), nb::arg("threads"));
     m.def("backward", &backward<T>, nb::arg("frame"), nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
           nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
           nb::arg("image").noconvert(), nb::arg("alpha").noconvert(), nb::arg("depth").noconvert(),
-          nb::arg("d_image").noconvert().none(), nb::arg("d_alpha").noconvert().none(), nb::arg("d_depth").noconvert().none(),
-          nb::arg("d_means").noconvert(), nb::arg("d_quats").noconvert(), nb::arg("d_log_scales").noconvert(),
-          nb::arg("d_logits").noconvert(), nb::arg("d_sh").noconvert(), nb::arg("d_offsets").noconvert().none(),
-          nb::arg("threads"));
+          nb::arg("d_image").noconvert().none(), nb::arg("d_alpha").noconvert().none(),
+          nb::arg("d_depth").noconvert().none(), nb::arg("d_means").noconvert(), nb::arg("d_quats").noconvert(),
+          nb::arg("d_log_scales").noconvert(), nb::arg("d_logits").noconvert(), nb::arg("d_sh").noconvert(),
+          nb::arg("d_offsets").noconvert().none(), nb::arg("threads"));
 }
 
 }  // namespace
@@ -180,19 +209,29 @@ NB_MODULE(_kernels, m) {
     m.def("loss", &vs::loss, nb::arg("image").noconvert(), nb::arg("target").noconvert(), nb::arg("width"),
           nb::arg("height"), nb::arg("dssim_weight"), nb::arg("gradient").noconvert().none(), nb::arg("threads"),
           "Mean absolute difference and mean SSIM; writes the gradient of (1 - w) L1 + w (1 - SSIM).");
-    m.def("instruction_sets", [] {
-        std::vector<std::string> names;
-        for (const vs::Kernels* k : vs::supported()) names.emplace_back(k->name);
-        return names;
-    }, "What this machine can run, the fastest first.");
+    m.def("empty_float", &vs::empty<float>, nb::arg("shape"),
+          "A float32 torch tensor, contents undefined, from recycled memory.");
+    m.def("empty_double", &vs::empty<double>, nb::arg("shape"), "As empty_float, float64.");
+    m.def(
+        "instruction_sets",
+        [] {
+            std::vector<std::string> names;
+            for (const vs::Kernels* k : vs::supported()) names.emplace_back(k->name);
+            return names;
+        },
+        "What this machine can run, the fastest first.");
     m.def("instruction_set", [] { return std::string(vs::kernels->name); }, "The one in use.");
-    m.def("use_instruction_set", [](const std::string& name) {
-        for (const vs::Kernels* k : vs::supported())
-            if (name == k->name) {
-                vs::kernels = k;
-                return;
-            }
-        throw std::invalid_argument("this machine cannot run the instruction set " + name);
-    }, nb::arg("name"), "Choose one of instruction_sets(), for tests and measurements.");
-    m.def("release_idle_buffers", &vs::release_idle_buffers, "Give the working memory that is kept for the next frame back.");
+    m.def(
+        "use_instruction_set",
+        [](const std::string& name) {
+            for (const vs::Kernels* k : vs::supported())
+                if (name == k->name) {
+                    vs::kernels = k;
+                    return;
+                }
+            throw std::invalid_argument("this machine cannot run the instruction set " + name);
+        },
+        nb::arg("name"), "Choose one of instruction_sets(), for tests and measurements.");
+    m.def("release_idle_buffers", &vs::release_idle_buffers,
+          "Give the working memory that is kept for the next frame back.");
 }

@@ -11,42 +11,76 @@ typedef double VDouble __attribute__((vector_size(64)));
 typedef int32_t VInt32 __attribute__((vector_size(32)));
 typedef int64_t VInt64 __attribute__((vector_size(64)));
 
-template <typename T> struct VecOf;
-template <> struct VecOf<float> {
+template <typename T>
+struct VecOf;
+template <>
+struct VecOf<float> {
     using V = VFloat;
     using M = VInt32;
     using Bits = uint32_t;
 };
-template <> struct VecOf<double> {
+template <>
+struct VecOf<double> {
     using V = VDouble;
     using M = VInt64;
     using Bits = uint64_t;
 };
-template <typename T> using Vec = typename VecOf<T>::V;
-template <typename T> using Mask = typename VecOf<T>::M;
+template <typename T>
+using Vec = typename VecOf<T>::V;
+template <typename T>
+using Mask = typename VecOf<T>::M;
 
-template <typename T> VS_INLINE Vec<T> all(T value) { return Vec<T>{} + value; }
+template <typename T>
+VS_INLINE Vec<T> all(T value) {
+    return Vec<T>{} + value;
+}
 
-template <typename T> VS_INLINE Vec<T> load(const T* p) {
+template <typename T>
+VS_INLINE Vec<T> load(const T* p) {
     Vec<T> v;
     __builtin_memcpy(&v, p, sizeof(v));
     return v;
 }
-template <typename T> VS_INLINE void store(T* p, Vec<T> v) { __builtin_memcpy(p, &v, sizeof(v)); }
+template <typename T>
+VS_INLINE void store(T* p, Vec<T> v) {
+    __builtin_memcpy(p, &v, sizeof(v));
+}
 
-template <typename T> VS_INLINE Mask<T> ge(Vec<T> a, Vec<T> b) { return (Mask<T>)(a >= b); }
-template <typename T> VS_INLINE Mask<T> gt(Vec<T> a, Vec<T> b) { return (Mask<T>)(a > b); }
-template <typename T> VS_INLINE Mask<T> lt(Vec<T> a, Vec<T> b) { return (Mask<T>)(a < b); }
-template <typename T> VS_INLINE Mask<T> le(Vec<T> a, Vec<T> b) { return (Mask<T>)(a <= b); }
+template <typename T>
+VS_INLINE Mask<T> ge(Vec<T> a, Vec<T> b) {
+    return (Mask<T>)(a >= b);
+}
+template <typename T>
+VS_INLINE Mask<T> gt(Vec<T> a, Vec<T> b) {
+    return (Mask<T>)(a > b);
+}
+template <typename T>
+VS_INLINE Mask<T> lt(Vec<T> a, Vec<T> b) {
+    return (Mask<T>)(a < b);
+}
+template <typename T>
+VS_INLINE Mask<T> le(Vec<T> a, Vec<T> b) {
+    return (Mask<T>)(a <= b);
+}
 
 // The value where the mask is set, zero elsewhere (NaN there too).
-template <typename T> VS_INLINE Vec<T> keep(Mask<T> m, Vec<T> a) { return (Vec<T>)((Mask<T>)a & m); }
-template <typename T> VS_INLINE Vec<T> select(Mask<T> m, Vec<T> a, Vec<T> b) {
+template <typename T>
+VS_INLINE Vec<T> keep(Mask<T> m, Vec<T> a) {
+    return (Vec<T>)((Mask<T>)a & m);
+}
+template <typename T>
+VS_INLINE Vec<T> select(Mask<T> m, Vec<T> a, Vec<T> b) {
     return (Vec<T>)(((Mask<T>)a & m) | ((Mask<T>)b & ~m));
 }
 // Of two numbers; the second where the first is NaN.
-template <typename T> VS_INLINE Vec<T> vmin(Vec<T> a, Vec<T> b) { return a < b ? a : b; }
-template <typename T> VS_INLINE Vec<T> vmax(Vec<T> a, Vec<T> b) { return a > b ? a : b; }
+template <typename T>
+VS_INLINE Vec<T> vmin(Vec<T> a, Vec<T> b) {
+    return a < b ? a : b;
+}
+template <typename T>
+VS_INLINE Vec<T> vmax(Vec<T> a, Vec<T> b) {
+    return a > b ? a : b;
+}
 
 // One bit a lane.
 VS_INLINE unsigned bits(VInt32 m) {
@@ -113,11 +147,11 @@ VS_INLINE VDouble vexp2(VDouble x) {
 // log2(x) for positive normal x, absolute error about 1e-7 of the larger of 1 and the result.
 VS_INLINE VFloat vlog2(VFloat x) {
     VInt32 i = (VInt32)x;
-    VInt32 e = (i - 0x3f3504f3) >> 23;                      // so that the mantissa lies in [sqrt(1/2), sqrt(2))
+    VInt32 e = (i - 0x3f3504f3) >> 23;  // so that the mantissa lies in [sqrt(1/2), sqrt(2))
     VFloat m = (VFloat)(i - (e << 23));
     VFloat s = (m - 1.0f) / (m + 1.0f);
     VFloat s2 = s * s;
-    VFloat p = all<float>(0.32059890f);                     // 2 / (9 ln 2), then 2 / (7 ln 2) ...
+    VFloat p = all<float>(0.32059890f);  // 2 / (9 ln 2), then 2 / (7 ln 2) ...
     p = p * s2 + 0.41219859f;
     p = p * s2 + 0.57707802f;
     p = p * s2 + 0.96179669f;
@@ -131,7 +165,7 @@ VS_INLINE VDouble vlog2(VDouble x) {
 
 // e^x: as 2^(x log2 e), with the product's rounding error made good; 0 and infinity outside of the type's range.
 VS_INLINE VFloat vexp(VFloat x) {
-    const float high = 1.44269502f, low = 1.92596299e-8f;   // log2(e) in two floats
+    const float high = 1.44269502f, low = 1.92596299e-8f;  // log2(e) in two floats
     VFloat t = x * high;
     VFloat whole = (t + 12582912.0f) - 12582912.0f;
     VFloat part = (x * high - whole) + x * low;
@@ -145,7 +179,8 @@ VS_INLINE VDouble vexp(VDouble x) {
 }
 
 // Eight vectors as the rows of an 8x8 matrix, transposed.
-template <typename V> VS_INLINE void transpose(V r[8]) {
+template <typename V>
+VS_INLINE void transpose(V r[8]) {
     V a[8];
     for (int i = 0; i < 4; i++) {
         a[2 * i] = __builtin_shufflevector(r[2 * i], r[2 * i + 1], 0, 8, 2, 10, 4, 12, 6, 14);
@@ -163,6 +198,7 @@ template <typename V> VS_INLINE void transpose(V r[8]) {
     }
 }
 
-template <typename T> VS_INLINE T sum(Vec<T> v) {
+template <typename T>
+VS_INLINE T sum(Vec<T> v) {
     return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
 }

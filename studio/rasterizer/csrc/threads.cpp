@@ -1,13 +1,13 @@
 #include "threads.h"
 
+#include <unistd.h>
+
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <mutex>
 #include <thread>
-
-#include <unistd.h>
 
 #if defined(__x86_64__) || defined(__i386__)
 #include <immintrin.h>
@@ -40,7 +40,9 @@ class Pool {
         done_.store(0, std::memory_order_release);
         ticket_.store(uint64_t(++epoch_) << 32);
         if (sleepers_.load() > 0) {
-            { std::lock_guard<std::mutex> guard(mutex_); }
+            {
+                std::lock_guard<std::mutex> guard(mutex_);
+            }
             wake_.notify_all();
         }
         work();

@@ -1,0 +1,202 @@
+// Projection of splats to the screen. Included by isa.h, once for each instruction set.
+
+// Eight splats on their way to the screen: what the forward pass uses and the backward pass computes again.
+template <typename T>
+struct Group {
+    using V = Vec<T>;
+    V mean[3], x_z, y_z, x_lim, y_lim, depth, inverse_depth;
+    V quat[4], quat_length;  // quat has length 1
+    V rotation[9], scale[3];
+    V plane_u[3], plane_v[3];      // rows of jacobian * world-to-camera
+    V m_u[3], m_v[3], m_cross[3];  // those times rotation, and their cross product
+    V u[3], v[3];                  // those times scale: the rows of the covariance's factor
+    V xx, xy, yy, det;             // dilated covariance and its determinant
+    V log2_opacity, one_minus_opacity;
+    V direction[3], distance;
+};
+
+template <typename T>
+VS_INLINE void project_group(const Splats<T>& splats, const Camera& camera, std::int64_t first, Group<T>& g) {
+    using V = Vec<T>;
+    V logit, log_scale[3];
+    gather<T>(splats.means, 3, first, splats.count, g.mean);
+    gather<T>(splats.quats, 4, first, splats.count, g.quat);
+    gather<T>(splats.log_scales, 3, first, splats.count, log_scale);
+    gather<T>(splats.logits, 1, first, splats.count, &logit);
+    T w[9], t[3];
+    for (int i = 0; i < 9; i++) w[i] = T(camera.rotation[i]);
+    for (int i = 0; i < 3; i++) t[i] = T(camera.translation[i]);
+    V x = w[0] * g.mean[0] + w[1] * g.mean[1] + w[2] * g.mean[2] + t[0];
+    V y = w[3] * g.mean[0] + w[4] * g.mean[1] + w[5] * g.mean[2] + t[1];
+    g.depth = w[6] * g.mean[0] + w[7] * g.mean[1] + w[8] * g.mean[2] + t[2];
+    g.inverse_depth = T(1) / g.depth;
+    g.x_z = x * g.inverse_depth;
+    g.y_z = y * g.inverse_depth;
+    g.x_lim = vmin<T>(vmax<T>(g.x_z, all<T>(T(camera.limits[0]))), all<T>(T(camera.limits[1])));
+    g.y_lim = vmin<T>(vmax<T>(g.y_z, all<T>(T(camera.limits[2]))), all<T>(T(camera.limits[3])));
+
+    V* q = g.quat;
+    g.quat_length = vsqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    V inverse_length = T(1) / g.quat_length;
+    for (int i = 0; i < 4; i++) q[i] *= inverse_length;
+    V* r = g.rotation;
+    r[0] = T(1) - T(2) * (q[2] * q[2] + q[3] * q[3]);
+    r[1] = T(2) * (q[1] * q[2] - q[0] * q[3]);
+    r[2] = T(2) * (q[1] * q[3] + q[0] * q[2]);
+    r[3] = T(2) * (q[1] * q[2] + q[0] * q[3]);
+    r[4] = T(1) - T(2) * (q[1] * q[1] + q[3] * q[3]);
+    r[5] = T(2) * (q[2] * q[3] - q[0] * q[1]);
+    r[6] = T(2) * (q[1] * q[3] - q[0] * q[2]);
+    r[7] = T(2) * (q[2] * q[3] + q[0] * q[1]);
+    r[8] = T(1) - T(2) * (q[1] * q[1] + q[2] * q[2]);
+
+    T fx = T(camera.fx), fy = T(camera.fy);
+    V fx_z = fx * g.inverse_depth, fy_z = fy * g.inverse_depth;
+    for (int k = 0; k < 3; k++) {
+        g.plane_u[k] = fx_z * (w[k] - g.x_lim * w[6 + k]);
+        g.plane_v[k] = fy_z * (w[3 + k] - g.y_lim * w[6 + k]);
+    }
+    for (int k = 0; k < 3; k++) {
+        g.scale[k] = vexp(log_scale[k]);
+        g.m_u[k] = g.plane_u[0] * r[k] + g.plane_u[1] * r[3 + k] + g.plane_u[2] * r[6 + k];
+        g.m_v[k] = g.plane_v[0] * r[k] + g.plane_v[1] * r[3 + k] + g.plane_v[2] * r[6 + k];
+        g.u[k] = g.m_u[k] * g.scale[k];
+        g.v[k] = g.m_v[k] * g.scale[k];
+    }
+    const T d = T(DILATION);
+    V uu = g.u[0] * g.u[0] + g.u[1] * g.u[1] + g.u[2] * g.u[2];
+    V vv = g.v[0] * g.v[0] + g.v[1] * g.v[1] + g.v[2] * g.v[2];
+    g.xy = g.u[0] * g.v[0] + g.u[1] * g.v[1] + g.u[2] * g.v[2];
+    g.xx = uu + d;
+    g.yy = vv + d;
+    // |u|^2 |v|^2 - (u.v)^2 = |u x v|^2, and u x v is the viewing ray in the splat's axes, scaled: for needles this
+    // keeps the digits that the difference loses.
+    V ray[3], area = fx_z * fy_z, cross = V{};
+    for (int k = 0; k < 3; k++) ray[k] = g.x_lim * w[k] + g.y_lim * w[3 + k] + w[6 + k];
+    for (int k = 0; k < 3; k++) {
+        g.m_cross[k] = area * (ray[0] * r[k] + ray[1] * r[3 + k] + ray[2] * r[6 + k]);
+        V part = g.m_cross[k] * g.scale[(k + 1) % 3] * g.scale[(k + 2) % 3];
+        cross += part * part;
+    }
+    g.det = cross + d * (uu + vv) + d * d;
+
+    V t_opacity = vexp(-logit);
+    g.log2_opacity = -vlog2(T(1) + t_opacity);
+    g.one_minus_opacity = t_opacity / (T(1) + t_opacity);
+
+    V away[3];
+    for (int k = 0; k < 3; k++) away[k] = g.mean[k] - T(camera.center[k]);
+    g.distance = vsqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2]);
+    V inverse_distance = T(1) / vmax<T>(g.distance, all<T>(T(1e-12)));
+    for (int k = 0; k < 3; k++) g.direction[k] = away[k] * inverse_distance;
+}
+
+struct Range {
+    std::int64_t begin, end;
+};
+// Pass A for splats [begin, end): fill `projected` and `radii`, add to `tile_counts`; returns the number of pairs.
+template <typename T>
+static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera, Range range, Projected<T>* projected,
+                                   T* radii, int tiles_x, int tiles_y, std::uint32_t* tile_counts) {
+    using V = Vec<T>;
+    using M = Mask<T>;
+    const int floats = 3 * splats.coefficients;
+    const T width = T(camera.width), height = T(camera.height);
+    const T huge = sizeof(T) == 4 ? T(1e30) : T(1e250);
+    std::uint64_t pairs = 0;
+    for (int i = 0; i < tiles_x * tiles_y; i++) tile_counts[i] = 0;
+    for (std::int64_t first = range.begin; first < range.end; first += LANES) {
+        const int valid = range.end - first < LANES ? int(range.end - first) : LANES;
+        Group<T> g;
+        project_group<T>(splats, camera, first, g);
+        V mx = T(camera.fx) * g.x_z + T(camera.cx), my = T(camera.fy) * g.y_z + T(camera.cy);
+        if (splats.offsets != nullptr) {
+            V offset[2];
+            gather<T>(splats.offsets, 2, first, splats.count, offset);
+            mx += offset[0];
+            my += offset[1];
+        }
+        // 2 ln 2 turns the exponent of base 2 into half a squared distance in standard deviations.
+        V reach = vsqrt(vmax<T>(T(1.3862943611198906) * (g.log2_opacity - T(ALPHA_MIN_LOG2)), V{}));
+        V half_x = reach * vsqrt(g.xx), half_y = reach * vsqrt(g.yy);
+        // Comparisons with NaN are false: such splats are not drawn.
+        M shown = ge<T>(g.depth, all<T>(T(camera.near))) & ge<T>(g.log2_opacity, all<T>(T(ALPHA_MIN_LOG2)));
+        shown &= gt<T>(g.quat_length, V{}) & lt<T>(g.quat_length, all<T>(huge));
+        shown &= gt<T>(g.det, V{}) & lt<T>(g.det, all<T>(huge)) & lt<T>(g.depth, all<T>(huge));
+        shown &= gt<T>(mx + half_x, V{}) & lt<T>(mx - half_x, all<T>(width));
+        shown &= gt<T>(my + half_y, V{}) & lt<T>(my - half_y, all<T>(height));
+        shown &= lt<T>(half_x, all<T>(huge)) & lt<T>(half_y, all<T>(huge));
+        if (!any(shown)) {
+            for (int i = 0; i < valid; i++) {
+                projected[first + i].visible = 0;
+                radii[first + i] = 0;
+            }
+            continue;
+        }
+
+        V basis[16], sh[48], color[3];
+        sh_basis<T, false>(splats.coefficients, g.direction[0], g.direction[1], g.direction[2], basis, nullptr, nullptr,
+                           nullptr);
+        gather_long<T>(splats.sh, floats, first, splats.count, sh);
+        for (int c = 0; c < 3; c++) {
+            color[c] = all<T>(T(0.5));
+            for (int k = 0; k < splats.coefficients; k++) color[c] += basis[k] * sh[3 * k + c];
+            shown &= lt<T>(color[c], all<T>(huge)) & gt<T>(color[c], all<T>(-huge));
+        }
+
+        // u = a dx + b dy, v = c dy with u^2 + v^2 = (log2(e) / 2) d^T cov^-1 d
+        const T s = T(0.84932180028801904272);
+        V ratio = T(1) / vsqrt(g.yy * g.det);
+        V a = s * g.yy * ratio, b = -s * g.xy * ratio, c = s / vsqrt(g.yy), slant = g.xy / g.yy;
+
+        // Pixels whose centres lie in the box; a little more than exact, since the pixels are tested one by one.
+        V slack_x = T(1e-3) + half_x * T(1e-5), slack_y = T(1e-3) + half_y * T(1e-5);
+        V low_x = vmax<T>(mx - half_x - T(0.5) - slack_x, all<T>(T(-1))),
+          high_x = vmin<T>(mx + half_x - T(0.5) + slack_x, all<T>(width - T(1)));
+        V low_y = vmax<T>(my - half_y - T(0.5) - slack_y, all<T>(T(-1))),
+          high_y = vmin<T>(my + half_y - T(0.5) + slack_y, all<T>(height - T(1)));
+
+        const unsigned shown_bits = bits(shown);
+        T lanes[16][LANES];
+        const V fields[16] = {mx,       my,      a,     b,      c,     g.log2_opacity, color[0], color[1],
+                              color[2], g.depth, low_x, high_x, low_y, high_y,         slant,    T(1) / a};
+        for (int k = 0; k < 16; k++) store<T>(lanes[k], fields[k]);
+        T half[LANES];
+        store<T>(half, vmax<T>(half_x, half_y));
+        for (int i = 0; i < valid; i++) {
+            Projected<T>& p = projected[first + i];
+            p.visible = shown_bits >> i & 1;
+            if (!p.visible) {
+                radii[first + i] = 0;
+                continue;
+            }
+            radii[first + i] = half[i];
+            p.x = lanes[0][i], p.y = lanes[1][i], p.a = lanes[2][i], p.b = lanes[3][i], p.c = lanes[4][i];
+            p.log2_opacity = lanes[5][i];
+            p.clamped = 0;
+            for (int k = 0; k < 3; k++) {
+                p.color[k] = lanes[6 + k][i] >= 0 ? lanes[6 + k][i] : T(0);
+                p.clamped |= std::uint8_t(lanes[6 + k][i] < 0) << k;
+            }
+            p.depth = lanes[9][i], p.slant = lanes[14][i], p.width = lanes[15][i];
+            // Bounds lie in [-1, size - 1]: +2 makes truncation a floor.
+            int left = int(lanes[10][i] + 2) - 2, top = int(lanes[12][i] + 2) - 2;
+            left += T(left) < lanes[10][i];
+            top += T(top) < lanes[12][i];
+            if (left < 0) left = 0;
+            if (top < 0) top = 0;
+            int right = int(lanes[11][i] + 2) - 2, bottom = int(lanes[13][i] + 2) - 2;
+            p.left = std::int16_t(left), p.top = std::int16_t(top);
+            p.right = std::int16_t(right), p.bottom = std::int16_t(bottom);
+            if (left > right || top > bottom) {
+                p.left = 1, p.right = 0;
+                continue;
+            }
+            int x0 = left / TILE, x1 = right / TILE, y0 = top / TILE, y1 = bottom / TILE;
+            pairs += std::uint64_t(x1 - x0 + 1) * std::uint64_t(y1 - y0 + 1);
+            for (int ty = y0; ty <= y1; ty++)
+                for (int tx = x0; tx <= x1; tx++) tile_counts[ty * tiles_x + tx]++;
+        }
+    }
+    return pairs;
+}

@@ -1,0 +1,196 @@
+// Tiles of 32x32 pixels: their lists of splats in order of depth, and which of their pixels a splat reaches.
+// Included by isa.h, once for each instruction set.
+
+// A tile's pixels lie as blocks of 4x2, eight lanes a block, blocks row by row.
+constexpr int BLOCK_W = 4, BLOCK_H = 2, BLOCKS_X = TILE / BLOCK_W, BLOCKS_Y = TILE / BLOCK_H,
+              BLOCKS = BLOCKS_X * BLOCKS_Y;
+
+struct TileBox {
+    int left, top, width, height;  // pixels of the image
+};
+VS_INLINE TileBox tile_box(const Camera& camera, int tiles_x, int tile) {
+    TileBox box;
+    box.left = tile % tiles_x * TILE;
+    box.top = tile / tiles_x * TILE;
+    box.width = camera.width - box.left < TILE ? camera.width - box.left : TILE;
+    box.height = camera.height - box.top < TILE ? camera.height - box.top : TILE;
+    return box;
+}
+
+// Where the pixels of each column and each row of blocks are, counted from the first pixel's centre.
+template <typename T>
+struct Grid {
+    Vec<T> x[BLOCKS_X], y[BLOCKS_Y];
+    VS_INLINE void fill(Grid& grid) {
+        const Vec<T> lane_x = {0, 1, 2, 3, 0, 1, 2, 3}, lane_y = {0, 0, 0, 0, 1, 1, 1, 1};
+        for (int i = 0; i < BLOCKS_X; i++) grid.x[i] = lane_x + T(i * BLOCK_W);
+        for (int i = 0; i < BLOCKS_Y; i++) grid.y[i] = lane_y + T(i * BLOCK_H);
+    }
+};
+
+// A set of blocks: bit 8 * row + column.
+struct Blocks {
+    std::uint64_t half[2];
+};
+static_assert(BLOCKS_X == 8 && BLOCKS == 128 && BLOCK_H == 2, "Blocks holds 16 rows of 8");
+
+// Transmittance of the pixels, negative where a pixel is finished or outside the image; and the blocks with work left.
+// P is a struct of the block's arrays: one struct a block, not one array of blocks a quantity, since arrays a multiple
+// of 4096 bytes apart compete for the same cache lines and confuse loads with stores.
+template <typename T, typename P>
+VS_INLINE Blocks clear_tile(const TileBox& box, const Grid<T>& grid, P* pixels) {
+    if (box.width == TILE && box.height == TILE) {
+        for (int i = 0; i < BLOCKS; i++) pixels[i].through = all<T>(T(1));
+        return {{~std::uint64_t(0), ~std::uint64_t(0)}};
+    }
+    Blocks alive = {{0, 0}};
+    for (int i = 0; i < BLOCKS; i++) {
+        Mask<T> inside =
+            lt<T>(grid.x[i % BLOCKS_X], all<T>(T(box.width))) & lt<T>(grid.y[i / BLOCKS_X], all<T>(T(box.height)));
+        pixels[i].through = select<T>(inside, all<T>(T(1)), all<T>(T(-1)));
+        alive.half[i / 64] |= std::uint64_t(any(inside)) << (i % 64);
+    }
+    return alive;
+}
+
+// The part of a splat that both passes need at each block; the same arithmetic, so that both see the same bits.
+template <typename T>
+struct Shape {
+    using V = Vec<T>;
+    V x, y, a, b, c, log2_opacity;
+
+    VS_INLINE Shape of(const Projected<T>& p, const TileBox& box) {
+        return {all<T>(p.x - T(box.left) - T(0.5)),
+                all<T>(p.y - T(box.top) - T(0.5)),
+                all<T>(p.a),
+                all<T>(p.b),
+                all<T>(p.c),
+                all<T>(p.log2_opacity)};
+    }
+    // log2(alpha) over the block (before the clamp), u and v
+    inline __attribute__((always_inline)) V exponent(const Grid<T>& grid, int block, V& u, V& v) const {
+        V dx = grid.x[block % BLOCKS_X] - x, dy = grid.y[block / BLOCKS_X] - y;
+        v = c * dy;
+        u = a * dx + b * dy;
+        return log2_opacity - v * v - u * u;
+    }
+};
+
+// Blocks that the splat may reach: for each row of pixels, the span in which u^2 + v^2 is small enough; eight rows of
+// blocks at a time. Never too few but for rounding at the very edge, where alpha is 1/255.
+template <typename T>
+VS_INLINE Blocks cover(const Projected<T>& p, const TileBox& box) {
+    using V = Vec<T>;
+    using M = Mask<T>;
+    typedef std::uint8_t Bytes __attribute__((vector_size(8)));
+    const T x = p.x - T(box.left) - T(0.5), y = p.y - T(box.top) - T(0.5);
+    const int top = p.top > box.top ? (p.top - box.top) / BLOCK_H : 0;
+    int bottom = p.bottom - box.top;
+    bottom = (bottom < TILE ? bottom : TILE - 1) / BLOCK_H;
+    const V steps = {0, 2, 4, 6, 8, 10, 12, 14};
+    const V budget = all<T>(p.log2_opacity - T(ALPHA_MIN_LOG2) + T(1e-4));
+    Blocks found = {{0, 0}};
+    for (int row = top; row <= bottom; row += 8) {
+        V dy0 = steps + (T(row * BLOCK_H) - y), dy1 = dy0 + T(1);
+        V v0 = p.c * dy0, v1 = p.c * dy1;
+        V rest0 = budget - v0 * v0, rest1 = budget - v1 * v1;
+        V half0 = p.width * vsqrt(vmax<T>(rest0, V{})), half1 = p.width * vsqrt(vmax<T>(rest1, V{}));
+        V mid0 = x + p.slant * dy0, mid1 = x + p.slant * dy1;
+        const V far = all<T>(T(1e6));
+        const M there0 = ge<T>(rest0, V{}), there1 = ge<T>(rest1, V{});
+        V low = vmin<T>(select<T>(there0, mid0 - half0, far), select<T>(there1, mid1 - half1, far));
+        V high = vmax<T>(select<T>(there0, mid0 + half0, -far), select<T>(there1, mid1 + half1, -far));
+        low = vmin<T>(vmax<T>(low + T(0.998), V{}), all<T>(T(TILE)));
+        high = vmin<T>(vmax<T>(high + T(1.002), V{}), all<T>(T(TILE)));  // one more than the last pixel
+        M first = __builtin_convertvector(low, M), end = __builtin_convertvector(high, M);
+        M one = M{} + 1;
+        M mask = ((one << ((end + 3) >> 2)) - (one << (first >> 2))) & (M)(first < end);
+        Bytes bytes = __builtin_convertvector(mask, Bytes);
+        std::uint64_t rows;
+        __builtin_memcpy(&rows, &bytes, sizeof(rows));
+        if (row == 0)
+            found.half[0] |= rows;
+        else if (row < 8)
+            found.half[0] |= rows << (8 * row), found.half[1] |= rows >> (64 - 8 * row);
+        else
+            found.half[1] |= rows << (8 * (row - 8));
+    }
+    return found;
+}
+
+// Some entries of a tile's list, in order, with the blocks that each reaches. Finding them for many splats before any
+// is blended lets the processor work on several at once, and know how often each inner loop runs before it gets there.
+template <typename T>
+struct Batch {
+    static constexpr int MOST = 64;
+    const Projected<T>* splats[MOST];
+    Blocks reach[MOST];
+    int size;
+
+    // Takes entries from `n` on, leaves out those that reach nothing alive; returns where to go on.
+    inline __attribute__((always_inline)) std::uint32_t fill(const Projected<T>* projected, const Entry<T>* list,
+                                                             std::uint32_t n, std::uint32_t count, const TileBox& box,
+                                                             const Blocks& alive) {
+        const std::uint32_t end = count - n < std::uint32_t(MOST) ? count : n + MOST;
+        size = 0;
+        for (; n < end; n++) {
+            if (n + 8 < count) __builtin_prefetch(&projected[list[n + 8].splat]);
+            const Projected<T>* p = &projected[list[n].splat];
+            Blocks found = cover<T>(*p, box);
+            found.half[0] &= alive.half[0];
+            found.half[1] &= alive.half[1];
+            splats[size] = p;
+            reach[size] = found;
+            size += (found.half[0] | found.half[1]) != 0;
+        }
+        return end;
+    }
+};
+
+VS_INLINE std::uint32_t depth_key(float depth) {
+    std::uint32_t key;
+    __builtin_memcpy(&key, &depth, sizeof(key));
+    return key;  // depths are positive: their bits sort as they do
+}
+VS_INLINE std::uint64_t depth_key(double depth) {
+    std::uint64_t key;
+    __builtin_memcpy(&key, &depth, sizeof(key));
+    return key;
+}
+
+// Stable sort by key: insertion for short lists, else by bytes of the key's distance from the least.
+template <typename T>
+static void sort_entries(Entry<T>* list, Entry<T>* spare, std::uint32_t count) {
+    if (count < 2) return;
+    if (count <= 32) {
+        for (std::uint32_t i = 1; i < count; i++) {
+            Entry<T> e = list[i];
+            std::uint32_t j = i;
+            for (; j > 0 && list[j - 1].key > e.key; j--) list[j] = list[j - 1];
+            list[j] = e;
+        }
+        return;
+    }
+    auto least = list[0].key, most = list[0].key;
+    for (std::uint32_t i = 1; i < count; i++) {
+        least = list[i].key < least ? list[i].key : least;
+        most = list[i].key > most ? list[i].key : most;
+    }
+    const auto span = most - least;
+    Entry<T>*from = list, *to = spare;
+    for (int shift = 0; shift < int(8 * sizeof(span)) && (span >> shift) != 0; shift += 8) {
+        std::uint32_t place[256] = {0};
+        for (std::uint32_t i = 0; i < count; i++) place[(from[i].key - least) >> shift & 255]++;
+        std::uint32_t total = 0;
+        for (int k = 0; k < 256; k++) {
+            std::uint32_t here = place[k];
+            place[k] = total;
+            total += here;
+        }
+        for (std::uint32_t i = 0; i < count; i++) to[place[(from[i].key - least) >> shift & 255]++] = from[i];
+        Entry<T>* swap = from;
+        from = to;
+        to = swap;
+    }
+    if (from != list) __builtin_memcpy(list, from, count * sizeof(Entry<T>));
+}
