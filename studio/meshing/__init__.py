@@ -1,10 +1,11 @@
 """Geometry from masks: visual hull, its surface, coloured points on it."""
 
 from studio.meshing.hull import Hull, HullSettings
-from studio.meshing.initialise import HullResult, InitResult, initialise_points, visual_hull
+from studio.meshing.initialise import InitResult, initialise_points
 from studio.meshing.sampling import sample_surface
 from studio.meshing.silhouettes import Silhouettes, ViewLike
 from studio.meshing.surface import Mesh
+from studio.meshing.visual_hull import HullResult, visual_hull
 
 __all__ = [
     "Hull",

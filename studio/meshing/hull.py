@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +22,15 @@ import torch
 from studio.errors import StudioError
 from studio.meshing.blame import raise_disagreement
 from studio.meshing.silhouettes import Silhouettes
-from studio.progress import ProgressFn, no_progress
 
 _CHUNK = 1 << 18
+
+Tick = Callable[[], None]
+"""Called several times a second during long work; may raise `Cancelled`."""
+
+
+def no_tick() -> None:
+    """A `Tick` that tells nobody."""
 
 
 @dataclass(frozen=True)
@@ -111,12 +118,15 @@ def _cells(parents: torch.Tensor, size: float, split: int) -> torch.Tensor:
     return (parents[:, None] + offsets[None]).reshape(-1, 3)
 
 
-def _keep(shapes: Silhouettes, centres: torch.Tensor, size: float, allowed: int, min_views: int) -> torch.Tensor:
+def _keep(
+    shapes: Silhouettes, centres: torch.Tensor, size: float, allowed: int, min_views: int, tick: Tick = no_tick
+) -> torch.Tensor:
     """(N,) bool: cells that may hold a part of the hull."""
     kept = torch.empty(len(centres), dtype=torch.bool)
     radius = size * math.sqrt(3) / 2
     for start in range(0, len(centres), _CHUNK):
         part = centres[start : start + _CHUNK]
+        tick()
         alive = torch.arange(len(part))
         refusals = torch.zeros(len(part), dtype=torch.int16)
         views = torch.zeros(len(part), dtype=torch.int16)
@@ -194,12 +204,13 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
 
 
 def _evaluate(
-    shapes: Silhouettes, points: torch.Tensor, allowed: int, min_views: int, band: float
+    shapes: Silhouettes, points: torch.Tensor, allowed: int, min_views: int, band: float, tick: Tick
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Strict and tolerant field values (N,), both cut off at +-band."""
     strict, tolerant = torch.empty(len(points)), torch.empty(len(points))
     for start in range(0, len(points), _CHUNK):
         part = points[start : start + _CHUNK]
+        tick()
         least = torch.full((allowed + 1, len(part)), band)  # the smallest values so far, in rising order
         views = torch.zeros(len(part), dtype=torch.int16)
         for index in range(len(shapes)):
@@ -221,7 +232,7 @@ def carve(
     resolution: int,
     allowed: int,
     min_views: int,
-    progress: ProgressFn = no_progress,
+    tick: Tick = no_tick,
 ) -> tuple[Hull, np.ndarray]:
     """Carve within bounds.
 
@@ -231,13 +242,12 @@ def carve(
         resolution: voxels along the longest side, fewer where pixels are coarser.
         allowed: how many cameras may refuse a point of the tolerant hull.
         min_views: how many cameras must see a point.
-        progress: called with steps done of 3.
+        tick: called often.
 
     Returns:
         the strict hull, and the tolerant field (Z, Y, X) on the same grid (the same array where no camera may be
         outvoted).
     """
-    progress(0, 3)
     low, high = bounds
     middle = (low + high) / 2
     footprint = float(
@@ -261,17 +271,15 @@ def carve(
     band = 3.0 * voxel
     while True:
         centres = base + (blocks.float() + 0.5) * (size * voxel)
-        blocks = blocks[_keep(shapes, centres, size * voxel + band / 2, allowed, min_views)]
+        blocks = blocks[_keep(shapes, centres, size * voxel + band / 2, allowed, min_views, tick)]
         if size == 4:
             break
         size //= 2
         steps = torch.cartesian_prod(*[torch.arange(2)] * 3)
         blocks = (blocks[:, None] * 2 + steps[None]).reshape(-1, 3)
-        progress(1, 3)
     steps = torch.cartesian_prod(*[torch.arange(size)] * 3)
     voxels = (blocks[:, None] * size + steps[None]).reshape(-1, 3)
-    progress(2, 3)
-    strict, tolerant = _evaluate(shapes, base + (voxels.float() + 0.5) * voxel, allowed, min_views, band)
+    strict, tolerant = _evaluate(shapes, base + (voxels.float() + 0.5) * voxel, allowed, min_views, band, tick)
     shape = tuple(int(n) * block for n in counts[::-1])
     flat = (voxels[:, 2] * shape[1] + voxels[:, 1]) * shape[2] + voxels[:, 0]
 
@@ -285,5 +293,4 @@ def carve(
 
     strict_field = volume(strict)
     tolerant_field = strict_field if allowed == 0 else volume(tolerant)
-    progress(3, 3)
     return Hull(strict_field, corner + voxel / 2, voxel, band, min_views), tolerant_field

@@ -13,7 +13,7 @@ from collections.abc import Collection
 import numpy as np
 import torch
 
-from studio.meshing.hull import Hull
+from studio.meshing.hull import Hull, Tick, no_tick
 from studio.meshing.silhouettes import Silhouettes
 
 
@@ -27,7 +27,9 @@ def _without(shapes: Silhouettes, points: torch.Tensor, left_out: Collection[int
     return least.clamp_min(-band)
 
 
-def restore(hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, unexplained: list[np.ndarray]) -> Hull:
+def restore(
+    hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, unexplained: list[np.ndarray], tick: Tick = no_tick
+) -> Hull:
     """Give back what a few bad masks carved away.
 
     Args:
@@ -35,6 +37,7 @@ def restore(hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, unexplained: 
         tolerant: (Z, Y, X) the field in which the tolerated number of cameras is ignored.
         shapes: the silhouettes.
         unexplained: a camera each, (h, w) bool in the reduced image: foreground that the strict hull does not cover.
+        tick: called often.
 
     Returns:
         the hull with those voxels back that half of the cameras which see and accept them leave unexplained, carved
@@ -48,6 +51,7 @@ def restore(hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, unexplained: 
     accepting = torch.zeros(len(points), dtype=torch.int16)
     refusing = torch.zeros((len(shapes), len(points)), dtype=torch.bool)
     for index, camera in enumerate(shapes.cameras):
+        tick()
         value, seen = shapes.distance(index, points)
         pixels, _ = shapes.project(index, points)
         column = pixels[:, 0].clamp(0, camera.width - 1).long()

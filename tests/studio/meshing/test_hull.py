@@ -136,6 +136,21 @@ def test_cameras_that_see_a_part_do_not_cut_it_off(
     assert distance.max() < 0.4
 
 
+def test_few_cameras_leave_no_phantoms(two_balls: Callable[..., list[Any]]) -> None:
+    """Where all cameras see everything, all of the hull lies in all masks, and not where only two cameras look."""
+    views = two_balls(4)
+    mesh = visual_hull(views, COARSE).mesh
+    for view in views:
+        pixels, depth = view.camera.project(mesh.vertices)
+        assert (depth > 0).all()
+        column, row = np.floor(pixels).astype(int).T
+        assert column.min() >= 0
+        assert row.min() >= 0
+        assert column.max() < view.camera.width
+        assert row.max() < view.camera.height
+        assert signed_distance(view.matte)[row, column].min() > -3
+
+
 def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(3)
     with pytest.raises(StudioError, match="at least two cameras, found 1"):
