@@ -206,23 +206,34 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
 def _evaluate(
     shapes: Silhouettes, points: torch.Tensor, allowed: int, min_views: int, band: float, tick: Tick
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Strict and tolerant field values (N,), both cut off at +-band."""
-    strict, tolerant = torch.empty(len(points)), torch.empty(len(points))
+    """Strict field values (N,) cut off at +-band, and (N,) bool: refused by no more cameras than allowed."""
+    strict, tolerated = torch.empty(len(points)), torch.empty(len(points), dtype=torch.bool)
+    # Neighbouring cameras say much the same: ask by turns around the rig, so that what is outside is lost early.
+    stride = max(1, round(len(shapes) * 0.382))
+    while math.gcd(stride, len(shapes)) > 1:
+        stride += 1
+    order = [index * stride % len(shapes) for index in range(len(shapes))]
     for start in range(0, len(points), _CHUNK):
         part = points[start : start + _CHUNK]
         tick()
-        least = torch.full((allowed + 1, len(part)), band)  # the smallest values so far, in rising order
+        least = torch.full((len(part),), band)
+        refusals = torch.zeros(len(part), dtype=torch.int16)
         views = torch.zeros(len(part), dtype=torch.int16)
-        for index in range(len(shapes)):
-            value, seen = shapes.distance(index, part)
+        alive = torch.arange(len(part))
+        for turn, index in enumerate(order):
+            value, seen = shapes.distance(index, part[alive])
             value = torch.where(seen, value.clamp(-band, band), band)
-            views += seen
-            for rank in range(allowed + 1):
-                least[rank], value = torch.minimum(least[rank], value), torch.maximum(least[rank], value)
-        least[:, views < min_views] = -band
-        strict[start : start + _CHUNK] = least[0]
-        tolerant[start : start + _CHUNK] = least[allowed]
-    return strict, tolerant
+            least[alive] = torch.minimum(least[alive], value)
+            refusals[alive] += value <= 0
+            views[alive] += seen
+            if turn % 4 == 3:
+                alive = alive[(refusals[alive] <= allowed) | (least[alive] > -band)]
+        # Points given up early were seen and refused often enough.
+        few = (views < min_views) & (refusals <= allowed)
+        least[few] = -band
+        strict[start : start + _CHUNK] = least
+        tolerated[start : start + _CHUNK] = (refusals <= allowed) & ~few
+    return strict, tolerated
 
 
 def carve(
@@ -240,13 +251,12 @@ def carve(
         shapes: the silhouettes.
         bounds: lower and upper corner, (3,) each, world units.
         resolution: voxels along the longest side, fewer where pixels are coarser.
-        allowed: how many cameras may refuse a point of the tolerant hull.
+        allowed: how many cameras may be outvoted.
         min_views: how many cameras must see a point.
         tick: called often.
 
     Returns:
-        the strict hull, and the tolerant field (Z, Y, X) on the same grid (the same array where no camera may be
-        outvoted).
+        the strict hull, and (Z, Y, X) bool on the same grid: refused by no more cameras than allowed.
     """
     low, high = bounds
     middle = (low + high) / 2
@@ -275,22 +285,25 @@ def carve(
         if size == 4:
             break
         size //= 2
-        steps = torch.cartesian_prod(*[torch.arange(2)] * 3)
-        blocks = (blocks[:, None] * 2 + steps[None]).reshape(-1, 3)
-    steps = torch.cartesian_prod(*[torch.arange(size)] * 3)
-    voxels = (blocks[:, None] * size + steps[None]).reshape(-1, 3)
-    strict, tolerant = _evaluate(shapes, base + (voxels.float() + 0.5) * voxel, allowed, min_views, band, tick)
+        blocks = _voxels(blocks, 2)
+    # Cells wholly within need no look at their voxels.
+    centres = base + (blocks.float() + 0.5) * (size * voxel)
+    reach = 1.2 * (size * voxel * math.sqrt(3) / 2 + band)
+    whole = _evaluate(shapes, centres, allowed, min_views, reach, tick)[0] >= reach
+    strict, tolerated = _evaluate(
+        shapes, base + (_voxels(blocks[~whole], size).float() + 0.5) * voxel, allowed, min_views, band, tick
+    )
     shape = tuple(int(n) * block for n in counts[::-1])
-    flat = (voxels[:, 2] * shape[1] + voxels[:, 1]) * shape[2] + voxels[:, 0]
-
-    def volume(values: torch.Tensor) -> np.ndarray:
-        grid = torch.full((shape[0] * shape[1] * shape[2],), -band)
-        grid[flat] = values
-        grid = grid.reshape(shape)
+    field, tolerant = np.full(shape, -band, np.float32), np.zeros(shape, bool)
+    for grid, inside, values in ((field, band, strict), (tolerant, True, tolerated)):
+        grid[tuple(_voxels(blocks[whole], size).flip(1).T.numpy())] = inside
+        grid[tuple(_voxels(blocks[~whole], size).flip(1).T.numpy())] = values.numpy()
         for side in (grid[0], grid[-1], grid[:, 0], grid[:, -1], grid[:, :, 0], grid[:, :, -1]):
-            side.fill_(-band)
-        return grid.numpy()
+            side.fill(-band if grid is field else False)
+    return Hull(field, corner + voxel / 2, voxel, band, min_views), tolerant
 
-    strict_field = volume(strict)
-    tolerant_field = strict_field if allowed == 0 else volume(tolerant)
-    return Hull(strict_field, corner + voxel / 2, voxel, band, min_views), tolerant_field
+
+def _voxels(blocks: torch.Tensor, size: int) -> torch.Tensor:
+    """Voxel indices (N * size^3, 3) x, y, z of blocks (N, 3)."""
+    steps = torch.cartesian_prod(*[torch.arange(size)] * 3)
+    return (blocks[:, None] * size + steps[None]).reshape(-1, 3)

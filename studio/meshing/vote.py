@@ -34,7 +34,7 @@ def restore(
 
     Args:
         hull: the strict hull.
-        tolerant: (Z, Y, X) the field in which the tolerated number of cameras is ignored.
+        tolerant: (Z, Y, X) bool: voxels refused by no more cameras than may be outvoted.
         shapes: the silhouettes.
         unexplained: a camera each, (h, w) bool in the reduced image: foreground that the strict hull does not cover.
         tick: called often.
@@ -43,7 +43,7 @@ def restore(
         the hull with those voxels back that half of the cameras which see and accept them leave unexplained, carved
         there by the other cameras alone.
     """
-    flat = np.flatnonzero((tolerant.ravel() > 0) & (hull.field.ravel() <= 0))
+    flat = np.flatnonzero(tolerant.ravel() & (hull.field.ravel() <= 0))
     if len(flat) == 0:
         return hull
     points = torch.from_numpy(hull.points(flat).astype(np.float32))
