@@ -50,6 +50,11 @@ class TrainSettings:
         prune_finetune_iterations: steps after each pruning round, without densification.
         motion_iterations: steps of the motion network a frame (section 5: 500).
         motion_learning_rate: Adam, MLP weights; the hash table takes ten times that.
+        motion_views: cameras that each step of the motion network looks at; drawing is cheap beside the network, and
+            several views make each step surer.
+        motion_levels: the motion stage begins with pictures shrunk 2^(levels-1) times and doubles their size until
+            full size, so that it finds motion of many pixels; 1 uses full size only.
+        motion_rate_decay: the motion learning rate falls exponentially to this share of its first value.
         motion_velocity: start from the constant-velocity guess x_{t-1} + (x_{t-1} - x_{t-2}) and learn the rest.
         hash_levels, hash_features, hash_log2_size, hash_base_resolution, hash_growth: the multiresolution grid.
         mlp_width, mlp_layers: hidden layers of the motion MLP.
@@ -80,7 +85,10 @@ class TrainSettings:
     prune_finetune_iterations: int = 2_000
     motion_iterations: int = 500
     motion_learning_rate: float = 1e-3
-    motion_velocity: bool = False
+    motion_views: int = 1
+    motion_levels: int = 3
+    motion_rate_decay: float = 0.1
+    motion_velocity: bool = True
     hash_levels: int = 16
     hash_features: int = 4
     hash_log2_size: int = 15

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.metrics import psnr
 from studio.rasterizer import Render, rasterize
 from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
@@ -25,20 +26,20 @@ class Step:
 
     Attributes:
         loss: scalar, equation 7 (and the alpha term where it is switched on); not yet propagated.
-        mse: mean squared error over the crop, for a running PSNR.
+        target: (H, W, 3) what the picture was compared with.
         render: the picture.
-        view: what it was compared with.
+        view: where it was taken.
     """
 
     loss: Tensor
-    mse: Tensor
+    target: Tensor
     render: Render
     view: TrainView
 
     @property
     def psnr(self) -> float:
         """Of this step's crop, dB, against the training background."""
-        return -10 * float(torch.log10(self.mse.clamp_min(1e-12)))
+        return float(psnr(self.render.image.detach(), self.target))
 
 
 class Stepper:
@@ -59,8 +60,7 @@ class Stepper:
         loss = photometric_loss(render.image, target, self._settings.dssim_weight)
         if self._settings.alpha_weight:
             loss = loss + self._settings.alpha_weight * (render.alpha - view.matte).abs().mean()
-        mse = torch.nn.functional.mse_loss(render.image.detach(), target)
-        return Step(loss, mse, render, view)
+        return Step(loss, target, render, view)
 
 
 def check_finite(loss: Tensor, what: str) -> None:
