@@ -28,6 +28,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as studio sets it; torch reads it when it loads
+
 import numpy as np
 import torch
 from rich.console import Console
@@ -154,7 +156,7 @@ def speed_table(repeat: int, results: dict[str, Any]) -> None:
                     f"{cpu:.1f}" if threads == 1 else "",
                     f"x{single / both:.2f}" if threads == 2 else "",
                     f"{peer:.0f}" if peer else "",
-                    f"{peer / both:.1f}" if peer else "",
+                    f"{peer / cpu:.1f}" if peer else "",
                 )
                 results["speed"].append(
                     {"width": width, "splats": count, "threads": threads, "forward_ms": forward, "both_ms": both,

@@ -5,7 +5,8 @@
 - `cuda`: gsplat (`cuda.py`).
 """
 
+from studio.rasterizer.cpu import set_kernel_threads
 from studio.rasterizer.interface import available_backends, check_finite, preferred_device, rasterize
 from studio.rasterizer.types import Render
 
-__all__ = ["Render", "available_backends", "check_finite", "preferred_device", "rasterize"]
+__all__ = ["Render", "available_backends", "check_finite", "preferred_device", "rasterize", "set_kernel_threads"]

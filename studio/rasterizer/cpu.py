@@ -1,6 +1,8 @@
-"""The CPU kernels as a differentiable torch function: float32 and float64, all cores (`torch.get_num_threads()`).
+"""The CPU kernels as a differentiable torch function: float32 and float64, on as many threads as torch uses.
 
-The C++ in `csrc/` takes raw arrays, so it is built once for every version of torch.
+The C++ in `csrc/` takes raw arrays, so it is built once for every version of torch. It has threads of its own
+(`csrc/threads.h`), which do not slow each other down on a busy machine as torch's can; `set_kernel_threads` gives it
+another number than torch's.
 """
 
 from __future__ import annotations
@@ -29,6 +31,22 @@ def load_kernels() -> Any:
         raise StudioError(
             f"The CPU kernels cannot be loaded ({error}); install the package again with `pip install -e .`."
         ) from None
+
+
+_threads: int | None = None
+
+
+def set_kernel_threads(count: int | None) -> None:
+    """How many threads the rasterizer and the photometric loss use on the CPU; None: `torch.get_num_threads()`."""
+    global _threads
+    if count is not None and count < 1:
+        raise StudioError(f"The kernels need at least one thread, found {count}.")
+    _threads = count
+
+
+def kernel_threads() -> int:
+    """How many threads the kernels use; no result depends on it by a single bit."""
+    return _threads if _threads is not None else torch.get_num_threads()
 
 
 def camera_numbers(pinhole: Pinhole) -> np.ndarray:
@@ -73,7 +91,7 @@ class _Rasterize(torch.autograd.Function):
             alpha,
             depth,
             radii,
-            torch.get_num_threads(),
+            kernel_threads(),
         )
         ctx.set_materialize_grads(False)
         ctx.mark_non_differentiable(radii)
@@ -99,7 +117,7 @@ class _Rasterize(torch.autograd.Function):
             d_depth,
             *gradients,
             d_offsets,
-            torch.get_num_threads(),
+            kernel_threads(),
         )
         d_background = None
         if ctx.needs_input_grad[6] and d_image is not None:

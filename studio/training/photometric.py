@@ -10,7 +10,7 @@ from torch import Tensor
 from studio.errors import StudioError
 from studio.metrics import ssim
 from studio.rasterizer import available_backends
-from studio.rasterizer.cpu import load_kernels
+from studio.rasterizer.cpu import kernel_threads, load_kernels
 
 
 class _Fused(torch.autograd.Function):
@@ -21,9 +21,7 @@ class _Fused(torch.autograd.Function):
         image_data, target_data = image.detach().contiguous(), target.detach().contiguous()
         gradient = torch.empty_like(image_data) if ctx.needs_input_grad[0] else None
         height, width, _ = image.shape
-        l1, similarity = load_kernels().loss(
-            image_data, target_data, width, height, weight, gradient, torch.get_num_threads()
-        )
+        l1, similarity = load_kernels().loss(image_data, target_data, width, height, weight, gradient, kernel_threads())
         ctx.gradient = gradient
         return image.new_tensor((1 - weight) * l1 + weight * (1 - similarity))
 

@@ -47,6 +47,15 @@ VS_INLINE void gather_long(const T* p, int width, std::int64_t first, std::int64
     }
 }
 
+// Ask for the rows of the group after the next one: harmonics are most of a splat's bytes, and come from far memory.
+template <typename T>
+VS_INLINE void prefetch_ahead(const T* p, int width, std::int64_t first, std::int64_t count) {
+    const std::int64_t ahead = first + 2 * LANES;
+    if (ahead + LANES > count) return;
+    const char* start = reinterpret_cast<const char*>(p + ahead * width);
+    for (int byte = 0; byte < int(LANES * sizeof(T)) * width; byte += 64) __builtin_prefetch(start + byte);
+}
+
 template <typename T>
 VS_INLINE void scatter_long(T* p, int width, std::int64_t first, int valid, Vec<T>* values) {
     T* base = p + first * width;

@@ -159,6 +159,7 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
             for (int i = 0; i < 2 * valid; i++) grad.d_offsets[2 * first + i] = 0;
         return;
     }
+    prefetch_ahead<T>(splats.sh, floats, first, splats.count);
     Group<T> g;
     project_group<T>(splats, camera, first, g);
     const Mask<T> drawn = gt<T>(load<T>(factor[2]), V{});

@@ -107,6 +107,7 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
     for (int i = 0; i < tiles_x * tiles_y; i++) tile_counts[i] = 0;
     for (std::int64_t first = range.begin; first < range.end; first += LANES) {
         const int valid = range.end - first < LANES ? int(range.end - first) : LANES;
+        prefetch_ahead<T>(splats.sh, floats, first, splats.count);
         Group<T> g;
         project_group<T>(splats, camera, first, g);
         V mx = T(camera.fx) * g.x_z + T(camera.cx), my = T(camera.fy) * g.y_z + T(camera.cy);

@@ -25,7 +25,7 @@ inline void relax() {
 }
 
 constexpr uint64_t NO_WORK = 0x7fffffff;
-constexpr auto SPIN = std::chrono::microseconds(60);
+constexpr auto SPIN = std::chrono::microseconds(200);
 
 class Pool {
   public:

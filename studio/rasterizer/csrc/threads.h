@@ -1,6 +1,6 @@
-// A small pool of threads for loops of a few milliseconds. Workers wait for new work by spinning for some tens of
-// microseconds and then sleep, so that a busy machine loses nothing to them; the caller works along and needs no
-// worker to wake up to get done.
+// A small pool of threads for loops of a few milliseconds. Workers wait for new work by spinning for a fifth of a
+// millisecond, the time between two loops of a frame, and then sleep, so that a busy machine loses little to them; the
+// caller works along and needs no worker to wake up to get done.
 #pragma once
 
 namespace vs {
