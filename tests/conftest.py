@@ -1,6 +1,7 @@
 """Fixtures for all tests."""
 
-import studio  # noqa: F401  (first: it settles how OpenMP waits, before torch loads)
+import studio  # noqa: F401  # isort: skip  (first: it settles how OpenMP waits, before torch loads)
+
 import pytest
 import torch
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -68,10 +69,13 @@ def train_interframe(
         Cancelled: from `progress`.
     """
     generator = torch.Generator().manual_seed(seed)
-    total = interframe_steps(settings)
+    steps = interframe_steps(settings)
 
     def tell(step: int, what: str) -> ProgressFn:
-        return lambda done, _, **figures: progress(step + done, total, phase=what, **figures)
+        def inner(done: int, total: int, **figures: Any) -> None:
+            progress(step + done, steps, phase=what, **figures)
+
+        return inner
 
     previous = previous.detach()
     warped = _move(previous, before_previous, views, settings, generator, tell(0, "motion"), snapshot)

@@ -25,6 +25,9 @@ class MotionField(nn.Module):
         generator: draws the first weights; the same seed gives the same field.
     """
 
+    _low: Tensor
+    _side: Tensor
+
     def __init__(self, low: Tensor, high: Tensor, settings: TrainSettings, generator: torch.Generator) -> None:
         super().__init__()
         side = (high - low).amax().clamp_min(1e-9)
@@ -43,15 +46,15 @@ class MotionField(nn.Module):
         for _ in range(settings.mlp_layers):
             layers += [nn.Linear(width, settings.mlp_width), nn.ReLU()]
             width = settings.mlp_width
-        layers.append(nn.Linear(width, 3))
-        self.mlp = nn.Sequential(*layers)
+        last = nn.Linear(width, 3)
+        self.mlp = nn.Sequential(*layers, last)
         with torch.no_grad():
             for layer in self.mlp:
                 if isinstance(layer, nn.Linear):
                     bound = layer.in_features**-0.5
                     layer.weight.uniform_(-bound, bound, generator=generator)
                     layer.bias.zero_()
-            self.mlp[-1].weight.zero_()
+            last.weight.zero_()
 
     def corners(self, means: Tensor) -> Corners:
         """What `forward` needs of fixed (N, 3) world positions; compute it once a frame."""

@@ -124,6 +124,10 @@ class ResidualEntropy(nn.Module):
         sh_degree: of the splats; says which columns share a mean and a deviation.
     """
 
+    _owner: Tensor
+    _previous: Tensor
+    _steps: Tensor
+
     def __init__(self, previous: Tensor, steps: Tensor, sh_degree: int) -> None:
         super().__init__()
         attributes = channels(sh_degree)
