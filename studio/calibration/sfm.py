@@ -93,7 +93,8 @@ def calibrate_from_images(
 
     Args:
         images: camera name to (H, W, 3) uint8 RGB, as in the files (with lens distortion).
-        masks: camera name to (H, W) uint8; features are looked for where it is not 0. Cameras without one use all.
+        masks: camera name to (H, W) uint8; features are looked for where it is at least 128 (not 0,
+            where it holds 0 and 1 only). Cameras without one use all.
         workdir: a folder for images, database and models; an old solution in it is removed.
         known: cameras whose lenses (K, distortion) are known; their poses are not used.
         focal_lengths: first guesses in pixels, from EXIF say.
@@ -166,12 +167,13 @@ def _write_images(
                 f"Camera '{name}': the mask is {mask.shape[1]}x{mask.shape[0]}, the image "
                 f"{image.shape[1]}x{image.shape[0]}; give masks of the image's size."
             )
-        if not mask.any():
+        usable = mask >= (1 if mask.max() <= 1 else 128)
+        if not usable.any():
             raise StudioError(f"Camera '{name}': the mask leaves nothing of the image to find features in; mend it.")
         fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
         files = {folder / "images" / f"{number:04d}.png": image[:, :, ::-1]}
         if masks:
-            files[folder / "masks" / f"{number:04d}.png.png"] = (mask > 0).astype(np.uint8) * 255
+            files[folder / "masks" / f"{number:04d}.png.png"] = usable.astype(np.uint8) * 255
         for path, pixels in files.items():
             if not cv2.imwrite(str(path), np.ascontiguousarray(pixels), fast):
                 raise StudioError(f"{path}: cannot be written; check the disk and the permissions.")
