@@ -12,7 +12,8 @@ import torch
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.rasterizer import available_backends, preferred_device, rasterize
+from studio.rasterizer import available_backends, preferred_device, rasterize, set_kernel_threads
+from studio.rasterizer.cpu import kernel_threads
 
 
 def test_cpu_and_reference_are_there() -> None:
@@ -78,3 +79,15 @@ def test_the_background_takes_the_dtype_of_the_splats(helpers) -> None:  # type:
     image = rasterize(helpers.splats(0).to(torch.float32), helpers.camera(), white).image
     assert image.dtype == torch.float32
     assert (image == 1).all()
+
+
+def test_the_kernels_own_number_of_threads() -> None:
+    assert kernel_threads() == torch.get_num_threads()
+    try:
+        set_kernel_threads(1)
+        assert kernel_threads() == 1
+        with pytest.raises(StudioError, match="at least one thread, found 0"):
+            set_kernel_threads(0)
+    finally:
+        set_kernel_threads(None)
+    assert kernel_threads() == torch.get_num_threads()
