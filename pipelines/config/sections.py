@@ -176,10 +176,10 @@ class InitialiseSection(Section):
 class RatesSection(Section):
     """Learning rates of the splats (Adam), as in 3D Gaussian Splatting."""
 
-    means: float = Field(default=1.6e-4, gt=0)
+    means: float = Field(default=6e-4, gt=0)
     """Positions at the first step, times the scene's extent; decays exponentially to means_final."""
 
-    means_final: float = Field(default=1.6e-6, gt=0)
+    means_final: float = Field(default=6e-6, gt=0)
     """Positions at the last step, times the scene's extent."""
 
     sh_dc: float = Field(default=2.5e-3, gt=0)
@@ -265,7 +265,11 @@ class TrainSection(Section):
     motion_learning_rate: float = Field(default=1e-3, gt=0)
     """Adam, network weights; the hash grid takes ten times that."""
 
-    motion_velocity: bool = False
+    motion_views: int = Field(default=4, ge=1, le=1000)
+    """Cameras that each step of the motion network looks at: several make a step surer, and drawing is cheap beside the
+    network."""
+
+    motion_velocity: bool = True
     """Start from the motion of the frame before and learn the rest."""
 
     hash_levels: int = Field(default=16, ge=1, le=32)

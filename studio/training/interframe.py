@@ -104,22 +104,14 @@ def _move(
     field = MotionField(low, high, settings, generator).to(start.device)
     optimizer = field.optimizer(settings.motion_learning_rate)
     corners = field.corners(previous.means)
-    schedule = torch.optim.lr_scheduler.ExponentialLR(
-        optimizer, settings.motion_rate_decay ** (1 / settings.motion_iterations)
-    )
-    steppers = [
-        Stepper([view.shrunk(2**level) for view in views], settings, generator)
-        for level in reversed(range(settings.motion_levels))
-    ]
+    stepper = Stepper(views, settings, generator)
     for iteration in range(1, settings.motion_iterations + 1):
-        stepper = steppers[(iteration - 1) * len(steppers) // settings.motion_iterations]
         moved = replace(previous, means=start + field(corners))
         steps = [stepper(moved) for _ in range(settings.motion_views)]
         step = steps[-1]
         torch.stack([one.loss for one in steps]).mean().backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         optimizer.zero_grad(set_to_none=True)
-        schedule.step()
         _report(iteration, step, len(previous), "Motion", progress)
         if snapshot is not None and iteration % settings.snapshot_every == 0:
             snapshot(iteration, moved.detach())

@@ -9,17 +9,18 @@ from studio.errors import StudioError
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Adam learning rates (3DGS's; the released V3 code uses the same).
+    """Adam learning rates: 3DGS's, as in the released V3 code, but for the positions.
 
     Attributes:
-        means: first step, times the scene extent; decays exponentially to `means_final` over the keyframe.
+        means: first step, times the diagonal of the performer's box; decays exponentially to `means_final` over the
+            keyframe. 3DGS's 1.6e-4 is relative to the spread of the cameras, which is two to four times that.
         means_final: last step of that decay, times the scene extent.
         sh_dc: constant colour; `sh_rest` for the higher coefficients.
         opacity, scale, rotation: logit opacity, log scale, quaternion.
     """
 
-    means: float = 1.6e-4
-    means_final: float = 1.6e-6
+    means: float = 6e-4
+    means_final: float = 6e-6
     sh_dc: float = 2.5e-3
     sh_rest: float = 1.25e-4
     opacity: float = 0.05
@@ -52,9 +53,6 @@ class TrainSettings:
         motion_learning_rate: Adam, MLP weights; the hash table takes ten times that.
         motion_views: cameras that each step of the motion network looks at; drawing is cheap beside the network, and
             several views make each step surer.
-        motion_levels: the motion stage begins with pictures shrunk 2^(levels-1) times and doubles their size until
-            full size, so that it finds motion of many pixels; 1 uses full size only.
-        motion_rate_decay: the motion learning rate falls exponentially to this share of its first value.
         motion_velocity: start from the constant-velocity guess x_{t-1} + (x_{t-1} - x_{t-2}) and learn the rest.
         hash_levels, hash_features, hash_log2_size, hash_base_resolution, hash_growth: the multiresolution grid.
         mlp_width, mlp_layers: hidden layers of the motion MLP.
@@ -85,9 +83,7 @@ class TrainSettings:
     prune_finetune_iterations: int = 2_000
     motion_iterations: int = 500
     motion_learning_rate: float = 1e-3
-    motion_views: int = 1
-    motion_levels: int = 3
-    motion_rate_decay: float = 0.1
+    motion_views: int = 4
     motion_velocity: bool = True
     hash_levels: int = 16
     hash_features: int = 4

@@ -70,26 +70,6 @@ class TrainView:
             size,
         )
 
-    def shrunk(self, factor: int) -> TrainView:
-        """The same view at 1 / `factor` of the size: box filtered, the performer's colour weighted by the matte.
-
-        Columns and rows that do not fill a whole cell are cut off at the right and lower border.
-        """
-        if factor == 1:
-            return self
-        height, width = (size - size % factor for size in self.matte.shape)
-        if min(height, width) == 0:
-            raise StudioError(f"Camera '{self.camera.name}': the view is too small to be shrunk {factor} times.")
-
-        def pooled(picture: Tensor) -> Tensor:
-            return torch.nn.functional.avg_pool2d(picture[:height, :width].permute(2, 0, 1), factor).permute(1, 2, 0)
-
-        matte = pooled(self.matte[..., None])
-        image = pooled(self._foreground) / matte.clamp_min(1e-6)
-        camera = self.camera.cropped(0, 0, width, height).resized(width // factor, height // factor)
-        full_size = (self.full_size[0] // factor, self.full_size[1] // factor)
-        return TrainView(camera, image.contiguous(), matte[..., 0].contiguous(), full_size)
-
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3): the performer over a plain (3,) background colour, by the matte."""
         return torch.addcmul(self._foreground, self._see_through, background)
