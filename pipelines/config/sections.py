@@ -217,6 +217,12 @@ class TrainSection(Section):
     alpha_weight: float = Field(default=0.0, ge=0)
     """Weight of the difference between drawn coverage and mask; 0 leaves coverage to the background."""
 
+    opacity_reg: float = Field(default=0.01, ge=0)
+    """Weight of the keyframe's mean opacity: what no picture needs fades and is pruned."""
+
+    scale_reg: float = Field(default=0.2, ge=0)
+    """Weight of the keyframe's mean splat size, relative to the performer's size."""
+
     background: Literal["random", "black", "white"] = "random"
     """What stands behind the performer while training; random teaches coverage."""
 
@@ -271,6 +277,9 @@ class TrainSection(Section):
 
     motion_velocity: bool = True
     """Start from the motion of the frame before and learn the rest."""
+
+    motion_neighbours: int = Field(default=0, ge=0, le=1000)
+    """Each splat turns as the offsets to this many nearest splats do; 0: translation only, as in the paper."""
 
     hash_levels: int = Field(default=16, ge=1, le=32)
     """Levels of the motion network's hash grid."""

@@ -18,11 +18,13 @@ from studio.training.regularisers import ResidualEntropy, baked_values, quantisa
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import SnapshotFn, Step, Stepper, check_finite
+from studio.training.turning import local_rotations, multiply, neighbours
 from studio.training.views import TrainView
 
 _FIGURES_EVERY = 20
 _ENTROPY_RATE = 0.01
 _BOX_QUANTILE = 1e-3
+_TURN_EVERY = 20
 
 
 @dataclass
@@ -94,7 +96,7 @@ def _move(
     progress: ProgressFn,
     snapshot: SnapshotFn | None,
 ) -> Gaussians:
-    """Stage 1: only the motion field learns; rotation, scale, opacity and colour stay as they were."""
+    """Stage 1: only the motion field learns; scale, opacity and colour stay as they were, rotations follow it."""
     start = previous.means
     if settings.motion_velocity and before_previous is not None:
         start = 2 * previous.means - before_previous.means
@@ -105,8 +107,16 @@ def _move(
     optimizer = field.optimizer(settings.motion_learning_rate)
     corners = field.corners(previous.means)
     stepper = Stepper(views, settings, generator)
+    near = neighbours(previous.means, settings.motion_neighbours)
+
+    def turned(means: Tensor) -> Tensor:
+        return multiply(local_rotations(previous.means, means.detach(), near), previous.quats)
+
+    quats = turned(start) if settings.motion_neighbours else previous.quats
     for iteration in range(1, settings.motion_iterations + 1):
-        moved = replace(previous, means=start + field(corners))
+        moved = replace(previous, means=start + field(corners), quats=quats)
+        if settings.motion_neighbours and iteration % _TURN_EVERY == 0:
+            quats = turned(moved.means)
         steps = [stepper(moved) for _ in range(settings.motion_views)]
         step = steps[-1]
         torch.stack([one.loss for one in steps]).mean().backward()  # type: ignore[no-untyped-call]
@@ -116,7 +126,8 @@ def _move(
         if snapshot is not None and iteration % settings.snapshot_every == 0:
             snapshot(iteration, moved.detach())
     with torch.no_grad():
-        return replace(previous, means=start + field(corners)).clone()
+        means = start + field(corners)
+        return replace(previous, means=means, quats=turned(means) if settings.motion_neighbours else quats).clone()
 
 
 def _fine_tune(

@@ -113,7 +113,12 @@ def train_keyframe(
     def advance(gaussians: Gaussians, screen_offsets: Tensor | None) -> None:
         nonlocal done
         step = stepper(gaussians, screen_offsets)
-        step.loss.backward()  # type: ignore[no-untyped-call]
+        loss = step.loss
+        if settings.opacity_reg:
+            loss = loss + settings.opacity_reg * gaussians.opacities.mean()
+        if settings.scale_reg:
+            loss = loss + settings.scale_reg / extent * gaussians.scales.mean()
+        loss.backward()  # type: ignore[no-untyped-call]
         if screen_offsets is not None and screen_offsets.grad is not None:
             size = (step.view.camera.width, step.view.camera.height)
             density.observe(screen_offsets.grad, step.render.radii, size, step.view.full_size)

@@ -36,6 +36,9 @@ class TrainSettings:
         sh_degree: 0 to 3.
         dssim_weight: lambda of equation 7, weight of D-SSIM against L1.
         alpha_weight: weight of the L1 between drawn alpha and matte; 0 leaves coverage to the background.
+        opacity_reg: keyframe: weight of the mean opacity (Kheradmand et al. 2024, section 4.4): what no picture needs
+            fades and is pruned, so that fewer phantoms stand in views that were never trained on.
+        scale_reg: keyframe: weight of the mean scale, relative to the scene extent (there too).
         background: what shows behind the performer while training: "random" (a new colour each step, so that
             coverage is learnt), "black" or "white".
         crop_margin: the loss is computed in the performer's box, padded by this share of its size (and 16 px).
@@ -54,6 +57,8 @@ class TrainSettings:
         motion_views: cameras that each step of the motion network looks at; drawing is cheap beside the network, and
             several views make each step surer.
         motion_velocity: start from the constant-velocity guess x_{t-1} + (x_{t-1} - x_{t-2}) and learn the rest.
+        motion_neighbours: each splat turns as the offsets to this many nearest splats do; 0: motion is a translation
+            only, as in the paper.
         hash_levels, hash_features, hash_log2_size, hash_base_resolution, hash_growth: the multiresolution grid.
         mlp_width, mlp_layers: hidden layers of the motion MLP.
         finetune_iterations: steps of fine-tuning a frame (section 5: 2000).
@@ -67,6 +72,8 @@ class TrainSettings:
     sh_degree: int = 0
     dssim_weight: float = 0.2
     alpha_weight: float = 0.0
+    opacity_reg: float = 0.01
+    scale_reg: float = 0.2
     background: str = "random"
     crop_margin: float = 0.15
     keyframe_iterations: int = 12_000
@@ -85,6 +92,7 @@ class TrainSettings:
     motion_learning_rate: float = 1e-3
     motion_views: int = 4
     motion_velocity: bool = True
+    motion_neighbours: int = 0
     hash_levels: int = 16
     hash_features: int = 4
     hash_log2_size: int = 15
