@@ -143,23 +143,42 @@ def extract_surface(
     # An exact zero on a voxel would give triangles without area.
     field = np.where(np.abs(field) < 1e-6 * hull.voxel, np.float32(-1e-6 * hull.voxel), field)
     raw = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor(np.ascontiguousarray(field)), [0.0])
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(raw.vertex.positions.numpy().astype(np.float64) * hull.voxel + hull.origin),
-        o3d.utility.Vector3iVector(raw.triangle.indices.numpy().astype(np.int32)),
-    )
+    vertices = raw.vertex.positions.numpy().astype(np.float64) * hull.voxel + hull.origin
+    mesh = Mesh(vertices, raw.triangle.indices.numpy().astype(np.int32))
+    return _refined(_large_pieces(mesh, min_component), taubin, max_faces)
+
+
+def _large_pieces(mesh: Mesh, min_component: float) -> Mesh:
+    """The mesh without components of less than `min_component` of the largest one's area."""
+    o3d = open3d()
+
+    whole = mesh.to_open3d()
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        label, _, area = mesh.cluster_connected_triangles()
-        label, area = np.asarray(label), np.asarray(area)
-        if len(area) > 1:
-            mesh.remove_triangles_by_mask(area[label] < min_component * area.max())
-            mesh.remove_unreferenced_vertices()
-        if taubin:
-            mesh = mesh.filter_smooth_taubin(taubin)
-        if len(mesh.triangles) > max_faces:
-            mesh = mesh.simplify_quadric_decimation(max_faces)
-            mesh.remove_degenerate_triangles()
-            mesh.remove_unreferenced_vertices()
-    return Mesh.from_open3d(mesh)
+        label, _, area = whole.cluster_connected_triangles()
+    label, area = np.asarray(label), np.asarray(area)
+    if len(area) <= 1:
+        return mesh
+    whole.remove_triangles_by_mask(area[label] < min_component * area.max())
+    whole.remove_unreferenced_vertices()
+    return Mesh.from_open3d(whole)
+
+
+def _refined(mesh: Mesh, taubin: int, max_faces: int) -> Mesh:
+    """Smoothed, decimated where it has more than `max_faces`, and manifold: PyMeshLab's filters."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
+    if taubin:
+        meshes.apply_coord_taubin_smoothing(stepsmoothnum=taubin)
+    if len(mesh.faces) > max_faces:
+        meshes.meshing_decimation_quadric_edge_collapse(
+            targetfacenum=max_faces, preservenormal=True, preservetopology=True
+        )
+    meshes.meshing_repair_non_manifold_edges()
+    meshes.meshing_remove_unreferenced_vertices()
+    refined = meshes.current_mesh()
+    return Mesh(refined.vertex_matrix(), refined.face_matrix().astype(np.int32))
 
 
 class MeshViews:
