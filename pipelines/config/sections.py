@@ -177,10 +177,13 @@ class RatesSection(Section):
     """Learning rates of the splats (Adam), as in 3D Gaussian Splatting."""
 
     means: float = Field(default=6e-4, gt=0)
-    """Positions at the first step, times the scene's extent; decays exponentially to means_final."""
+    """Positions at the first step, times the diagonal of the performer's box; decays exponentially to means_final."""
 
     means_final: float = Field(default=6e-6, gt=0)
     """Positions at the last step, times the scene's extent."""
+
+    means_finetune: float = Field(default=6e-5, gt=0)
+    """Positions while fine-tuning a later frame (finetune_means), times the scene's extent."""
 
     sh_dc: float = Field(default=2.5e-3, gt=0)
     """Constant colour."""

@@ -141,8 +141,8 @@ def _fine_tune(
 ) -> Gaussians:
     """Stage 2, equation 13: the other attributes learn, held to frame t-1 by entropy and temporal losses."""
     extent = scene_extent(torch.stack(performer_box(warped.means)))
-    optimizer = SplatOptimizer(warped, settings.rates, extent, train_means=settings.finetune_means)
-    optimizer.set_means_progress(1.0)  # positions, if tuned at all, move at the keyframe's last rate
+    rates = replace(settings.rates, means=settings.rates.means_finetune)
+    optimizer = SplatOptimizer(warped, rates, extent, train_means=settings.finetune_means)
     stepper = Stepper(views, settings, generator)
     reference = previous.unit_quats
     before = baked_values(previous, reference).detach()

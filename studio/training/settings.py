@@ -15,12 +15,14 @@ class LearningRates:
         means: first step, times the diagonal of the performer's box; decays exponentially to `means_final` over the
             keyframe. 3DGS's 1.6e-4 is relative to the spread of the cameras, which is two to four times that.
         means_final: last step of that decay, times the scene extent.
+        means_finetune: positions while fine-tuning a later frame (`TrainSettings.finetune_means`), times the extent.
         sh_dc: constant colour; `sh_rest` for the higher coefficients.
         opacity, scale, rotation: logit opacity, log scale, quaternion.
     """
 
     means: float = 6e-4
     means_final: float = 6e-6
+    means_finetune: float = 6e-5
     sh_dc: float = 2.5e-3
     sh_rest: float = 1.25e-4
     opacity: float = 0.05
