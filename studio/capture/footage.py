@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.cameras import Camera, Rig
-from studio.capture.masks import Matter
+from studio.capture.masks import Matter, PlateMatter
 from studio.capture.memory import ByteCache
 from studio.capture.sources import DecoderPool, FrameSource
 from studio.capture.spec import CaptureSpec
@@ -27,12 +27,14 @@ class View:
         image: (H, W, 3) uint8 RGB.
         matte: (H, W) uint8, 255 foreground.
         frame: frame number.
+        plate: (H, W, 3) uint8 RGB, the empty set as this camera sees it; None where the capture has no clean plate.
     """
 
     camera: Camera
     image: np.ndarray
     matte: np.ndarray
     frame: int = 0
+    plate: np.ndarray | None = None
 
 
 class Footage:
@@ -142,7 +144,16 @@ class Footage:
 
     def view(self, camera: str, frame: int) -> View:
         """Camera, image and matte together; the frame is decoded once."""
-        return View(self.rig[camera], self.image(camera, frame), self.matte(camera, frame), frame)
+        image, matte = self.image(camera, frame), self.matte(camera, frame)
+        return View(self.rig[camera], image, matte, frame, self.plate(camera))
+
+    def plate(self, camera: str) -> np.ndarray | None:
+        """(H, W, 3) uint8 RGB: the clean plate, undistorted and scaled like the images; None where there is none."""
+        raw = self._matter.plate(camera) if isinstance(self._matter, PlateMatter) else None
+        if raw is None:
+            return None
+        warp = self._warp(camera)
+        return raw.copy() if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=True)
 
     def check(self, progress: ProgressFn = no_progress, *, frames: tuple[int, ...] | None = None) -> list[str]:
         """Read everything once and tell what is wrong; an empty list means the footage is sound.

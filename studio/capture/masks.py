@@ -143,6 +143,11 @@ class PlateMatter:
         image = np.ascontiguousarray(image[:, :, :3])
         return difference_matte(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
 
+    def plate(self, camera: str) -> np.ndarray | None:
+        """(H, W, 3) uint8 raw picture of the empty set where all of it can be believed, else None."""
+        behind = self.background(camera)
+        return behind.plate if behind.known is None and behind.doubtful is None else None
+
     def files(self) -> list[Path]:
         """See `Matter`."""
         return list(self._files)

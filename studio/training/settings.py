@@ -43,6 +43,8 @@ class TrainSettings:
         scale_reg: keyframe: weight of the mean scale, relative to the scene extent (there too).
         background: what shows behind the performer while training: "random" (a new colour each step, so that
             coverage is learnt), "black" or "white".
+        use_plates: where the capture has clean plates, compare the picture as filmed with the splats drawn over the
+            plate, instead of cutting the performer out by his matte.
         crop_margin: the loss is computed in the performer's box, padded by this share of its size (and 16 px).
         keyframe_iterations: 3DGS steps of the keyframe, before pruning.
         densify_from, densify_until, densify_every: 3DGS densification, in steps.
@@ -77,6 +79,7 @@ class TrainSettings:
     opacity_reg: float = 0.01
     scale_reg: float = 0.2
     background: str = "random"
+    use_plates: bool = True
     crop_margin: float = 0.15
     keyframe_iterations: int = 12_000
     densify_from: int = 500

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -56,7 +56,12 @@ class Stepper:
         """Draw the next view of `gaussians` and compare."""
         view, background = next(self._views), next(self._backgrounds)
         target = view.composited(background)
-        render = rasterize(gaussians, view.camera, background, screen_offsets=screen_offsets)
+        backdrop = view.backdrop(background)
+        if backdrop is None:
+            render = rasterize(gaussians, view.camera, background, screen_offsets=screen_offsets)
+        else:
+            render = rasterize(gaussians, view.camera, screen_offsets=screen_offsets)
+            render = replace(render, image=torch.addcmul(render.image, 1 - render.alpha[..., None], backdrop))
         loss = photometric_loss(render.image, target, self._settings.dssim_weight)
         if self._settings.alpha_weight:
             loss = loss + self._settings.alpha_weight * (render.alpha - view.matte).abs().mean()

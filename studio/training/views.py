@@ -15,7 +15,8 @@ from studio.errors import StudioError
 
 
 class CapturedView(Protocol):
-    """What a footage object hands out: a pinhole camera, (H, W, 3) uint8 RGB and a (H, W) uint8 matte."""
+    """What a footage object hands out: a pinhole camera, (H, W, 3) uint8 RGB, a (H, W) uint8 matte, and the picture of
+    the empty set, (H, W, 3) uint8 RGB, where the capture has one."""
 
     @property
     def camera(self) -> Camera: ...
@@ -23,6 +24,8 @@ class CapturedView(Protocol):
     def image(self) -> np.ndarray: ...
     @property
     def matte(self) -> np.ndarray: ...
+    @property
+    def plate(self) -> np.ndarray | None: ...
 
 
 @dataclass(eq=False)
@@ -34,45 +37,76 @@ class TrainView:
         image: (H, W, 3) float32 in 0 to 1, RGB, as filmed.
         matte: (H, W) float32 in 0 to 1, 1 = performer.
         full_size: (width, height) of the uncropped picture.
+        plate: (H, W, 3) float32, the empty set. Where it is known, the performer is not cut out: on and around him the
+            picture is compared as filmed, with the splats drawn over the plate. That is how light made it, soft edges
+            and all, so that errors of the matte do no harm as long as they stay small.
     """
 
     camera: Camera
     image: Tensor
     matte: Tensor
     full_size: tuple[int, int]
-    _foreground: Tensor = field(init=False)
-    _see_through: Tensor = field(init=False)
+    plate: Tensor | None = None
+    _shown: Tensor = field(init=False)
+    _plain: Tensor = field(init=False)
+    _behind: Tensor | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        self._see_through = 1 - self.matte[..., None]
-        self._foreground = self.image * self.matte[..., None]
+        shown = self.matte[..., None]
+        if self.plate is not None:
+            shown = surroundings(self.matte)[..., None]
+            self._behind = self.plate * shown
+        self._plain = 1 - shown
+        self._shown = self.image * shown
 
     @classmethod
     def from_view(
-        cls, view: CapturedView, device: torch.device | str = "cpu", crop_margin: float | None = None
+        cls,
+        view: CapturedView,
+        device: torch.device | str = "cpu",
+        crop_margin: float | None = None,
+        use_plate: bool = True,
     ) -> TrainView:
         """Cropped to the matte's box padded by `crop_margin` of its size and 16 px; None keeps the whole picture.
 
         Raises:
             StudioError: the matte is empty, so there is nothing to learn from this view.
         """
-        camera, image, matte = view.camera, view.image, view.matte
+        camera, image, matte, plate = view.camera, view.image, view.matte, view.plate if use_plate else None
         size = (camera.width, camera.height)
         if crop_margin is not None:
             left, top, width, height = matte_box(matte, crop_margin, camera.name)
             camera = camera.cropped(left, top, width, height)
             image = image[top : top + height, left : left + width]
             matte = matte[top : top + height, left : left + width]
-        return cls(
-            camera,
-            torch.from_numpy(np.ascontiguousarray(image)).to(device).float() / 255,
-            torch.from_numpy(np.ascontiguousarray(matte)).to(device).float() / 255,
-            size,
-        )
+            plate = None if plate is None else plate[top : top + height, left : left + width]
+
+        def tensor(picture: np.ndarray) -> Tensor:
+            return torch.from_numpy(np.ascontiguousarray(picture)).to(device).float() / 255
+
+        return cls(camera, tensor(image), tensor(matte), size, None if plate is None else tensor(plate))
 
     def composited(self, background: Tensor) -> Tensor:
-        """(H, W, 3): the performer over a plain (3,) background colour, by the matte."""
-        return torch.addcmul(self._foreground, self._see_through, background)
+        """(H, W, 3): what a drawn picture is compared with.
+
+        Without a plate the performer over the plain (3,) background colour, by the matte; with one the picture as
+        filmed on and around the performer, and the plain colour elsewhere.
+        """
+        return torch.addcmul(self._shown, self._plain, background)
+
+    def backdrop(self, background: Tensor) -> Tensor | None:
+        """(H, W, 3): what stands behind the splats when they are compared with `composited`: the plate on and around
+        the performer, the plain colour elsewhere. None without a plate: then it is the plain colour."""
+        return None if self._behind is None else torch.addcmul(self._behind, self._plain, background)
+
+
+def surroundings(matte: Tensor) -> Tensor:
+    """(H, W) 1 on the performer and around him, as far as mattes are commonly wrong: 2 % of his size, at least 4 px."""
+    inside = matte > 0.5
+    extent = max(int(inside.any(0).sum()), int(inside.any(1).sum()))
+    reach = max(4, round(0.02 * extent))
+    grown = torch.nn.functional.max_pool2d((matte > 0.02).float()[None, None], 2 * reach + 1, stride=1, padding=reach)
+    return grown[0, 0]
 
 
 def matte_box(matte: np.ndarray, margin: float, name: str) -> tuple[int, int, int, int]:
