@@ -229,6 +229,10 @@ class TrainSection(Section):
     background: Literal["random", "black", "white"] = "random"
     """What stands behind the performer while training; random teaches coverage."""
 
+    use_plates: bool = True
+    """Where the capture has clean plates: compare footage as filmed with the splats drawn over the plate, instead of
+    cutting the performer out by the mask, whose errors then do little harm."""
+
     crop_margin: float = Field(default=0.15, ge=0, le=10)
     """Only the performer's box is trained on, padded by this share of its size."""
 

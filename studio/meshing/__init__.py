@@ -3,9 +3,10 @@
 from studio.meshing.hull import Hull, HullSettings
 from studio.meshing.initialise import InitResult, initialise_points
 from studio.meshing.sampling import sample_surface
-from studio.meshing.silhouettes import Silhouettes, ViewLike
+from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.surface import Mesh
 from studio.meshing.visual_hull import HullResult, visual_hull
+from studio.views import ViewLike
 
 __all__ = [
     "Hull",

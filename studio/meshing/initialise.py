@@ -10,11 +10,11 @@ import numpy as np
 from studio.meshing.coloring import color_points
 from studio.meshing.hull import HullSettings
 from studio.meshing.sampling import sample_surface
-from studio.meshing.silhouettes import ViewLike
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews
 from studio.meshing.visual_hull import visual_hull
 from studio.progress import ProgressFn, no_progress
+from studio.views import ViewLike
 
 
 @dataclass

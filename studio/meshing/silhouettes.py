@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection, Sequence
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -18,17 +17,7 @@ import torch
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
-
-
-class ViewLike(Protocol):
-    """A view to mesh from: pinhole camera, image (H, W, 3) uint8 RGB and matte (H, W) uint8, 255 = foreground."""
-
-    @property
-    def camera(self) -> Camera: ...
-    @property
-    def image(self) -> np.ndarray: ...
-    @property
-    def matte(self) -> np.ndarray: ...
+from studio.views import ViewLike
 
 
 def signed_distance(matte: np.ndarray) -> np.ndarray:

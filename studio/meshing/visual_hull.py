@@ -12,11 +12,12 @@ import torch
 from studio.errors import StudioError
 from studio.meshing.blame import raise_disagreement
 from studio.meshing.hull import Hull, HullSettings, Tick, carve, locate
-from studio.meshing.silhouettes import Silhouettes, ViewLike
+from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews, extract_surface
 from studio.meshing.vote import restore
 from studio.progress import ProgressFn, no_progress
+from studio.views import ViewLike
 
 _COMPARE_PIXELS = 120_000
 _COARSE = 96  # voxels along the longest side while looking for bounds

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -12,20 +11,7 @@ from torch import Tensor
 
 from studio.cameras import Camera
 from studio.errors import StudioError
-
-
-class CapturedView(Protocol):
-    """What a footage object hands out: a pinhole camera, (H, W, 3) uint8 RGB, a (H, W) uint8 matte, and the picture of
-    the empty set, (H, W, 3) uint8 RGB, where the capture has one."""
-
-    @property
-    def camera(self) -> Camera: ...
-    @property
-    def image(self) -> np.ndarray: ...
-    @property
-    def matte(self) -> np.ndarray: ...
-    @property
-    def plate(self) -> np.ndarray | None: ...
+from studio.views import CapturedView
 
 
 @dataclass(eq=False)

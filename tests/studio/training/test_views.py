@@ -1,0 +1,92 @@
+"""Crops, composites and plates of training views."""
+
+import numpy as np
+import pytest
+import torch
+
+from studio.cameras import Camera
+from studio.capture import View
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.training import TrainSettings, TrainView
+from studio.training.step import Stepper
+from studio.training.views import matte_box, surroundings
+
+SIZE = 120
+
+
+def captured(with_plate: bool) -> View:
+    """A grey square of half covered border pixels before a bright, uneven wall."""
+    rng = np.random.default_rng(0)
+    plate = rng.integers(120, 250, (SIZE, SIZE, 3)).astype(np.uint8)
+    matte = np.zeros((SIZE, SIZE), np.uint8)
+    matte[40:80, 50:70] = 128
+    matte[41:79, 51:69] = 255
+    alpha = matte[..., None] / 255
+    image = np.rint(60 * alpha + plate * (1 - alpha)).astype(np.uint8)
+    K = np.array([[100.0, 0, SIZE / 2], [0, 100.0, SIZE / 2], [0, 0, 1]])
+    return View(Camera("a", SIZE, SIZE, K, np.eye(4)), image, matte, 0, plate if with_plate else None)
+
+
+def test_box_is_padded_and_clipped() -> None:
+    matte = captured(False).matte
+    assert matte_box(matte, 0.1, "a") == (50 - 18, 40 - 20, 20 + 36, 40 + 40)
+    full = np.full((30, 20), 255, np.uint8)
+    assert matte_box(full, 0.5, "a") == (0, 0, 20, 30)
+    with pytest.raises(StudioError, match="Camera 'a': the mask is empty"):
+        matte_box(np.zeros_like(matte), 0.1, "a")
+
+
+def test_crop_keeps_where_points_project() -> None:
+    view = captured(False)
+    cropped = TrainView.from_view(view, crop_margin=0.1)
+    point = np.array([[0.1, 0.2, 2.0]])
+    pixel, _ = view.camera.project(point)
+    inside, _ = cropped.camera.project(point)
+    assert pixel - inside == pytest.approx(np.array([[32.0, 20.0]]))
+    assert torch.equal(cropped.image, torch.from_numpy(view.image[20:100, 32:88]).float() / 255)
+
+
+def test_composite_without_plate_is_the_matte_over_the_colour() -> None:
+    view = TrainView.from_view(captured(False))
+    colour = torch.tensor([1.0, 0.0, 0.5])
+    expected = view.image * view.matte[..., None] + colour * (1 - view.matte[..., None])
+    assert torch.allclose(view.composited(colour), expected, atol=1e-6)
+    assert view.backdrop(colour) is None
+
+
+def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_matte_is_wrong() -> None:
+    source = captured(True)
+    truth = torch.from_numpy(source.matte).float()[..., None] / 255
+    wrong = source.matte.copy()
+    wrong[40:80, 70:73] = 255  # three columns too many
+    wrong[40:80, 50:52] = 0  # and two too few
+    view = TrainView.from_view(View(source.camera, source.image, wrong, 0, source.plate))
+    colour = torch.tensor([0.2, 0.9, 0.4])
+    backdrop = view.backdrop(colour)
+    assert backdrop is not None
+    drawn = 60 / 255 * truth + (1 - truth) * backdrop
+    assert torch.allclose(drawn, view.composited(colour), atol=0.5 / 255 + 1e-6)
+    plain = TrainView.from_view(View(source.camera, source.image, wrong))
+    assert (60 / 255 * truth + (1 - truth) * colour - plain.composited(colour)).abs().max() > 0.2
+
+
+def test_surroundings_reach_a_little_beyond_the_matte() -> None:
+    matte = torch.zeros(SIZE, SIZE)
+    matte[40:80, 50:70] = 1
+    near = surroundings(matte)
+    assert near[40 - 4, 60] == 1
+    assert near[40 - 5, 60] == 0
+    assert bool((near[matte > 0] == 1).all())
+
+
+def test_nothing_drawn_over_the_plate_shows_the_plate() -> None:
+    view = TrainView.from_view(captured(True))
+    nothing = Gaussians(
+        torch.tensor([[0.0, 0.0, -5.0]]), torch.ones(1, 4), torch.zeros(1, 3), torch.zeros(1), torch.zeros(1, 1, 3)
+    )
+    step = Stepper([view], TrainSettings(background="black"), torch.Generator().manual_seed(0))(nothing)
+    near = surroundings(view.matte) > 0
+    assert view.plate is not None
+    assert torch.allclose(step.render.image[near], view.plate[near], atol=1e-6)
+    assert float(step.render.image[~near].abs().max()) == 0
