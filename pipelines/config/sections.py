@@ -229,6 +229,10 @@ class TrainSection(Section):
     background: Literal["random", "black", "white"] = "random"
     """What stands behind the performer while training; random teaches coverage."""
 
+    dropout: float = Field(default=0.2, ge=0, lt=1)
+    """Share of the splats that each step leaves out once densification is over: what is left must be right by itself,
+    which helps views that were never trained on."""
+
     use_plates: bool = True
     """Where the capture has clean plates: compare footage as filmed with the splats drawn over the plate, instead of
     cutting the performer out by the mask, whose errors then do little harm."""

@@ -151,7 +151,7 @@ def _fine_tune(
     plane = plane_pixels(len(previous))
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians
-        step = stepper(gaussians)
+        step = stepper(gaussians, dropout=True)
         loss = step.loss
         figures: dict[str, float] = {}
         if settings.entropy_weight or settings.temporal_weight:

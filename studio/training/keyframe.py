@@ -112,7 +112,8 @@ def train_keyframe(
 
     def advance(gaussians: Gaussians, screen_offsets: Tensor | None) -> None:
         nonlocal done
-        step = stepper(gaussians, screen_offsets)
+        # Densification needs each splat's gradient; dropout begins after it.
+        step = stepper(gaussians, screen_offsets, dropout=screen_offsets is None)
         loss = step.loss
         if settings.opacity_reg:
             loss = loss + settings.opacity_reg * gaussians.opacities.mean()

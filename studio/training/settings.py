@@ -43,6 +43,7 @@ class TrainSettings:
         scale_reg: keyframe: weight of the mean scale, relative to the scene extent (there too).
         background: what shows behind the performer while training: "random" (a new colour each step, so that
             coverage is learnt), "black" or "white".
+        dropout: share of the splats that each step leaves out, once densification is over and while fine-tuning.
         use_plates: where the capture has clean plates, compare the picture as filmed with the splats drawn over the
             plate, instead of cutting the performer out by his matte.
         crop_margin: the loss is computed in the performer's box, padded by this share of its size (and 16 px).
@@ -79,6 +80,7 @@ class TrainSettings:
     opacity_reg: float = 0.01
     scale_reg: float = 0.2
     background: str = "random"
+    dropout: float = 0.2
     use_plates: bool = True
     crop_margin: float = 0.15
     keyframe_iterations: int = 12_000
@@ -118,6 +120,8 @@ class TrainSettings:
             raise StudioError(f"sh_degree is {self.sh_degree}; it must be 0, 1, 2 or 3.")
         if self.background not in ("random", "black", "white"):
             raise StudioError(f"background is '{self.background}'; it must be random, black or white.")
+        if not 0 <= self.dropout < 1:
+            raise StudioError(f"dropout is {self.dropout}; it must be at least 0 and below 1.")
         if not 0 < self.prune_ratio < 1:
             raise StudioError(f"prune_ratio is {self.prune_ratio}; it must lie between 0 and 1.")
         if self.max_splats < 1:

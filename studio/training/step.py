@@ -12,6 +12,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.metrics import psnr
 from studio.rasterizer import Render, rasterize
+from studio.training.dropout import dropped
 from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
 from studio.training.views import TrainView, backgrounds, shuffled
@@ -49,12 +50,15 @@ class Stepper:
         if not views:
             raise StudioError("There is no view to train on; at least one training camera is needed.")
         self._settings = settings
+        self._generator = generator
         self._views: Iterator[TrainView] = shuffled(views, generator)
         self._backgrounds = backgrounds(settings.background, generator, views[0].image.device)
 
-    def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None) -> Step:
-        """Draw the next view of `gaussians` and compare."""
+    def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None, dropout: bool = False) -> Step:
+        """Draw the next view of `gaussians` and compare; with `dropout`, of a random share of them."""
         view, background = next(self._views), next(self._backgrounds)
+        if dropout:
+            gaussians = dropped(gaussians, self._settings.dropout, self._generator)
         target = view.composited(background)
         backdrop = view.backdrop(background)
         if backdrop is None:

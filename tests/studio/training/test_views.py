@@ -9,6 +9,7 @@ from studio.capture import View
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.training import TrainSettings, TrainView
+from studio.training.dropout import dropped
 from studio.training.step import Stepper
 from studio.training.views import matte_box, surroundings
 
@@ -90,3 +91,19 @@ def test_nothing_drawn_over_the_plate_shows_the_plate() -> None:
     assert view.plate is not None
     assert torch.allclose(step.render.image[near], view.plate[near], atol=1e-6)
     assert float(step.render.image[~near].abs().max()) == 0
+
+
+def test_dropout_leaves_a_share_out_and_keeps_the_density() -> None:
+    many = Gaussians(
+        torch.rand(4000, 3),
+        torch.ones(4000, 4),
+        torch.zeros(4000, 3),
+        torch.full((4000,), -1.0),
+        torch.zeros(4000, 1, 3),
+    )
+    left = dropped(many, 0.25, torch.Generator().manual_seed(0))
+    assert len(left) == pytest.approx(3000, abs=100)
+    assert float(left.opacities.sum()) == pytest.approx(float(many.opacities.sum()), rel=0.03)
+    opaque = Gaussians(many.means, many.quats, many.log_scales, torch.full((4000,), 8.0), many.sh)
+    assert torch.isfinite(dropped(opaque, 0.5, torch.Generator()).logit_opacities).all()
+    assert dropped(many, 0.0, torch.Generator()) is many
