@@ -61,6 +61,7 @@ def write_record(stage: Stage, context: Context, seconds: float, summary: dict[s
             "ingredients": current_ingredients(stage, context),
             "result": digest_of_files(root, files),
             "files": {path.relative_to(root).as_posix(): path.stat().st_size for path in files},
+            "written": {path.relative_to(root).as_posix(): path.stat().st_mtime_ns for path in files},
             "seconds": round(seconds, 3),
             "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "summary": summary,
@@ -117,6 +118,11 @@ def _why_not_done(stage: Stage, context: Context, record: dict[str, Any] | None,
         path = root / name
         if not path.is_file() or path.stat().st_size != size:
             return f"{name} is {'not as it was written' if path.exists() else 'gone'}"
+    # A file that was written to since (or copied: then its bytes are the same) is read again.
+    written = record.get("written", {})
+    touched = any((root / name).stat().st_mtime_ns != time for name, time in written.items())
+    if touched and digest_of_files(root, [root / name for name in written]) != record["result"]:
+        return "a result's bytes are not as they were written"
     return ""
 
 

@@ -119,8 +119,9 @@ def _file_matter(
     for name in names:
         missing = matter.missing(name, frames)
         if missing:
+            frames_in_words = f"frame{'s' if len(missing) > 1 else ''} {number_ranges(missing)}"
             raise StudioError(
-                f"Camera '{name}' has no {what} for frame {number_ranges(missing)}; add the missing files or leave the "
+                f"Camera '{name}' has no {what} for {frames_in_words}; add the missing files or leave the "
                 "camera or the frames out."
             )
     return matter

@@ -59,8 +59,9 @@ def open_footage(
     cache = ByteCache(spec.cache_bytes if spec.cache_bytes is not None else _cache_bytes())
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = _held_out(spec, tuple(sources))
-    matter, mask_note = mask_source(spec, sources, frames, pool, cache_folder)
-    exact, exact_note = exact_mattes(spec, tuple(sources), frames)
+    masked = frames if strict else ()  # frames that must have their mask
+    matter, mask_note = mask_source(spec, sources, masked, pool, cache_folder)
+    exact, exact_note = exact_mattes(spec, tuple(sources), masked)
     notes += [mask_note, exact_note]
     if held_out:
         notes.append(f"Held out: {', '.join(held_out)}.")

@@ -291,6 +291,15 @@ def test_a_damaged_trained_frame_is_trained_again(project):
     assert trained(project.run()) == [1, 2]
 
 
+def test_a_damaged_stream_is_noticed_and_baked_again(project):
+    path = sorted(project.take.stream.glob("group_*/*.mp4"))[0]
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    assert project.states()["bake"] == "partial"
+    assert "bake" in ran(project.run())
+    assert path.read_bytes() == whole
+
+
 def test_cancelled_from_another_thread(project):
     from pipelines.cancel import Cancellation
 

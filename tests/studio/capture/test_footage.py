@@ -224,3 +224,14 @@ def test_spec_refuses_impossible_values(tmp_path: Path) -> None:
             CaptureSpec(tmp_path, **values)  # type: ignore[arg-type]
     with pytest.raises(StudioError, match="is not there"):
         open_footage(CaptureSpec(tmp_path / "none"))
+
+
+def test_masks_are_needed_for_the_frames_in_use_only(image_folders: Path) -> None:
+    for name in ("left", "right"):
+        for index in (7, 8):
+            (image_folders / "masks" / name / f"{index:06d}.png").unlink()
+    spec = CaptureSpec(image_folders, masks="files", mask_files="masks/{camera}/{frame}.png")
+    with pytest.raises(StudioError, match=r"Camera 'left' has no mask for frames? 7-8"):
+        open_footage(spec)
+    assert open_footage(replace(spec, stop=7)).frames == (5, 6)
+    assert open_footage(spec, strict=False).digest(), "what the files are can be told all the same"
