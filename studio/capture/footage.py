@@ -153,7 +153,14 @@ class Footage:
         if raw is None:
             return None
         warp = self._warp(camera)
-        return raw.copy() if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=True)
+        if warp.is_identity:
+            return raw.copy()
+        key = ("plate", camera)
+        kept = self._cache.get(key)
+        if kept is None:
+            kept = (warp.apply(raw, self._maps(camera, warp), smooth=True),)
+            self._cache.put(key, *kept)
+        return kept[0].copy()
 
     def check(self, progress: ProgressFn = no_progress, *, frames: tuple[int, ...] | None = None) -> list[str]:
         """Read everything once and tell what is wrong; an empty list means the footage is sound.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,6 +11,7 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
+from studio.stream.layout import plane_side
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
 from studio.training.regularisers import ResidualEntropy, baked_values, quantisation_steps, temporal_loss
@@ -107,15 +107,17 @@ def _move(
     optimizer = field.optimizer(settings.motion_learning_rate)
     corners = field.corners(previous.means)
     stepper = Stepper(views, settings, generator)
-    near = neighbours(previous.means, settings.motion_neighbours)
+    near = neighbours(previous.means, settings.motion_neighbours) if settings.motion_neighbours else None
 
     def turned(means: Tensor) -> Tensor:
+        if near is None:
+            return previous.quats
         return multiply(local_rotations(previous.means, means.detach(), near), previous.quats)
 
-    quats = turned(start) if settings.motion_neighbours else previous.quats
+    quats = turned(start)
     for iteration in range(1, settings.motion_iterations + 1):
         moved = replace(previous, means=start + field(corners), quats=quats)
-        if settings.motion_neighbours and iteration % _TURN_EVERY == 0:
+        if iteration % _TURN_EVERY == 0:
             quats = turned(moved.means)
         steps = [stepper(moved) for _ in range(settings.motion_views)]
         step = steps[-1]
@@ -127,7 +129,7 @@ def _move(
             snapshot(iteration, moved.detach())
     with torch.no_grad():
         means = start + field(corners)
-        return replace(previous, means=means, quats=turned(means) if settings.motion_neighbours else quats).clone()
+        return replace(previous, means=means, quats=turned(means)).clone()
 
 
 def _fine_tune(
@@ -148,7 +150,7 @@ def _fine_tune(
     before = baked_values(previous, reference).detach()
     entropy = ResidualEntropy(before, quantisation_steps(before), previous.sh_degree)
     entropy_adam = torch.optim.Adam(entropy.parameters(), lr=_ENTROPY_RATE, fused=True)
-    plane = plane_pixels(len(previous))
+    plane = plane_side(len(previous)) ** 2
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians
         step = stepper(gaussians, dropout=True)
@@ -178,12 +180,6 @@ def performer_box(means: Tensor) -> tuple[Tensor, Tensor]:
     ordered = means.sort(dim=0).values
     margin = int(len(means) * _BOX_QUANTILE)
     return ordered[margin], ordered[len(means) - 1 - margin]
-
-
-def plane_pixels(splats: int) -> int:
-    """W x H of the plane that holds `splats` (section 4.3: the smallest square with a side that is a multiple of 8)."""
-    side = 8 * math.ceil(math.ceil(math.sqrt(splats)) / 8)
-    return side * side
 
 
 def _report(iteration: int, step: Step, splats: int, what: str, progress: ProgressFn, **figures: float) -> None:
