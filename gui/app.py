@@ -16,9 +16,12 @@ from studio.errors import StudioError
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. Returns the exit status: 0, or 2 where the window cannot be opened."""
     parser = argparse.ArgumentParser(
-        prog="v3studio-gui", description="Open a take or a stream, play it, and look at it from anywhere."
+        prog="v3studio-gui",
+        description="From footage to a reviewed Gaussian video: run the stages of a take, play and compare.",
     )
-    parser.add_argument("path", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream")
+    parser.add_argument(
+        "path", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream, or a stream's address"
+    )
     parser.add_argument("--size", default="1280x800", metavar="WxH", help="window size (default: %(default)s)")
     parser.add_argument("--log-state", type=Path, metavar="FILE", help="append what the window shows, as JSON lines")
     options = parser.parse_args(arguments)
@@ -26,15 +29,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not (width.isdigit() and height.isdigit() and int(width) >= 480 and int(height) >= 320):
         parser.error(f"--size is '{options.size}'; give WIDTHxHEIGHT of at least 480x320, as in 1280x800")
     try:
-        check_display()
+        device = check_display()
     except StudioError as error:
         print(f"v3studio-gui: {error}", file=sys.stderr)
         return 2
-    return _run(options.path, (int(width), int(height)), options.log_state)
+    return _run(options.path, (int(width), int(height)), options.log_state, device)
 
 
-def check_display() -> None:
+def check_display() -> str:
     """See to it that a window can be opened: Open3D would end the process without a word where it cannot.
+
+    Returns:
+        the name and kind of the device that draws.
 
     Raises:
         StudioError: no display, or no Vulkan device.
@@ -47,10 +53,11 @@ def check_display() -> None:
         if os.environ.get("DISPLAY"):
             # Open3D's window library would choose Wayland where both are there, and Filament draws through X11.
             os.environ["XDG_SESSION_TYPE"] = "x11"
-    vulkan_devices()
+    device = vulkan_devices()[0]
+    return f"{device.name} ({device.kind})"
 
 
-def _run(path: str | None, size: tuple[int, int], log: Path | None) -> int:
+def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str) -> int:
     """Open the window and stay until it is closed, Ctrl-C or SIGTERM."""
     from open3d.visualization import gui
 
@@ -58,7 +65,7 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None) -> int:
 
     application = gui.Application.instance
     application.initialize()
-    window = MainWindow(size, log)
+    window = MainWindow(size, log, device, device.endswith("(software)"))
     stopped = False
 
     def stop(_number: int, _frame: FrameType | None) -> None:
@@ -71,8 +78,8 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None) -> int:
         window.open(path)
     # Pumping until False lets the window close in order; leaving earlier made Python hang or crash at exit.
     while application.run_one_tick():
-        if stopped:
-            stopped = False
+        if stopped or window.wants_close:
+            stopped = window.wants_close = False
             window.close()
     window.closed()
     return 0

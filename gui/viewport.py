@@ -1,80 +1,104 @@
-"""The viewport: the rasterizer's picture in an image widget, with mouse gestures.
+"""The middle of the window: pictures in an image widget, with mouse gestures.
 
-Left drag turns, right or middle drag (or shift and left drag) moves, the wheel goes nearer. The picture is drawn by the
-house's own rasterizer on a thread of its own (`gui.presenters.player`), so the window never waits for it.
+Left drag turns, right or middle drag (or shift and left drag) moves, the wheel goes nearer; in a wipe the line is
+dragged. Pictures are made on threads (`gui.presenters`), so the window never waits for them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
+import numpy as np
 from open3d.visualization import gui
 
-from gui.panels.picture import as_image, image_widget, plain
-from gui.presenters.player import Picture, PlayerPresenter
-
-EMPTY = (28, 30, 33)
-"""Colour where nothing is open, 8-bit sRGB."""
+from gui.panels.picture import PictureWidget
 
 MAX_PIXELS = 960 * 540
 """Pictures have at most so many pixels and are stretched to the widget, which bounds the time to draw one."""
 
 
-def picture_size(width: float, height: float) -> tuple[int, int]:
-    """Size in pixels of the picture for a widget: its own, or smaller with the same aspect to stay in MAX_PIXELS."""
-    shrink = min(1.0, (MAX_PIXELS / max(width * height, 1.0)) ** 0.5)
+def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[int, int]:
+    """Size in pixels of the picture for a widget: its own, or smaller with the same aspect to stay within `most`."""
+    shrink = min(1.0, (most / max(width * height, 1.0)) ** 0.5)
     return max(int(width * shrink), 16), max(int(height * shrink), 16)
 
 
+class Gestures(Protocol):
+    """What is shown, as far as the mouse goes. Places are pixels of the picture."""
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Turn or move."""
+        ...
+
+    def wheel(self, notches: float) -> None:
+        """Nearer or farther."""
+        ...
+
+    def grabs(self, x: float) -> bool:
+        """Whether a press here takes hold of something (a wipe's line) that `pull` then moves."""
+        ...
+
+    def pull(self, x: float) -> None:
+        """Move what was taken hold of."""
+        ...
+
+
 class Viewport:
-    """Shows the player's pictures and turns mouse gestures into camera moves.
+    """Shows pictures and turns mouse events into gestures.
 
     Args:
-        player: whose pictures are shown.
+        gestures: gives what is shown now.
         changed: called after each gesture.
     """
 
-    def __init__(self, player: PlayerPresenter, changed: Callable[[], None]) -> None:
-        self._player = player
+    def __init__(self, gestures: Callable[[], Gestures], changed: Callable[[], None]) -> None:
+        self._gestures = gestures
         self._changed = changed
-        self._last: tuple[int, int] | None = None
-        self.widget = image_widget(plain(*player.size, EMPTY, mark=1))
-        self.widget.set_on_mouse(self._on_mouse)
+        self._last: tuple[float, float] | None = None
+        self._pulling = False
+        self._picture_size = (16, 16)
+        self.most_pixels = MAX_PIXELS
+        self.picture = PictureWidget(self._on_mouse)
 
-    def place(self, x: float, y: float, width: float, height: float) -> None:
-        """Take this rectangle of the window (pixels)."""
-        self.widget.frame = gui.Rect(x, y, width, height)
-        self._player.resize(*picture_size(width, height))
+    @property
+    def size(self) -> tuple[int, int]:
+        """The widget, pixels."""
+        return self.picture.size
 
-    def show(self, picture: Picture) -> None:
-        """Put a new picture up."""
-        self.widget.update_image(as_image(picture.image))
+    @property
+    def drawn_size(self) -> tuple[int, int]:
+        """Size of pictures that are drawn splat by splat: the widget's, or smaller to stay quick."""
+        return picture_size(*self.picture.size, self.most_pixels)
 
-    def _on_mouse(self, event: gui.MouseEvent) -> gui.Widget.EventCallbackResult:
-        kind = gui.MouseEvent.Type
+    def show(self, pixels: np.ndarray) -> None:
+        """Put a picture up."""
+        self._picture_size = (pixels.shape[1], pixels.shape[0])
+        self.picture.show(pixels)
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        kind, gestures = gui.MouseEvent.Type, self._gestures()
+        # Gestures are in widget pixels; the picture may have fewer.
+        scale = self._picture_size[0] / max(self.picture.size[0], 1)
         if event.type == kind.BUTTON_DOWN:
-            self._last = (event.x, event.y)
-        elif event.type == kind.DRAG:
-            self._drag(event)
+            self._last = (x, y)
+            self._pulling = event.is_button_down(gui.MouseButton.LEFT) and gestures.grabs(x * scale)
+        elif event.type == kind.DRAG and self._last is not None:
+            dx, dy = x - self._last[0], y - self._last[1]
+            self._last = (x, y)
+            if self._pulling:
+                gestures.pull(x * scale)
+            else:
+                left = event.is_button_down(gui.MouseButton.LEFT)
+                turn = left and not event.is_modifier_down(gui.KeyModifier.SHIFT)
+                gestures.drag(*((dx, dy) if turn else (dx * scale, dy * scale)), turn, self._picture_size[1])
+            self._changed()
         elif event.type == kind.BUTTON_UP:
             self._last = None
+            self._pulling = False
         elif event.type == kind.WHEEL:
-            self._player.wheel(event.wheel_dy)
+            gestures.wheel(event.wheel_dy)
             self._changed()
         else:
-            return gui.Widget.EventCallbackResult.IGNORED
-        return gui.Widget.EventCallbackResult.CONSUMED
-
-    def _drag(self, event: gui.MouseEvent) -> None:
-        if self._last is None:
-            self._last = (event.x, event.y)
-        # Gestures are in widget pixels; the picture may have fewer.
-        scale = self._player.size[1] / max(self.widget.frame.height, 1)
-        dx, dy = event.x - self._last[0], event.y - self._last[1]
-        self._last = (event.x, event.y)
-        turn = event.is_button_down(gui.MouseButton.LEFT) and not event.is_modifier_down(gui.KeyModifier.SHIFT)
-        if turn:
-            self._player.drag_orbit(dx, dy)
-        else:
-            self._player.drag_pan(dx * scale, dy * scale)
-        self._changed()
+            return False
+        return True

@@ -1,184 +1,332 @@
-"""The main window: menu, viewport, timeline, controls and a line of figures."""
+"""The main window: puts panels, views and presenters together and passes events on. All state is the presenters'."""
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
-from functools import partial
+from collections import deque
 from pathlib import Path
 from typing import Any, TextIO
 
 from open3d.visualization import gui, rendering
 
+from gui import menus
+from gui.actions import Actions
 from gui.panels.controls import ControlsPanel
+from gui.panels.dialogs import Dialogs
+from gui.panels.inspector import InspectorPanel
+from gui.panels.modes import ModesPanel
+from gui.panels.picture import colour
+from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
-from gui.presenters.player import PlayerPresenter
+from gui.presenters.evaluation import Evaluation
+from gui.presenters.exports import Exports
+from gui.presenters.marks import Marks
+from gui.presenters.palette import DIM, GROUND, PANEL, TEXT
+from gui.presenters.player import PlayerPresenter, load
+from gui.presenters.preferences import Preferences
+from gui.presenters.sources import Opened
+from gui.presenters.strips import strips_of
+from gui.presenters.views import Views
+from gui.presenters.worker import LatestWorker
+from gui.presenters.workspace import Workspace
+from gui.raycast import MeshPicture
 from gui.redraw import Redraws
-from gui.viewport import EMPTY, Viewport
+from gui.viewport import Viewport
+from studio.gaussians import Gaussians
 
-SHORTCUTS = """Space: play or pause
-Left, Right: one frame back or on
-Home, End: first or last frame
-[ and ]: previous or next group
-2, 3: trained or decoded
-L: loop      B: background      R: reset view
-Left drag: turn      Right drag or Shift + left drag: move
-Wheel: nearer or farther"""
+CLOSE_WAIT = 0.4
+"""Seconds to wait whether a request to close was Escape."""
 
-GROUND = (45 / 255, 45 / 255, 45 / 255)
-"""Colour between the widgets: that of Open3D's own panels, sRGB."""
+SOFTWARE_PAUSE = 1 / 10
+"""Least seconds between two drawings of the window where the processor draws it: it then has time for the pictures."""
 
-_MENU_OPEN, _MENU_QUIT, _MENU_RESET, _MENU_BACKGROUND, _MENU_SHORTCUTS = range(1, 6)
+Loaded = tuple[Opened, Gaussians | None] | str
 
 
 class MainWindow:
-    """Puts the panels together and passes events on. All state is the presenters'.
+    """See the module.
+
+    Attributes:
+        wants_close: it shall be closed by whoever runs the ticks; from within a tick Open3D crashes.
 
     Args:
         size: of the window's content, pixels.
         log: file to which a JSON line is appended whenever what is shown has changed; None for none.
+        device: name of the Vulkan device, for Help > About.
+        software: whether the processor draws the window.
     """
 
-    def __init__(self, size: tuple[int, int], log: Path | None = None) -> None:
+    def __init__(
+        self, size: tuple[int, int], log: Path | None = None, device: str = "", software: bool = False
+    ) -> None:
+        self.preferences = Preferences.read()
+        self.device = device
+        self.workspace = Workspace()
         self.player = PlayerPresenter()
-        self._redraws = Redraws()
+        self.views = Views(self.workspace, self.player, MeshPicture)
+        self.exports = Exports()
+        self.evaluation, self.marks = Evaluation(), Marks(None)
+        self.fullscreen = False
+        self.opening = ""
+        self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
+        self._evaluation_of: object = None
+        self._redraws = Redraws(pause=SOFTWARE_PAUSE if software else 0.0)
         self._log: TextIO | None = log.open("a", encoding="utf-8") if log else None
         self._logged: dict[str, Any] = {}
         self._pictures = 0
+        self._drawn_times: deque[float] = deque(maxlen=240)
+        self._may_close = False
+        self._close_asked: list[float] = []
+        self.wants_close = False
         application = gui.Application.instance
-        self._menu(application)
+        menus.build(application)
         self.window = application.create_window("V3 Studio", *size)
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
-        em = self.window.theme.font_size
-        self._viewport = Viewport(self.player, self._redraws.changed)
-        self._timeline = TimelinePanel(self.player, self._redraws.changed)
-        self._controls = ControlsPanel(self.player, em, self._redraws.changed)
-        self._message = gui.Label("")
-        self._message.background_color = gui.Color(*(value / 255 for value in EMPTY))
-        self._status = gui.Label("")
-        self._status.text_color = gui.Color(0.62, 0.66, 0.7)
+        self.em = float(self.window.theme.font_size)
+        self.dialogs = Dialogs(self.window)
+        self.actions = Actions(self)
+        self._build()
+        self.window.set_on_layout(self._on_layout)
+        self.window.set_on_tick_event(self._on_tick)
+        self.window.set_on_key(self._on_key)
+        self.window.set_on_close(self._on_close)
+        menus.connect(self.window, self.actions.menu(), self.changed)
+        self.apply_preferences()
+
+    def _build(self) -> None:
+        em, changed = self.em, self.changed
         self._ground = gui.Vert()  # lies under all others: without it what they leave free stays black
+        self._ground.background_color = colour(GROUND)
+        self._left, self._bottom = gui.Vert(), gui.Vert()
+        for side in (self._left, self._bottom):
+            side.background_color = colour(PANEL)
+        self.viewport = Viewport(lambda: self.views, changed)
+        self.timeline = TimelinePanel(self.player, em, changed)
+        self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
+        self.modes = ModesPanel(self.views.choices(), em, self._chosen)
+        self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, self.workspace.cancel, changed)
+        self.inspector = InspectorPanel(em, changed)
+        self._message = gui.Label("")
+        self._message.background_color = colour(GROUND)
+        self._message.text_color = colour(TEXT)
+        self._status = gui.Label("")
+        self._status.text_color = colour(DIM)
+        self._status.background_color = colour(PANEL)
         for widget in (
             self._ground,
-            self._viewport.widget,
-            self._timeline.widget,
-            self._controls.widget,
+            self._left,
+            self._bottom,
+            self.viewport.picture.widget,
+            *self.modes.rows.values(),
+            self.timeline.picture.widget,
+            self.controls.widget,
+            *self.stages.widgets,
+            *self.inspector.widgets,
             self._status,
             self._message,
         ):
             self.window.add_child(widget)
-        self._ground.background_color = gui.Color(*GROUND)
-        self.window.set_on_layout(self._on_layout)
-        self.window.set_on_tick_event(self._on_tick)
-        self.window.set_on_key(self._on_key)
-        self.window.set_on_close(lambda: True)
-        for item in (_MENU_OPEN, _MENU_QUIT, _MENU_RESET, _MENU_BACKGROUND, _MENU_SHORTCUTS):
-            self.window.set_on_menu_item_activated(item, partial(self._on_menu, item))
 
     # Opening and closing
 
     def open(self, path: str) -> None:
-        """Open a take or a stream; bad input becomes a sentence in the window."""
-        if self.player.open(path):
+        """Open a take, a stream or an address; bad input becomes a sentence in the window."""
+        self.opening = path
+        self.player.message = f"Opening {path} ..."
+        self._opener.ask(path)
+        self.changed()
+
+    def _opened(self, path: str, found: Loaded) -> None:
+        self.opening = ""
+        if isinstance(found, str):
+            self.player.message = found
+            return
+        opened, _ = found
+        self.player.adopt(*found)
+        self.workspace.open(opened.take)
+        self.marks = Marks(opened.take.marks if opened.take is not None else None)
+        self._evaluation_of = None
+        self.preferences.opened(str(opened.path))
+        self.preferences.save()
+        self.player.background = self.preferences.background
+        self.select("review" if opened.sources else "capture")
+        if opened.sources and self.preferences.play_on_opening:
             self.player.transport.play()
         self.window.title = self.player.title
         self.window.set_needs_layout()
-        self._redraws.changed()
+
+    def apply_preferences(self) -> None:
+        """Let the preferences hold."""
+        from gui.presenters.preferences import PICTURE_SIZES
+
+        self.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
+        self.player.background = self.preferences.background
 
     def close(self) -> None:
         """Ask the window to close; it does at the next tick."""
+        self._may_close = True
         self.window.close()
 
+    def ask_close(self) -> None:
+        """Close, unless a job runs: then ask first."""
+        self._close_asked = [time.monotonic() - CLOSE_WAIT]
+
+    def _on_close(self) -> bool:
+        # Open3D asks to close at Escape too, when it is pressed and when it is released, before it tells of the key (of
+        # which it does not tell while a text is being edited). A request that stays alone is meant.
+        self._close_asked.append(time.monotonic())
+        return self._may_close
+
+    def _decide_close(self) -> None:
+        if not self._close_asked or time.monotonic() < self._close_asked[-1] + CLOSE_WAIT:
+            return
+        alone = len(self._close_asked) == 1
+        self._close_asked.clear()
+        if not alone:
+            return
+        if self.workspace.job is None:
+            self.wants_close = True
+        else:
+            self.actions.ask_about_job()
+            self.changed()
+
     def closed(self) -> None:
-        """After the last tick: end threads, close files."""
-        self.player.close()
+        """After the last tick: end threads, close files. A job goes on by itself."""
+        self.views.close()
+        self.workspace.close()
+        self._opener.close()
+        # Open3D holds on to callbacks, and so to this object; what is large must go by itself.
+        self._keep_alive = None
         if self._log is not None:
             self._log.close()
 
-    def _ask_for_folder(self) -> None:
-        dialog = gui.FileDialog(gui.FileDialog.OPEN_DIR, "Open a take or a stream", self.window.theme)
+    # What a user does
 
-        def done(path: str) -> None:
-            self.window.close_dialog()
-            self.open(path)
-
-        dialog.set_on_cancel(self.window.close_dialog)
-        dialog.set_on_done(done)
-        self.window.show_dialog(dialog)
-
-    # Menu and keys
-
-    @staticmethod
-    def _menu(application: gui.Application) -> None:
-        if application.menubar is not None:
-            return
-        bar, file, view, help_ = gui.Menu(), gui.Menu(), gui.Menu(), gui.Menu()
-        file.add_item("Open take or stream...", _MENU_OPEN)
-        file.add_separator()
-        file.add_item("Quit", _MENU_QUIT)
-        view.add_item("Reset view (R)", _MENU_RESET)
-        view.add_item("Next background (B)", _MENU_BACKGROUND)
-        help_.add_item("Shortcuts (?)", _MENU_SHORTCUTS)
-        bar.add_menu("File", file)
-        bar.add_menu("View", view)
-        bar.add_menu("Help", help_)
-        application.menubar = bar
-
-    def _on_menu(self, item: int) -> None:
-        actions: dict[int, Callable[[], object]] = {
-            _MENU_OPEN: self._ask_for_folder,
-            _MENU_QUIT: self.close,
-            _MENU_RESET: self.player.reset_view,
-            _MENU_BACKGROUND: self.player.next_background,
-            _MENU_SHORTCUTS: lambda: self.window.show_message_box("Shortcuts", SHORTCUTS),
-        }
-        actions[item]()
+    def changed(self) -> None:
+        """Something that is shown may have changed."""
         self._redraws.changed()
+
+    def select(self, stage: str) -> None:
+        """Show a stage."""
+        self.stages.selected = stage
+        self.views.select(stage)
+        self.window.set_needs_layout()
+
+    def set_fullscreen(self, on: bool) -> None:
+        """The viewport alone, or with all panels."""
+        self.fullscreen = on
+        self.window.show_menu(not on)
+        for widget in (self._left, self._bottom, self._status, self.controls.widget, self.timeline.picture.widget,
+                       *self.inspector.widgets, *self.stages.widgets):  # fmt: skip
+            widget.visible = not on
+        if on:
+            for row in self.modes.rows.values():
+                row.visible = False
+        self.window.set_needs_layout()
+
+    def _chosen(self, stage: str, key: str) -> None:
+        self.views.choose(key)
+        self.changed()
 
     def _on_key(self, event: gui.KeyEvent) -> bool:
-        if event.type != gui.KeyEvent.Type.DOWN:
+        if event.key == gui.KeyName.ESCAPE:
+            self._close_asked.clear()
+            if event.type == gui.KeyEvent.Type.DOWN:
+                self._escape()
+            return True
+        if event.type != gui.KeyEvent.Type.DOWN or self.dialogs.name:
             return False
-        transport, key = self.player.transport, gui.KeyName
-        actions: dict[Any, Callable[[], object]] = {
-            key.SPACE: transport.toggle,
-            key.LEFT: lambda: transport.step(-1),
-            key.RIGHT: lambda: transport.step(1),
-            key.HOME: lambda: transport.seek(0),
-            key.END: lambda: transport.seek(transport.last),
-            key.LEFT_BRACKET: lambda: transport.jump_group(-1),
-            key.RIGHT_BRACKET: lambda: transport.jump_group(1),
-            key.TWO: lambda: self.player.choose_source("trained"),
-            key.THREE: lambda: self.player.choose_source("decoded"),
-            key.L: lambda: transport.set_loop(not transport.loop),
-            key.B: self.player.next_background,
-            key.R: self.player.reset_view,
-        }
-        if event.key not in actions:
+        action = self.actions.for_key(event)
+        if action is None:
             return False
-        actions[event.key]()
-        self._redraws.changed()
+        action()
+        self.changed()
         return True
+
+    def _escape(self) -> None:
+        if self.dialogs.name:
+            self.dialogs.close()
+        elif self.fullscreen:
+            self.set_fullscreen(False)
+        self.changed()
 
     # Each tick
 
     def _on_tick(self) -> bool:
-        picture = self.player.poll()
-        changed = False
-        if picture is not None:
-            self._viewport.show(picture)
+        self._decide_close()
+        opened = self._opener.take()
+        if opened is not None and opened.result is not None:
+            self._opened(opened.request, opened.result)
+            self.changed()
+        changed = self.workspace.poll()
+        if self.workspace.take_results():
+            changed |= self.player.refresh()
+            self._evaluation_of = None
+        self._read_evaluation()
+        if self.exports.poll():
+            changed = True
+            if self.exports.result:
+                self.dialogs.message("Export", self.exports.result)
+                self.exports.result = ""
+        changed |= self.views.fit_transport()
+        pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
+        if pixels is not None:
+            self.viewport.show(pixels)
             self._pictures += 1
             changed = True
-        changed |= self._timeline.update()
-        changed |= self._controls.update()
-        changed |= self._set_text(self._status, self.player.status)
-        changed |= self._set_text(self._message, self.player.message)
-        self._message.visible = bool(self.player.message)  # even an empty label keeps the mouse from the viewport
+        changed |= self.timeline.update()
+        if not self.fullscreen:
+            changed |= self._update_panels()
+        message = self.workspace.message or self.views.message
+        changed |= self._set_text(self._message, message)
+        self._message.visible = bool(message)  # even an empty label keeps the mouse from the viewport
         if changed:
-            self._redraws.changed()
+            self.changed()
         self._write_log()
-        return self._redraws.due()
+        due = self._redraws.due()
+        if due:
+            self._drawn_times.append(time.monotonic())
+        return due
+
+    def _update_panels(self) -> bool:
+        board = self.views.board
+        changed = self.controls.update()
+        changed |= self.modes.update(self.views.stage, self.views.chosen())
+        touched, layout = self.stages.update()
+        changed |= touched
+        if layout:
+            self.window.set_needs_layout()
+        changed |= self.inspector.update(
+            self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn_rate
+        )
+        status = self.player.status if board is None else board.status
+        return changed | self._set_text(self._status, "   ".join(filter(None, [status, self.exports.words])))
+
+    @property
+    def drawn_rate(self) -> float:
+        """How often a second the window was drawn over the last two seconds."""
+        horizon = time.monotonic() - 2.0
+        recent = [moment for moment in self._drawn_times if moment >= horizon]
+        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
+
+    def _read_evaluation(self) -> None:
+        take = self.workspace.take
+        stamp = None
+        if take is not None:
+            stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
+        frames = self.player.transport.frame_count
+        if (stamp, frames) == self._evaluation_of:
+            return
+        self._evaluation_of = (stamp, frames)
+        self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
+        names = ("psnr_trained", "psnr_decoded", "bytes")
+        self.timeline.strips = strips_of({name: self.evaluation.series(name, frames) for name in names})
+
+    def marks_changed(self) -> None:
+        """The timeline shows them."""
+        self.timeline.marks = tuple(sorted(self.marks.notes))
 
     def _set_text(self, label: gui.Label, text: str) -> bool:
         if label.text == text:
@@ -187,56 +335,88 @@ class MainWindow:
         self.window.set_needs_layout()  # a label keeps the width of its first text otherwise
         return True
 
+    # Layout
+
     def _on_layout(self, context: gui.LayoutContext) -> None:
-        area = self.window.content_rect
+        area, em = self.window.content_rect, self.em
         self._ground.frame = area
-        em = self.window.theme.font_size
-        margin = 0.5 * em
-        controls_height = 1.8 * em
-        status_height = 1.5 * em
-        timeline_height = 1.6 * em
-        left, width = area.x + margin, area.width - 2 * margin
-        bottom = area.y + area.height - margin
-        bottom -= status_height
-        self._status.frame = gui.Rect(left, bottom, width, status_height)
-        bottom -= controls_height + 0.3 * em
-        self._controls.widget.frame = gui.Rect(left, bottom, width, controls_height)
-        bottom -= timeline_height + 0.3 * em
-        self._timeline.place(left, bottom, width, timeline_height)
-        view_height = max(bottom - 0.3 * em - area.y, 16)
-        self._viewport.place(area.x, area.y, area.width, view_height)
-        constraints = gui.Widget.Constraints()
-        constraints.width = int(0.8 * width)  # a longer sentence is broken into lines
-        wanted = self._message.calc_preferred_size(context, constraints)
-        self._message.frame = gui.Rect(
-            area.x + (area.width - min(wanted.width, constraints.width)) / 2,
-            area.y + (view_height - wanted.height) / 2,
-            min(wanted.width, constraints.width),
-            wanted.height,
+        x, y, width, height = area.x, area.y, area.width, area.height
+        if self.fullscreen:
+            self.viewport.picture.place(x, y, width, height)
+            self._place_message(context, x, y, width, height)
+            return
+        left, right = min(round(18 * em), width // 3), min(round(17 * em), width // 4)
+        bottom_height = round(11.2 * em)
+        bottom = y + height - bottom_height
+        self._left.frame = gui.Rect(x, y, left, height)
+        self.stages.place(x, y, left, height, context)
+        inner = x + left + round(0.3 * em)
+        inner_width = width - left - round(0.3 * em)
+        self._bottom.frame = gui.Rect(inner, bottom, inner_width, bottom_height)
+        pad = round(0.5 * em)
+        self._status.frame = gui.Rect(inner + pad, y + height - round(1.5 * em), inner_width - 2 * pad, round(1.4 * em))
+        self.controls.widget.frame = gui.Rect(
+            inner + pad, y + height - round(3.4 * em), inner_width - 2 * pad, round(1.8 * em)
         )
+        self.timeline.picture.place(inner + pad, bottom + pad, inner_width - 2 * pad, bottom_height - 3.6 * em - pad)
+        view_width = inner_width - right - round(0.3 * em)
+        row = round(2.0 * em)
+        self.modes.place(inner + pad, y + 0.25 * em, view_width - pad, 1.5 * em)
+        self.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
+        self.inspector.place(inner + view_width + round(0.3 * em), y, right, bottom - y)
+        self._place_message(context, inner, y + row, view_width, bottom - y - row)
+
+    def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
+        limits = gui.Widget.Constraints()
+        limits.width = int(0.85 * width)  # a longer sentence is broken into lines
+        wanted = self._message.calc_preferred_size(context, limits)
+        wide = min(wanted.width, limits.width)
+        self._message.frame = gui.Rect(x + (width - wide) // 2, y + (height - wanted.height) // 2, wide, wanted.height)
 
     # For tests and bug reports
 
-    def _state(self) -> dict[str, Any]:
-        player = self.player
-        widgets = {
-            "viewport": self._viewport.widget,
-            "timeline": self._timeline.widget,
-            **self._controls.buttons,
+    def state(self) -> dict[str, Any]:
+        """All that a test may want to know of what is shown."""
+        player, workspace = self.player, self.workspace
+        widgets: dict[str, gui.Widget] = {
+            "viewport": self.viewport.picture.widget,
+            "timeline": self.timeline.picture.widget,
+            "stages": self.stages.list.widget,
+            **self.controls.buttons,
+            **self.stages.buttons,
+            **{key: button for (stage, key), button in self.modes.buttons.items() if stage == self.views.stage},
+            **{f"dialog {key}": widget for key, widget in self.dialogs.widgets.items()},
         }
+        settings = self.stages.settings[self.stages.selected]
+        widgets |= {f"setting {name}": editor for name, (_, editor) in settings.editors.items()}
         return {
             "title": player.title,
-            "message": player.message,
+            "message": self._message.text,
+            "opening": self.opening,
+            "dialog": self.dialogs.name,
+            "stage": self.views.stage,
+            "mode": sorted(self.views.chosen()),
+            "fullscreen": self.fullscreen,
+            "stages": {row.key: [row.state, row.words, row.detail] for row in workspace.rows()},
+            "busy": workspace.busy,
+            "error": self.stages.error.text,
             "frame": player.transport.frame,
             "frames": player.transport.frame_count,
             "playing": player.transport.playing,
             "loop": player.transport.loop,
-            "source": player.source.name if player.source else None,
+            "what": player.what,
+            "compare": player.mode,
+            "wipe": round(player.wipe, 3),
+            "camera": player.camera,
             "shown": player.picture.frame if player.picture else None,
-            "settled": player.settled,
+            "settled": self.views.settled,
             "pictures": self._pictures,
+            "handed_over": round(player.rate),
+            "exporting": self.exports.words,
+            "marks": {str(frame): note for frame, note in sorted(self.marks.notes.items())},
             "orbit": [player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
             "background": player.background,
+            "timeline_left": self.timeline.board.left,
             "widgets": {
                 name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
                 for name, widget in widgets.items()
@@ -246,7 +426,7 @@ class MainWindow:
     def _write_log(self) -> None:
         if self._log is None:
             return
-        state = self._state()
+        state = self.state()
         if state != self._logged:
             self._logged = state
             self._log.write(json.dumps({"time": time.time(), **state}) + "\n")

@@ -94,7 +94,9 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
     failure = read_failure(context.take, stage.name)
     if failure:
         return replace(found, state=FAILED, reason=failure)
-    return replace(found, state=PARTIAL if found.units_done else found.state, reason=reason)
+    # finished once and all units stand, but still not done: what is wrong is no unit
+    partial = found.units_done and (record is None or found.units_done < found.units)
+    return replace(found, state=PARTIAL if partial else found.state, reason=reason)
 
 
 def assess_all(stages: tuple[Stage, ...], context: Context) -> dict[str, StageStatus]:

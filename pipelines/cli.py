@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipelines.board_command import add_board_command, add_sync_command
 from pipelines.cancel import EXIT_CANCELLED
 from studio.errors import Cancelled, StudioError
 
@@ -49,8 +50,8 @@ def execute(arguments: Sequence[str]) -> int:
         command: Callable[[argparse.Namespace], int] = known.command
         return command(known)
     except StudioError as error:
-        if not getattr(known, "json", False):
-            print(f"error: {error}", file=sys.stderr)
+        # with --json too: what fails before the first event would otherwise fail without a word
+        print(f"error: {error}", file=sys.stderr)
         return 1
     except (Cancelled, KeyboardInterrupt):
         return EXIT_CANCELLED
@@ -60,6 +61,7 @@ def execute(arguments: Sequence[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from pipelines import ablate_command, export, importing, play, serve
     from pipelines.take import program_version
 
     parser = argparse.ArgumentParser(
@@ -78,6 +80,8 @@ def _parser() -> argparse.ArgumentParser:
     for name, text in STAGE_HELP.items():
         stage = _stage_parser(commands, name, f"run one stage: {text}")
         stage.add_argument("--force", action="store_true", help="run it from its beginning, even if it is up to date")
+        if name == "bake":
+            _add_targets(stage)
         stage.set_defaults(command=_run, stage=name, until=None)
 
     status = commands.add_parser("status", help="tell what is done, stale or missing in a take", allow_abbrev=False)
@@ -85,13 +89,14 @@ def _parser() -> argparse.ArgumentParser:
     status.add_argument("--json", action="store_true", help="print JSON")
     status.set_defaults(command=_status)
 
-    play = commands.add_parser("play", help="play a stream and tell what each frame costs", allow_abbrev=False)
-    play.add_argument("stream", type=Path, metavar="DIR", help="a stream's folder, or a take's")
-    play.add_argument("--headless", action="store_true", help="without a window: decode only, and print the times")
-    play.add_argument("--realtime", action="store_true", help="at the stream's frame rate, leaving late frames out")
-    play.add_argument("--frames", type=int, metavar="N", help="stop after N frames")
-    play.add_argument("--json", action="store_true", help="print JSON")
-    play.set_defaults(command=_play)
+    play.register(commands)
+    serve.register(commands)
+    export.register(commands)
+    importing.register(commands)
+    ablate_command.register(commands)
+
+    add_board_command(commands)
+    add_sync_command(commands)
 
     config = commands.add_parser(
         "config",
@@ -106,6 +111,26 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+class _Target(argparse.Action):
+    """A target of the bake as `--set`, clearing the other one, which the take may remember; the last given wins."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Called by argparse."""
+        cleared = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr") if name != self.const]
+        namespace.set = [*namespace.set, *cleared, f"bake.{self.const}={values}"]
+
+
+def _add_targets(stage: argparse.ArgumentParser) -> None:
+    """What people bake for, as options of their own beside --set."""
+    for name, metavar, text in (
+        ("target_kb_per_frame", "KB", "search the QP of each group for at most this many kilobytes a frame"),
+        ("target_psnr", "DB", "search the QP of each group for at least this PSNR against the trained frames, drawn"),
+    ):
+        stage.add_argument(f"--{name.replace('_', '-')}", action=_Target, const=name, metavar=metavar, help=text)
+
+
 def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
@@ -116,9 +141,13 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
         allow_abbrev=False,
     )
     parser.add_argument(
-        "config", type=Path, nargs="?", metavar="CONFIG", help="YAML file; without it the take's own settings"
+        "config",
+        type=Path,
+        nargs="?",
+        metavar="CONFIG",
+        help="YAML file; without it, or with a take's folder in its place, the take's own settings",
     )
-    parser.add_argument("--take", type=Path, required=True, metavar="DIR", help="the take's folder; made if needed")
+    parser.add_argument("--take", type=Path, metavar="DIR", help="the take's folder; made if needed")
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     return parser
@@ -156,6 +185,10 @@ def _run(arguments: argparse.Namespace) -> int:
     from pipelines.files import disk_errors
     from pipelines.take import Take
 
+    if arguments.take is None and arguments.config is not None and arguments.config.is_dir():
+        arguments.config, arguments.take = None, arguments.config
+    if arguments.take is None:
+        raise StudioError("No take is named; give its folder, as in --take takes/first.")
     if arguments.config is None:
         take = Take.open(arguments.take)
         config = load_config(take.config, arguments.overrides)
@@ -201,32 +234,6 @@ def _status(arguments: argparse.Namespace) -> int:
         print(status_json(take, config))
     else:
         print_status(take, config)
-    return 0
-
-
-def _play(arguments: argparse.Namespace) -> int:
-    if not arguments.headless:
-        raise StudioError("The command line plays without a window only: add --headless, or open v3studio-gui.")
-    from pipelines.take import Take
-
-    folder = arguments.stream
-    if (folder / "take.json").is_file():
-        folder = Take.open(folder).stream
-        if not folder.is_dir():
-            raise StudioError(
-                f"{arguments.stream}: this take has no stream yet; run `v3studio run` or `v3studio bake`."
-            )
-
-    from pipelines.tables import print_playback
-    from studio.playback import play_headless
-
-    report = play_headless(folder, realtime=arguments.realtime, frame_limit=arguments.frames)
-    if arguments.json:
-        import json
-
-        print(json.dumps(report.to_dict(), indent=1))
-    else:
-        print_playback(report)
     return 0
 
 

@@ -10,6 +10,8 @@ from pipelines.files import atomic_path
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from studio.gaussians import Gaussians
 
 # One entry, because safetensors writes several in an order of its own, and equal runs must give equal bytes.
@@ -18,9 +20,15 @@ _ENTRY = "v3studio"
 
 def write_frame(path: Path, gaussians: Gaussians, about: dict[str, Any]) -> None:
     """Atomic. `about` is JSON-ready: key of the recipe, group, index, frame number."""
+    write_tensors(path, gaussians.state_dict(), about)
+
+
+def write_tensors(path: Path, tensors: dict[str, Tensor], about: dict[str, Any]) -> None:
+    """Atomic: any tensors by name (a checkpoint, a network), with what `read_about` gives back."""
     from safetensors.torch import save
 
-    data = save(gaussians.state_dict(), metadata={_ENTRY: json.dumps(about, sort_keys=True)})
+    contiguous = {name: value.contiguous() for name, value in tensors.items()}
+    data = save(contiguous, metadata={_ENTRY: json.dumps(about, sort_keys=True)})
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)  # a full disk is then an OSError like everywhere else
 
@@ -42,6 +50,21 @@ def read_frame(path: Path) -> Gaussians:
         raise StudioError(f"{path}: there is no such file; run `v3studio train`.") from None
     except (SafetensorError, OSError) as error:
         raise StudioError(f"{path}: cannot be read ({error}); delete it and run `v3studio train`.") from None
+
+
+def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
+    """What `write_tensors` wrote there about the recipe `key`; None if there is no such file, or it is damaged or of
+    another recipe: then it is of no use, and what it would have saved is made again."""
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    about = read_about(path)
+    if about is None or about.get("key") != key:
+        return None
+    try:
+        return load_file(path)
+    except (SafetensorError, OSError):
+        return None
 
 
 def read_about(path: Path) -> dict[str, Any] | None:

@@ -19,6 +19,7 @@ from pipelines.stages.base import Context, Stage, StageReporter
 from pipelines.take import Take, program_version
 from studio.errors import Cancelled, StudioError
 
+_CUT_SHORT = "the step under way was cut short, what was finished before it is kept; run again to go on"
 ALL_STAGES = tuple(stage.name for stage in STAGES)
 
 
@@ -60,7 +61,7 @@ def run(
     def finish(outcome: str, message: str = "") -> None:
         tell(RunFinished(outcome=outcome, seconds=round(time.monotonic() - started, 2), message=message))
 
-    with stop_on_signals(cancellation, lambda: finish("cancelled", "stopped in the middle of a long step")):
+    with stop_on_signals(cancellation, lambda: finish("cancelled", _CUT_SHORT)):
         try:
             with disk_errors(take.root), take.locked(command):
                 tell = Logged(emit, take)

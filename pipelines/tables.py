@@ -68,22 +68,26 @@ def status_json(take: Take, config: Config) -> str:
 
 
 def print_playback(report: PlaybackReport) -> None:
-    """A row a frame and the spread, in milliseconds."""
+    """A row a frame and the spread, in milliseconds, as the paper's table of a player's runtime."""
     screen = console()
-    table = _table("frame", "group", "KB", "fetch ms", "decode ms", "dequantise ms")
+    figures = ["fetch_ms", "decode_ms", "dequantise_ms"]
+    if any(row.render_ms is not None for row in report.frames):
+        figures.append("render_ms")
+    table = _table("frame", "group", "KB", *(figure.replace("_", " ") for figure in figures))
     for row in report.frames:
         table.add_row(
             str(row.frame), str(row.group), f"{row.bytes / 1000:.1f}",
-            *(f"{value:.2f}" for value in (row.fetch_ms, row.decode_ms, row.dequantise_ms)),
+            *(f"{getattr(row, figure):.2f}" for figure in figures),
         )  # fmt: skip
     table.add_section()
-    spreads = [report.spread(figure) for figure in ("bytes", "fetch_ms", "decode_ms", "dequantise_ms")]
+    spreads = [report.spread(figure) for figure in ("bytes", *figures)]
     for name in ("mean", "median", "p95", "max"):
         values = [getattr(spread, name) for spread in spreads]
         table.add_row(name, "", f"{values[0] / 1000:.1f}", *(f"{value:.2f}" for value in values[1:]))
     screen.print(table)
     screen.print(
         f"{report.shown} frames in {report.seconds:.2f} s: {report.fps:.1f} frames a second, {report.dropped} left out"
+        + (f", {sum(group.frame_count for group in report.skipped)} lost to damage" if report.skipped else "")
     )
 
 

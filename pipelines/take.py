@@ -10,6 +10,7 @@ Layout::
     train/group_000/frame_000000.safetensors    Gaussians of a frame (counted from 0 in the take); group.json
     stream/                                     the stream, and nothing else
     evaluation.json, report.html                what came out
+    marks.json                                  frames that somebody marked, with notes; there only if somebody did
     .v3studio/                                  lock, records of what results were made from, work in progress
 """
 
@@ -117,6 +118,14 @@ class Take:
         """Gaussians of the frame `index`, counted from 0 in the take."""
         return self.train_group(group) / f"frame_{index:06d}.safetensors"
 
+    def keyframe_checkpoint(self, group: int) -> Path:
+        """A keyframe in training; gone when it is trained."""
+        return self.train_group(group) / "keyframe.checkpoint"
+
+    def motion_network(self, group: int, index: int) -> Path:
+        """The motion network of the frame `index`, kept while the frame after it may need it (motion_warm_start)."""
+        return self.train_group(group) / f"motion_{index:06d}.safetensors"
+
     @property
     def stream(self) -> Path:
         """stream/: whole or not there."""
@@ -131,6 +140,11 @@ class Take:
     def report(self) -> Path:
         """report.html, self-contained."""
         return self.root / "report.html"
+
+    @property
+    def marks(self) -> Path:
+        """marks.json: frames that somebody marked, with notes."""
+        return self.root / "marks.json"
 
     @property
     def private(self) -> Path:

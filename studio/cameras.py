@@ -55,9 +55,11 @@ class Camera:
                 f"Camera '{self.name}': K must be 3x3 and world_to_camera 4x4, found {K.shape} and {pose.shape}."
             )
         for what, value in (("K", K), ("world_to_camera", pose), ("distortion", distortion)):
-            if not np.isfinite(value).all():
+            broken = np.argwhere(~np.isfinite(value))
+            if len(broken):
+                place = "".join(f"[{index}]" for index in broken[0])
                 raise StudioError(
-                    f"Camera '{self.name}': {what} has a value that is not a finite number ({value.tolist()}); "
+                    f"Camera '{self.name}': {what}{place} is {value[tuple(broken[0])]}, which is not a finite number; "
                     "mend the calibration file."
                 )
         if self.width < 1 or self.height < 1:

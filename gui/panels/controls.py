@@ -6,25 +6,32 @@ from collections.abc import Callable
 
 from open3d.visualization import gui
 
+from gui.panels.picture import colour
+from gui.presenters.palette import PANEL, RAISED
 from gui.presenters.player import PlayerPresenter
 from gui.presenters.transport import Transport
 
+FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
 
 
 class ControlsPanel:
-    """Start, back, play, forward, end; loop, speed, what is shown, background, reset.
+    """Start, back, play, forward, end; loop, speed, capture camera, background, reset.
 
     Args:
         player: what the buttons act on.
         em: the theme's font size, pixels.
+        reset: called for the first view, of whatever is shown.
         changed: called after each click.
     """
 
-    def __init__(self, player: PlayerPresenter, em: float, changed: Callable[[], None]) -> None:
+    def __init__(
+        self, player: PlayerPresenter, em: float, reset: Callable[[], None], changed: Callable[[], None]
+    ) -> None:
         self._player = player
         self._changed = changed
         self.widget = gui.Horiz(0.4 * em, gui.Margins(0, 0.15 * em, 0, 0.15 * em))
+        self.widget.background_color = colour(PANEL)
         self.buttons: dict[str, gui.Widget] = {}
         transport = self._transport
         self._button("Start", "First frame (Home)", lambda: transport().seek(0))
@@ -44,13 +51,13 @@ class ControlsPanel:
         self._speed.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_speed(name)))
         self._add("speed", self._speed)
         self.widget.add_stretch()
-        self._source = gui.Combobox()
-        self._source.tooltip = "What is shown: trained Gaussians (2) or the decoded stream (3)"
-        self._source.set_on_selection_changed(lambda name, _: self._did(lambda: player.choose_source(name)))
-        self._add("source", self._source)
-        self._sources: list[str] = []
+        self._camera = gui.Combobox()
+        self._camera.tooltip = "Look through a capture camera (C for the next), or freely"
+        self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
+        self._add("camera", self._camera)
+        self._cameras: list[str] = []
         self._button("Background", "Dark, black or white behind the performer (B)", player.next_background)
-        self._button("Reset view", "Back to the first view (R)", player.reset_view)
+        self._button("Reset view", "Back to the first view (R)", reset)
 
     def _transport(self) -> Transport:
         """The transport of what is open now: another one after each opening."""
@@ -63,8 +70,9 @@ class ControlsPanel:
     def _button(self, text: str, tooltip: str, action: Callable[[], object], key: str = "") -> gui.Button:
         button = gui.Button(text)
         button.tooltip = tooltip
-        button.vertical_padding_em = 0
-        button.horizontal_padding_em = 0.6
+        button.vertical_padding_em = 0.05
+        button.horizontal_padding_em = 0.55
+        button.background_color = colour(RAISED)
         button.set_on_clicked(lambda: self._did(action))
         self._add(key or text.lower(), button)
         return button
@@ -72,6 +80,9 @@ class ControlsPanel:
     def _did(self, action: Callable[[], object]) -> None:
         action()
         self._changed()
+
+    def _look_through(self, name: str) -> None:
+        self._player.look_through("" if name == FREE else name)
 
     def _set_speed(self, name: str) -> None:
         self._player.transport.speed = SPEEDS[name]
@@ -91,17 +102,18 @@ class ControlsPanel:
         if self._speed.selected_text != speed:
             self._speed.selected_text = speed
             changed = True
-        names = self._player.source_names
-        if names != self._sources:
-            self._sources = names
-            self._source.clear_items()
-            for name in names:
-                self._source.add_item(name)
+        names = self._player.camera_names
+        if names != self._cameras:
+            self._cameras = names
+            self._camera.clear_items()
+            for name in (FREE, *names):
+                self._camera.add_item(name)
             changed = True
-        if self._player.source is not None and self._source.selected_text != self._player.source.name:
-            self._source.selected_text = self._player.source.name
+        camera = self._player.camera or FREE
+        if self._camera.selected_text != camera and self._camera.number_of_items:
+            self._camera.selected_text = camera
             changed = True
-        enabled = self._player.source is not None
+        enabled = self._player.opened is not None
         for widget in self.buttons.values():
             if widget.enabled != enabled:
                 widget.enabled = enabled

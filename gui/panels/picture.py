@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
+
 import numpy as np
 import open3d as o3d
 from open3d.visualization import gui
+
+from gui.presenters.palette import GROUND, RGB
+
+_marks = itertools.count(1)
 
 
 def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
@@ -12,19 +19,53 @@ def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
     return o3d.geometry.Image(np.ascontiguousarray(pixels))
 
 
-def plain(width: int, height: int, colour: tuple[int, int, int], mark: int) -> np.ndarray:
-    """(height, width, 3) uint8 of one colour. Open3D lets images of equal content share a texture, so that updating one
-    would change the other: `mark` makes the first pixel differ by a shade."""
-    pixels = np.empty((height, width, 3), np.uint8)
-    pixels[:] = colour
-    pixels[0, 0, 2] = (colour[2] + mark) % 256
-    return pixels
+def colour(value: RGB) -> gui.Color:
+    """For widgets."""
+    return gui.Color(value[0] / 255, value[1] / 255, value[2] / 255)
 
 
-def image_widget(pixels: np.ndarray) -> gui.ImageWidget:
-    """A widget that shows `pixels` stretched to its frame (equal sizes give pixel-exact pictures)."""
-    ui_image = gui.UIImage(as_image(pixels))
-    ui_image.scaling = gui.UIImage.Scaling.ANY
-    widget = gui.ImageWidget()
-    widget.ui_image = ui_image
-    return widget
+class PictureWidget:
+    """An image widget that shows pictures pixel for pixel and passes the mouse on.
+
+    Open3D lets images of equal content share a texture, so that updating one would change the other: each begins with a
+    placeholder of its own.
+
+    Args:
+        on_mouse: gets events with the place in the widget (x, y, pixels) and returns whether it took them.
+    """
+
+    def __init__(self, on_mouse: Callable[[gui.MouseEvent, float, float], bool] | None = None) -> None:
+        self.widget = gui.ImageWidget()
+        self._on_mouse = on_mouse
+        self._shape: tuple[int, ...] = ()
+        mark = next(_marks)
+        placeholder = np.full((16, 16, 3), GROUND, np.uint8)
+        placeholder.reshape(-1)[mark % placeholder.size] += 1
+        self.show(placeholder)
+        if on_mouse is not None:
+            self.widget.set_on_mouse(self._mouse)
+
+    def show(self, pixels: np.ndarray) -> None:
+        """Put a picture up; it is stretched to the widget where their sizes differ."""
+        if pixels.shape == self._shape:
+            self.widget.update_image(as_image(pixels))
+            return
+        self._shape = pixels.shape  # a texture of another size is made anew
+        ui_image = gui.UIImage(as_image(pixels))
+        ui_image.scaling = gui.UIImage.Scaling.ANY
+        self.widget.ui_image = ui_image
+
+    def place(self, x: float, y: float, width: float, height: float) -> None:
+        """Take this rectangle of the window (pixels)."""
+        self.widget.frame = gui.Rect(int(x), int(y), max(int(width), 1), max(int(height), 1))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the widget in pixels."""
+        return max(int(self.widget.frame.width), 1), max(int(self.widget.frame.height), 1)
+
+    def _mouse(self, event: gui.MouseEvent) -> gui.Widget.EventCallbackResult:
+        assert self._on_mouse is not None
+        taken = self._on_mouse(event, event.x - self.widget.frame.x, event.y - self.widget.frame.y)
+        result = gui.Widget.EventCallbackResult
+        return result.CONSUMED if taken else result.IGNORED

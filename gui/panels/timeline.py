@@ -1,68 +1,72 @@
-"""The timeline's widget: click or drag to seek."""
+"""The timeline's widget: strips over a track; a click or a drag seeks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+import numpy as np
 from open3d.visualization import gui
 
-from gui.panels.picture import as_image, image_widget, plain
+from gui.panels.picture import PictureWidget
 from gui.presenters.player import PlayerPresenter
-from gui.presenters.timeline import BACKGROUND, Timeline
+from gui.presenters.strips import Strip, StripBoard
 
 
 class TimelinePanel:
-    """Shows which frame is due and where groups begin.
+    """Shows which frame is due, where groups begin, quality and size a frame, and marks.
 
     Args:
         player: whose transport is shown and moved.
+        em: font size, pixels.
         changed: called after each seek.
     """
 
-    def __init__(self, player: PlayerPresenter, changed: Callable[[], None]) -> None:
+    def __init__(self, player: PlayerPresenter, em: float, changed: Callable[[], None]) -> None:
         self._player = player
+        self._em = em
         self._changed = changed
-        self._size = (64, 16)
-        self._drawn: tuple[object, ...] | None = None
+        self._drawn: tuple[object, int | None] | None = None
+        self._base: np.ndarray | None = None
         self._resume = False
-        self.widget = image_widget(plain(*self._size, BACKGROUND, mark=2))
-        self.widget.set_on_mouse(self._on_mouse)
+        self._down = False
+        self.strips: Sequence[Strip] = ()
+        self.marks: tuple[int, ...] = ()
+        self.picture = PictureWidget(self._on_mouse)
 
     @property
-    def timeline(self) -> Timeline:
+    def board(self) -> StripBoard:
         """Pixels and frames as they are now."""
         transport = self._player.transport
-        return Timeline(*self._size, transport.frame_count, transport.group_starts)
-
-    def place(self, x: float, y: float, width: float, height: float) -> None:
-        """Take this rectangle of the window (pixels)."""
-        self.widget.frame = gui.Rect(x, y, width, height)
-        self._size = (max(int(width), 16), max(int(height), 8))
+        return StripBoard(*self.picture.size, self._em, transport.frame_count, transport.group_starts)
 
     def update(self) -> bool:
         """Draw again where something changed; returns whether it did."""
         transport = self._player.transport
-        frame = transport.frame if self._player.source is not None else None
-        state = (self._size, frame, transport.frame_count, transport.group_starts)
-        if state == self._drawn:
+        frame = transport.frame if self._player.opened is not None else None
+        below = (self.picture.size, transport.frame_count, transport.group_starts, id(self.strips), self.marks)
+        if (below, frame) == self._drawn:
             return False
-        self._drawn = state
-        self.widget.update_image(as_image(self.timeline.picture(frame)))
+        if self._base is None or self._drawn is None or self._drawn[0] != below:
+            self._base = self.board.base(self.strips, self.marks)
+        self._drawn = (below, frame)
+        self.picture.show(self.board.with_head(self._base, frame, self.strips))
         return True
 
-    def _on_mouse(self, event: gui.MouseEvent) -> gui.Widget.EventCallbackResult:
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
-        if self._player.source is None or event.type not in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP):
-            return gui.Widget.EventCallbackResult.IGNORED
+        if self._player.opened is None or event.type not in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP):
+            return False
         transport = self._player.transport
         if event.type == kind.BUTTON_UP:
             if self._resume:
                 transport.play()
-            self._resume = False
+            self._resume = self._down = False
         else:
             if event.type == kind.BUTTON_DOWN:
+                self._down = True
                 self._resume = transport.playing
                 transport.pause()
-            transport.seek(self.timeline.frame_at(event.x - self.widget.frame.x))
+            if self._down:
+                transport.seek(self.board.frame_at(x))
         self._changed()
-        return gui.Widget.EventCallbackResult.CONSUMED
+        return True

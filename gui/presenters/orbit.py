@@ -83,23 +83,28 @@ class OrbitCamera:
         )
         return orbit._facing(camera.forward)
 
-    def _basis(self) -> tuple[np.ndarray, np.ndarray]:
+    def basis(self) -> tuple[np.ndarray, np.ndarray]:
         """Two fixed horizontal directions that span the plane across `up`; the first is yaw 0."""
         helper = np.eye(3)[int(np.argmin(np.abs(self.up)))]
         first = _unit(helper - np.dot(helper, self.up) * self.up)
         return first, np.cross(self.up, first)
 
     def _facing(self, forward: np.ndarray) -> OrbitCamera:
-        first, second = self._basis()
+        first, second = self.basis()
         back = -_unit(forward)
         pitch = math.asin(float(np.clip(np.dot(back, self.up), -1.0, 1.0)))
         yaw = math.atan2(float(np.dot(back, second)), float(np.dot(back, first)))
         return replace(self, yaw=yaw, pitch=float(np.clip(pitch, -_MAX_PITCH, _MAX_PITCH)))
 
     @property
+    def key(self) -> tuple[float, ...]:
+        """All of it as numbers: equal keys are equal views."""
+        return (*self.target.tolist(), *self.up.tolist(), self.distance, self.yaw, self.pitch, self.fov)
+
+    @property
     def offset(self) -> np.ndarray:
         """(3,): unit direction from the target to the eye."""
-        first, second = self._basis()
+        first, second = self.basis()
         flat = math.cos(self.yaw) * first + math.sin(self.yaw) * second
         return math.cos(self.pitch) * flat + math.sin(self.pitch) * self.up
 

@@ -4,61 +4,31 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from gui.presenters.compare import LABELS, MODES, WHATS
 from gui.presenters.drawing import draw
+from gui.presenters.lens import Lens
 from gui.presenters.orbit import OrbitCamera
-from gui.presenters.sources import FrameSource, Opened, open_path
+from gui.presenters.picture_maker import DrawFn, Picture, PictureMaker, Wish
+from gui.presenters.sources import FALLBACK_FPS, FrameSource, Opened, open_path, take_contents
 from gui.presenters.transport import Transport
 from gui.presenters.worker import Done, LatestWorker
+from pipelines.stages.base import Context
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
-BACKGROUNDS = {"dark": (0.11, 0.12, 0.13), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
-NOTHING_OPEN = "Open a take or a stream: File > Open, or v3studio-gui FOLDER."
-
-Color = tuple[float, float, float]
-DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
-
-
-@dataclass(frozen=True, eq=False)
-class Wish:
-    """A picture to be made: these splats from here."""
-
-    source: FrameSource
-    frame: int
-    orbit: OrbitCamera
-    size: tuple[int, int]
-    background: Color
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A picture that was made.
-
-    Attributes:
-        image: (H, W, 3) uint8 RGB.
-        frame: 0-based.
-        source: name of the source ("decoded", "trained").
-        splats: how many Gaussians it was drawn from.
-        load_seconds, draw_seconds: what getting the Gaussians and drawing them took.
-    """
-
-    image: np.ndarray
-    frame: int
-    source: str
-    splats: int
-    load_seconds: float
-    draw_seconds: float
+BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
+NOTHING_OPEN = "Open a take or a stream, or make a new take from footage: menu File."
+NOTHING_TO_SHOW = "Nothing is trained or baked in this take yet. Run the stages on the left."
 
 
 class PlayerPresenter:
-    """What is open, which frame is due, from where it is seen, and the newest picture.
+    """What is open, which frame is due, from where it is seen, what is compared, and the newest picture.
 
     Args:
         draw_function: makes the pixels; tests give their own.
@@ -66,46 +36,119 @@ class PlayerPresenter:
     """
 
     def __init__(self, draw_function: DrawFn = draw, now: Callable[[], float] = time.monotonic) -> None:
-        self._draw = draw_function
         self._now = now
-        self._worker: LatestWorker[Wish, Picture] = LatestWorker(self._work, "v3studio viewport")
+        self._maker = PictureMaker(draw_function)
+        self._worker: LatestWorker[Wish, Picture] = LatestWorker(self._maker, "v3studio viewport")
         self._asked: Wish | None = None
-        self._shown_times: deque[float] = deque(maxlen=120)
+        self._shown_times: deque[float] = deque(maxlen=240)
+        self._contents: tuple[object, ...] = ()
         self.opened: Opened | None = None
-        self.source: FrameSource | None = None
-        self.transport = Transport(1, 25.0, now=now)
+        self.context: Context | None = None
+        self.what = "decoded"
+        self.mode = "single"
+        self.wipe = 0.5
+        self.camera = ""
+        self.lens = Lens()
+        self._lens_follows = False
+        self._points = np.zeros((0, 3))
+        self.transport = Transport(1, FALLBACK_FPS, now=now)
         self.orbit = OrbitCamera()
         self.home = self.orbit
         self.size = (960, 540)
         self.background = "dark"
         self.picture: Picture | None = None
         self.message = NOTHING_OPEN
+        self.notice = ""
 
     # What is open
 
     def open(self, path: str | Path) -> bool:
         """Open a take or a stream in place of what is open. On bad input `message` says what is wrong."""
+        found = load(path)
+        if isinstance(found, str):
+            self.message = found
+            return False
+        self.adopt(*found)
+        return True
+
+    def adopt(self, opened: Opened, first: Gaussians | None) -> None:
+        """Show what `load` has opened, in place of what is open."""
+        self._close_sources()
+        self.opened, self.context = opened, None
+        self._contents = take_contents(opened.take) if opened.take else ()
+        self.mode, self.camera = "single", ""
+        self.what = opened.default.name if opened.default is not None else "decoded"
+        self.transport = Transport(1, FALLBACK_FPS, now=self._now)
+        self._fit_transport()
+        self._look_home(first)
+        self.picture = None
+        self._asked = None
+        self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
+
+    def refresh(self) -> bool:
+        """Take up frames that were trained and streams that were baked since; True where there were any."""
+        if self.opened is None or self.opened.take is None:
+            return False
+        contents = take_contents(self.opened.take)
+        if contents == self._contents:
+            return False
         try:
-            opened = open_path(Path(path))
-            first = opened.default.gaussians(0)
-        except StudioError as error:
+            opened = open_path(self.opened.path)
+            first = opened.default.gaussians(0) if opened.default is not None and not self.opened.sources else None
+        except StudioError as error:  # just being written; the next look will do
             self.message = str(error)
             return False
-        except Exception as error:  # a defect of ours: it must not take the window with it
-            self.message = f"{path} could not be opened: {type(error).__name__}: {error}"
-            return False
+        self._contents = contents
+        was_empty = not self.opened.sources
         self._close_sources()
-        self.opened, self.source = opened, opened.default
-        self.transport = Transport(self.source.frame_count, self.source.fps, self.source.group_starts, now=self._now)
-        visible = first.means[first.opacities > 0.1]
-        points = (visible if len(visible) else first.means).detach().cpu().numpy()
-        self.home = OrbitCamera.around(points, opened.up)
-        if opened.view is not None:
-            self.home = OrbitCamera.looking_through(opened.view, self.home.target, opened.up)
-        self.orbit = self.home
-        self.picture = None
-        self.message = ""
+        self.opened = opened
+        self._maker.forget()
+        self._asked = None
+        if self.what not in (*opened.sources, "truth") and opened.default is not None:
+            self.what = opened.default.name
+        self._fit_transport()
+        if was_empty and first is not None:
+            self._look_home(first)
+        self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
         return True
+
+    def _look_home(self, first: Gaussians | None) -> None:
+        assert self.opened is not None
+        self.home = OrbitCamera(up=self.opened.up)
+        self._points = np.zeros((0, 3))
+        if first is not None:
+            visible = first.means[first.opacities > 0.1]
+            points = (visible if len(visible) else first.means).detach().cpu().numpy()
+            self._points = points[:: max(len(points) // 4000, 1)].astype(np.float64)
+            self.home = OrbitCamera.around(points, self.opened.up)
+            if self.opened.view is not None:
+                self.home = OrbitCamera.looking_through(self.opened.view, self.home.target, self.opened.up)
+        self.orbit = self.home
+
+    def _fit_transport(self) -> None:
+        source = self.source
+        if source is not None:
+            self.span(source.frame_count, source.group_starts, source.fps)
+
+    def span(self, frame_count: int, group_starts: Sequence[int], fps: float) -> bool:
+        """Let the transport run over these frames; returns whether it did not before."""
+        now = self.transport
+        if (now.frame_count, now.group_starts, now.fps) == (frame_count, tuple(group_starts), fps):
+            return False
+        now.resize(frame_count, group_starts, fps)
+        return True
+
+    def span_source(self) -> bool:
+        """Let the transport run over the frames of what is shown; returns whether it did not before."""
+        source = self.source
+        return source is not None and self.span(source.frame_count, source.group_starts, source.fps)
+
+    @property
+    def source(self) -> FrameSource | None:
+        """Where the Gaussians that are shown come from; for ground truth, those it is compared with."""
+        if self.opened is None:
+            return None
+        return self.opened.sources.get(self.what) or self.opened.default
 
     @property
     def title(self) -> str:
@@ -114,48 +157,163 @@ class PlayerPresenter:
 
     @property
     def source_names(self) -> list[str]:
-        """What can be shown of what is open."""
+        """What Gaussians there are of what is open."""
         return list(self.opened.sources) if self.opened else []
 
-    def choose_source(self, name: str) -> bool:
-        """Show another of `source_names` at the same frame; False where it is not there."""
-        if self.opened is None or name not in self.opened.sources:
+    @property
+    def camera_names(self) -> list[str]:
+        """Capture cameras that can be looked through."""
+        return [camera.name for camera in self.opened.rig] if self.opened and self.opened.rig else []
+
+    def why_not(self, what: str) -> str:
+        """Why something cannot be shown; "" where it can."""
+        if self.opened is None:
+            return NOTHING_OPEN
+        if what == "truth":
+            if self.context is None:
+                return "Ground truth needs the take and its footage; this is a stream alone."
+            return "" if self.camera_names else "Ground truth needs cameras; run Calibrate."
+        if what in self.opened.sources:
+            return ""
+        return f"There is nothing {what} here yet; run {'Train' if what == 'trained' else 'Bake'}."
+
+    def choose(self, what: str) -> bool:
+        """Show "truth", "trained" or "decoded" at the same frame; False, with a message, where it is not there."""
+        assert what in WHATS
+        why = self.why_not(what)
+        if why:
+            self.message = why
             return False
-        if self.source is not self.opened.sources[name]:
-            frame, playing = self.transport.frame, self.transport.playing
-            loop, speed = self.transport.loop, self.transport.speed
-            self.source = self.opened.sources[name]
-            self.transport = Transport(
-                self.source.frame_count, self.source.fps, self.source.group_starts, now=self._now
-            )
-            self.transport.loop, self.transport.speed = loop, speed
-            self.transport.seek(frame)
-            if playing:
-                self.transport.play()
-            self.message = ""
+        if what == "truth" and not self.camera:
+            self.look_through(self._first_camera())
+        self.what = what
+        self.message = ""
+        self._fit_transport()
         return True
+
+    def choose_mode(self, mode: str) -> bool:
+        """Compare in another way; False, with a message, where there is nothing to compare."""
+        assert mode in MODES
+        if mode == "single":
+            self.mode = mode
+            self._fit_lens()
+            return True
+        if self.opened is None or not self.opened.sources:
+            self.message = NOTHING_TO_SHOW
+            return False
+        if len(self.opened.sources) < 2 and not self.camera:
+            why = self.why_not("truth")
+            if why:
+                self.message = f"There is only one thing to show, so nothing to compare. {why}"
+                return False
+            self.look_through(self._first_camera())
+        if self.what == "truth" and self.opened.default is not None:
+            self.what = self.opened.default.name
+        self.mode = mode
+        self._lens_follows |= self.camera != "" and self.lens == Lens()
+        self._fit_lens()
+        return True
+
+    def zoom_to_performer(self) -> None:
+        """Bring the performer near, within the capture camera's image; or show the whole image again."""
+        self._lens_follows = self.camera != "" and self.lens == Lens()
+        self.lens = Lens()
+        self._fit_lens()
+
+    def _fit_lens(self) -> None:
+        """Hold the performer in a picture of the present size, as long as nobody has chosen another part."""
+        if self._lens_follows and self.camera and self.opened is not None and self.opened.rig is not None:
+            camera = self.opened.rig[self.camera].undistorted()
+            self.lens = Lens.around(self._points, camera, *self._box_size)
+
+    @property
+    def _box_size(self) -> tuple[int, int]:
+        """Of one picture: the whole, or a share where several stand side by side."""
+        count = 1 if self.mode != "side by side" else len(self.source_names) + 1
+        return self.size[0] // count, self.size[1]
+
+    @property
+    def reference(self) -> str:
+        """What a comparison compares with: ground truth where a capture camera is looked through."""
+        if self.camera and not self.why_not("truth"):
+            return "truth"
+        return "trained" if self.what == "decoded" else "decoded"
+
+    def _first_camera(self) -> str:
+        held_out = self.context.config.capture.held_out if self.context is not None else ()
+        names = self.camera_names
+        return next((name for name in names if name in held_out), names[0])
 
     # The view
 
     def resize(self, width: int, height: int) -> None:
         """The viewport has this many pixels now."""
-        self.size = (max(int(width), 16), max(int(height), 16))
+        size = (max(int(width), 16), max(int(height), 16))
+        if size != self.size:
+            self.size = size
+            self._fit_lens()
+
+    def look_through(self, camera: str) -> None:
+        """Stand where a capture camera stands; "" goes back to the free view, from there."""
+        self.message = ""
+        if camera and self.opened is not None and self.opened.rig is not None:
+            self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
+        if not camera and self.what == "truth" and self.opened is not None and self.opened.default is not None:
+            self.what = self.opened.default.name
+        self.camera, self.lens, self._lens_follows = camera, Lens(), camera != "" and self.mode != "single"
+        self._fit_lens()
+        if not camera and self.mode != "single" and len(self.source_names) < 2:
+            self.mode = "single"
+
+    def next_camera(self, direction: int = 1) -> None:
+        """The next or previous capture camera."""
+        names = self.camera_names
+        if not names:
+            self.message = "There are no capture cameras here."
+        elif not self.camera:
+            self.look_through(self._first_camera())
+        else:
+            self.look_through(names[(names.index(self.camera) + direction) % len(names)])
 
     def drag_orbit(self, dx: float, dy: float) -> None:
-        """Turn by a drag in pixels."""
+        """Turn by a drag in pixels; leaves a capture camera."""
+        self._leave_camera()
         self.orbit = self.orbit.orbit(dx, dy)
 
     def drag_pan(self, dx: float, dy: float) -> None:
-        """Move by a drag in pixels."""
+        """Move by a drag in pixels; in a capture camera's image where one is looked through."""
+        if self.camera and self.opened is not None and self.opened.rig is not None:
+            self._lens_follows = False
+            self.lens = self.lens.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
+            return
         self.orbit = self.orbit.pan(dx, dy, self.size[1])
 
     def wheel(self, notches: float) -> None:
-        """Nearer or farther."""
+        """Nearer or farther; in a capture camera's image where one is looked through."""
+        if self.camera:
+            self._lens_follows = False
+            self.lens = self.lens.zoomed(notches)
+            return
         self.orbit = self.orbit.zoom(notches)
 
+    def _leave_camera(self) -> None:
+        if self.camera:
+            self.look_through("")
+
+    def view(self) -> Camera | None:
+        """The pinhole camera of the view as it is; None where nothing is open."""
+        if self.opened is None:
+            return None
+        if self.camera and self.opened.rig is not None:
+            return self.lens.camera(self.opened.rig[self.camera].undistorted(), *self.size)
+        return self.orbit.camera(*self.size)
+
     def reset_view(self) -> None:
-        """Back to where the view was on opening."""
-        self.orbit = self.home
+        """Back to where the view was on opening; a capture camera's whole image where one is looked through."""
+        if self.camera:
+            self.lens, self._lens_follows = Lens(), False
+        else:
+            self.orbit = self.home
 
     def next_background(self) -> str:
         """Dark, black, white, and again."""
@@ -163,20 +321,39 @@ class PlayerPresenter:
         self.background = names[(names.index(self.background) + 1) % len(names)]
         return self.background
 
+    def wipe_at(self, x: float) -> bool:
+        """Whether a picture's column lies on the wipe's line, to within a finger's breadth."""
+        if self.mode != "wipe" or self.picture is None or self.picture.mode != "wipe":
+            return False
+        return abs(x - (self.picture.box.x + self.wipe * self.picture.box.width)) < 14
+
+    def move_wipe(self, x: float) -> None:
+        """Put the wipe's line at a picture's column."""
+        if self.picture is not None:
+            self.wipe = min(max((x - self.picture.box.x) / max(self.picture.box.width, 1), 0.0), 1.0)
+
     # Pictures
 
     def poll(self) -> Picture | None:
         """Ask for what is due and return a new picture if one is there. Never waits; call at each tick."""
-        if self.source is not None:
-            wish = Wish(self.source, self.transport.frame, self.orbit, self.size, BACKGROUNDS[self.background])
-            if self._asked is None or not _same(wish, self._asked):
+        if self.opened is not None and self.source is not None:
+            wish = Wish(
+                self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
+                self.camera, self.lens, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
+                self.opened.rig,
+            )  # fmt: skip
+            if self._asked is None or not wish.same_as(self._asked):
                 self._asked = wish
                 self._worker.ask(wish)
         done = self._worker.take()
         return self._received(done) if done is not None else None
 
+    def show_again(self) -> None:
+        """The viewport shows something else by now: the next poll makes the picture again."""
+        self._asked = None
+
     def _received(self, done: Done[Wish, Picture]) -> Picture | None:
-        if done.request.source is not self.source:
+        if self.opened is None or done.request.sources is not self.opened.sources:
             return None  # of what was open before
         if done.error is not None:
             what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
@@ -184,17 +361,10 @@ class PlayerPresenter:
             self.transport.pause()
             return None
         self.picture = done.result
-        self.message = ""
+        if self.message.startswith("Frame "):
+            self.message = ""
         self._shown_times.append(self._now())
         return self.picture
-
-    def _work(self, wish: Wish) -> Picture:
-        start = time.perf_counter()
-        gaussians = wish.source.gaussians(wish.frame)
-        loaded = time.perf_counter()
-        image = self._draw(gaussians, wish.orbit.camera(*wish.size), wish.background)
-        end = time.perf_counter()
-        return Picture(image, wish.frame, wish.source.name, len(gaussians), loaded - start, end - loaded)
 
     @property
     def settled(self) -> bool:
@@ -214,22 +384,25 @@ class PlayerPresenter:
         if self.picture is None or self.source is None:
             return ""
         picture = self.picture
+        what = LABELS[picture.source] if picture.mode == "single" else picture.mode
         parts = [
-            picture.source,
-            f"frame {picture.frame + 1} of {self.source.frame_count}",
-            f"{picture.frame / self.source.fps:.2f} s",
-            f"{picture.splats:,} splats",
-            f"load {1000 * picture.load_seconds:.0f} ms",
-            f"draw {1000 * picture.draw_seconds:.0f} ms",
+            what,
+            f"frame {picture.frame + 1} of {self.transport.frame_count}",
+            f"{picture.frame / self.transport.fps:.2f} s",
+            picture.camera or "free view",
         ]
-        if self.transport.playing:
-            parts.append(f"{self.rate:.0f} pictures/s")
+        if picture.splats:
+            parts.append(f"{picture.splats:,} splats")
+        if self.notice:
+            parts.append(self.notice)
         return "   ".join(parts)
 
     def close(self) -> bool:
         """End the thread and let go of files. Returns whether the thread ended in time."""
         ended = self._worker.close()
         self._close_sources()
+        self._maker.forget()
+        self.picture = self._asked = None
         return ended
 
     def _close_sources(self) -> None:
@@ -238,9 +411,20 @@ class PlayerPresenter:
                 source.close()
 
 
-def _same(one: Wish, other: Wish) -> bool:
-    return (
-        one.source is other.source
-        and one.orbit is other.orbit
-        and (one.frame, one.size, one.background) == (other.frame, other.size, other.background)
-    )
+def load(path: str | Path) -> tuple[Opened, Gaussians | None] | str:
+    """Open a take, a stream or an address and its first frame; or a sentence on what is wrong. Safe on any thread."""
+    try:
+        opened = open_path(path)
+        try:
+            first = opened.default.gaussians(0) if opened.default is not None else None
+        except StudioError as error:
+            if opened.take is None:
+                for source in opened.sources.values():
+                    source.close()
+                raise
+            first, opened.message = None, str(error)  # the rest of the take can still be looked at
+    except StudioError as error:
+        return str(error)
+    except Exception as error:  # a defect of ours: it must not take the window with it
+        return f"{path} could not be opened: {type(error).__name__}: {error}"
+    return opened, first

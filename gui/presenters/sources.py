@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from pipelines.take import Take, group_name
+from pipelines.take import Take
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+
+if TYPE_CHECKING:
+    from studio.stream import Manifest
 
 CACHE_BYTES = 512 * 1024 * 1024
 AHEAD = 4
@@ -36,6 +40,10 @@ class FrameSource(Protocol):
         """The splats of a frame. Raises StudioError where the file is damaged or gone."""
         ...
 
+    def load_ms(self, frame: int) -> float | None:
+        """What reading or decoding the frame took when it was last done, milliseconds; None if it never was."""
+        ...
+
     def close(self) -> None:
         """Let go of files and memory."""
         ...
@@ -47,24 +55,28 @@ class Opened:
 
     Attributes:
         title: the folder's name.
-        path: the folder.
-        sources: what can be shown of it, by name; the first is what to show at first.
+        path: the folder, or the address.
+        sources: what can be shown of it, by name; the first is what to show at first. A take may have none yet.
+        take: the take, where it is one.
+        message: what of it could not be opened.
         rig: the capture's cameras, where they are known.
         view: the camera to start from, where one is known.
         up: (3,) world up direction; z where no camera tells.
     """
 
     title: str
-    path: Path
+    path: Path | str
     sources: dict[str, FrameSource]
     rig: Rig | None = None
     view: Camera | None = None
     up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    take: Take | None = None
+    message: str = ""
 
     @property
-    def default(self) -> FrameSource:
-        """What to show at first."""
-        return next(iter(self.sources.values()))
+    def default(self) -> FrameSource | None:
+        """What to show at first; None where there is nothing yet."""
+        return next(iter(self.sources.values()), None)
 
 
 class FrameCache:
@@ -114,30 +126,29 @@ class TrainedSource:
 
     def __init__(self, take: Take, fps: float) -> None:
         self.fps = fps
-        self._files: list[Path] = []
-        starts = []
-        group = 0
-        while (folder := take.root / "train" / group_name(group)).is_dir():
-            first = len(self._files)
-            while (path := take.trained_frame(group, len(self._files))).is_file():
-                self._files.append(path)
-            if len(self._files) == first:
-                break
-            starts.append(first)
-            group += 1
+        self._files, starts = trained_files(take)
+        self.group_starts: Sequence[int] = starts
         if not self._files:
-            raise StudioError(f"{take.root}: nothing is trained in this take yet ({folder.parent} has no frame).")
-        self.group_starts: Sequence[int] = tuple(starts)
+            raise StudioError(f"{take.root}: nothing is trained in this take yet ({take.root / 'train'} has no frame).")
         self.frame_count = len(self._files)
         self._cache = FrameCache()
+        self._load_ms: dict[int, float] = {}
 
     def gaussians(self, frame: int) -> Gaussians:
         """See `FrameSource`."""
+        if frame >= self.frame_count:
+            raise StudioError(f"Frame {frame + 1} is not trained yet; {self.frame_count} frames are.")
         held = self._cache.get(frame)
         if held is None:
+            start = time.perf_counter()
             held = self._read(self._files[frame])
+            self._load_ms[frame] = 1000 * (time.perf_counter() - start)
             self._cache.put(frame, held)
         return held
+
+    def load_ms(self, frame: int) -> float | None:
+        """See `FrameSource`."""
+        return self._load_ms.get(frame)
 
     @staticmethod
     def _read(path: Path) -> Gaussians:
@@ -154,6 +165,22 @@ class TrainedSource:
         self._cache.clear()
 
 
+def trained_files(take: Take) -> tuple[list[Path], tuple[int, ...]]:
+    """Trained frames in order, up to the first that is missing, and the first frame of each group."""
+    files: list[Path] = []
+    starts = []
+    group = 0
+    while take.train_group(group).is_dir():
+        first = len(files)
+        while (path := take.trained_frame(group, len(files))).is_file():
+            files.append(path)
+        if len(files) == first:
+            break
+        starts.append(first)
+        group += 1
+    return files, tuple(starts)
+
+
 class StreamSource:
     """A baked stream. One thread decodes the frame that is asked for and then a few after it, so that while one frame
     is being drawn the next are being decoded.
@@ -164,10 +191,10 @@ class StreamSource:
 
     name = "decoded"
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, place: Path | str) -> None:
         from studio.stream import StreamReader
 
-        self._reader = StreamReader.open(folder)
+        self._reader = StreamReader.open(place)
         self.fps = float(self._reader.fps)
         self.frame_count = self._reader.frame_count
         self.group_starts: Sequence[int] = tuple(group.first_frame for group in self._reader.manifest.groups)
@@ -175,6 +202,7 @@ class StreamSource:
         self._changed = threading.Condition()
         self._wanted: int | None = None
         self._failed: dict[int, Exception] = {}
+        self._load_ms: dict[int, float] = {}
         self._closed = False
         self._thread = threading.Thread(target=self._decode, name="v3studio decode ahead", daemon=True)
         self._thread.start()
@@ -215,6 +243,7 @@ class StreamSource:
                 if self._closed:
                     return
                 assert frame is not None
+            start = time.perf_counter()
             try:
                 decoded = self._reader.gaussians(frame)
             except Exception as error:  # told to whoever asks for the frame
@@ -223,8 +252,18 @@ class StreamSource:
                     self._changed.notify_all()
             else:
                 with self._changed:
+                    self._load_ms[frame] = 1000 * (time.perf_counter() - start)
                     self._cache.put(frame, decoded)
                     self._changed.notify_all()
+
+    def load_ms(self, frame: int) -> float | None:
+        """See `FrameSource`."""
+        return self._load_ms.get(frame)
+
+    @property
+    def manifest(self) -> Manifest:
+        """What the stream says of itself."""
+        return self._reader.manifest
 
     @property
     def suggested_camera(self) -> Camera | None:
@@ -242,53 +281,70 @@ class StreamSource:
         self._reader.close()
 
 
-def open_path(path: Path) -> Opened:
-    """Open a take's folder or a stream's.
+def open_path(place: Path | str) -> Opened:
+    """Open a take's folder, a stream's, or a stream's address.
 
     Raises:
-        StudioError: it is neither, it is damaged, or nothing is there to show yet.
+        StudioError: it is none of these, or it is damaged.
     """
-    path = path.expanduser().absolute()
+    from studio.stream import is_address
+
+    if isinstance(place, str) and is_address(place):
+        return _open_stream(place, place.rstrip("/").rsplit("/", 1)[-1] or place)
+    path = Path(place).expanduser().absolute()
     if path.is_file() and path.name in ("manifest.json", "take.json"):
         path = path.parent
     if (path / "take.json").exists():
         return _open_take(path)
     if (path / "manifest.json").exists():
-        stream = StreamSource(path)
-        opened = Opened(path.name, path, {stream.name: stream}, view=stream.suggested_camera)
-        if opened.view is not None:
-            opened.up = -opened.view.rotation[1]
-        return opened
+        return _open_stream(path, path.name)
     if not path.exists():
         raise StudioError(f"{path}: there is no such folder; give the folder of a take or of a stream.")
     raise StudioError(f"{path} is neither a take (take.json) nor a stream (manifest.json); choose another folder.")
 
 
+def _open_stream(place: Path | str, title: str) -> Opened:
+    stream = StreamSource(place)
+    opened = Opened(title, place, {stream.name: stream}, view=stream.suggested_camera)
+    if opened.view is not None:
+        opened.up = -opened.view.rotation[1]
+    return opened
+
+
 def _open_take(path: Path) -> Opened:
     take = Take.open(path)
-    opened = Opened(path.name, path, {})
-    if take.rig.exists():
-        from studio.camera_files import read_rig
-
-        opened.rig = read_rig(take.rig)
-        opened.up = opened.rig.up
-        opened.view = next(iter(opened.rig), None)
-    if (take.stream / "manifest.json").exists():
-        decoded = StreamSource(take.stream)
-        opened.sources[decoded.name] = decoded
+    opened = Opened(path.name, path, {}, take=take)
+    problems = []
     try:
+        _open_rig(take, opened)
+    except StudioError as error:
+        problems.append(str(error))
+    if (take.stream / "manifest.json").exists():
+        try:
+            decoded = StreamSource(take.stream)
+            opened.sources[decoded.name] = decoded
+        except StudioError as error:  # what is trained can still be shown
+            problems.append(str(error))
+    if trained_files(take)[0]:
         trained = TrainedSource(take, _fps(take, opened))
-    except StudioError:
-        if not opened.sources:
-            raise
-    else:
         opened.sources[trained.name] = trained
+    opened.message = "\n".join(problems)
     return opened
+
+
+def _open_rig(take: Take, opened: Opened) -> None:
+    if not take.rig.exists():
+        return
+    from studio.camera_files import read_rig
+
+    opened.rig = read_rig(take.rig)
+    opened.up = opened.rig.up
+    opened.view = next(iter(opened.rig), None)
 
 
 def _fps(take: Take, opened: Opened) -> float:
     """Of the stream if there is one, else as the settings say; else `FALLBACK_FPS`."""
-    if opened.sources:
+    if opened.default is not None:
         return opened.default.fps
     from pipelines.config import load_config
 
@@ -296,3 +352,10 @@ def _fps(take: Take, opened: Opened) -> float:
         return load_config(take.config).capture.fps or FALLBACK_FPS
     except StudioError:
         return FALLBACK_FPS
+
+
+def take_contents(take: Take) -> tuple[object, ...]:
+    """Changes when frames were trained or a stream was baked since; costs little."""
+    files, _ = trained_files(take)
+    paths = [take.stream / "manifest.json", take.rig, *files[:1], *files[-1:]]
+    return len(files), *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)

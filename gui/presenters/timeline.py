@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gui.presenters.palette import ACCENT as HEAD
+from gui.presenters.palette import PANEL as BACKGROUND
+
 TRACK = (66, 69, 74)
 TRACK_OTHER_GROUP = (80, 84, 90)
 PAST = (46, 98, 118)
 PAST_OTHER_GROUP = (54, 112, 134)
-HEAD = (92, 200, 230)
-BACKGROUND = (45, 45, 45)
 
 
 @dataclass(frozen=True)

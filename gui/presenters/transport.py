@@ -77,6 +77,12 @@ class Transport:
         self._anchor_frame = min(max(int(frame), 0), self.last)
         self._anchor_time = self._now()
 
+    def resize(self, frame_count: int, group_starts: Sequence[int], fps: float) -> None:
+        """There are other frames now (more were trained, say): stays at the frame, playing or not."""
+        frame = self.frame
+        self.frame_count, self.group_starts, self.fps = max(frame_count, 1), tuple(group_starts) or (0,), fps
+        self._anchor(frame)
+
     def play(self) -> None:
         """Start from the current frame; from the beginning where the end was reached."""
         if not self.playing:

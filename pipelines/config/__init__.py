@@ -7,6 +7,7 @@ from pipelines.config.description import describe
 from pipelines.config.loading import dump_config, load_config, parse_override
 from pipelines.config.sections import (
     BakeSection,
+    BoardSection,
     CalibrateSection,
     CaptureSection,
     Config,
@@ -18,6 +19,7 @@ from pipelines.config.sections import (
 
 __all__ = [
     "BakeSection",
+    "BoardSection",
     "CalibrateSection",
     "CaptureSection",
     "Config",

@@ -95,6 +95,10 @@ class CaptureSection(Section):
     step: int = Field(default=1, ge=1)
     """Take each step-th frame."""
 
+    offsets: dict[str, int] = {}
+    """Cameras that are late or early, with the frames that they lag: {cam03: 2} takes its frame f + 2 for frame f.
+    `v3studio sync` estimates them from sound or motion."""
+
     size_rule: Literal["auto", "stretch", "crop", "letterbox"] = "auto"
     """What to do where footage has not the aspect ratio of its calibration: both axes were scaled on their own
     (stretch), it was cut evenly on both sides (crop), bars were added evenly (letterbox); auto refuses unless it sees
@@ -116,20 +120,96 @@ class CaptureSection(Section):
         return self
 
 
+class BoardSection(Section):
+    """The calibration board; `v3studio board` prints one."""
+
+    kind: Literal["charuco", "chessboard"] = "charuco"
+    """charuco: squares with markers, parts of it are enough; chessboard: all of it must be in view."""
+
+    columns: int = Field(default=8, ge=3, le=100)
+    """Squares in a row; a chessboard of 7 x 4 inner corners has 8 x 5 squares."""
+
+    rows: int = Field(default=5, ge=3, le=100)
+    """Rows of squares."""
+
+    square: float = Field(default=0.06, gt=0, lt=10)
+    """Side of a square in metres, measured on the print."""
+
+    marker: float = Field(default=0.045, gt=0, lt=10)
+    """Side of a marker in metres; ChArUco only."""
+
+    dictionary: str = "DICT_4X4_50"
+    """OpenCV's name of the markers' dictionary; ChArUco only."""
+
+    legacy: bool = False
+    """The board was drawn by OpenCV before 4.6 (with an even number of rows it begins with a white square)."""
+
+    inverted: bool = False
+    """Black and white are exchanged."""
+
+
 class CalibrateSection(Section):
-    """Cameras from the footage, where none are given."""
+    """Cameras from the footage or from a board, where none are given."""
+
+    board_images: str = ""
+    """Pattern of synchronized footage in which a board is moved about before the cameras, as in board/{camera}.mp4;
+    the cameras then come from the board. "" takes them from the capture's own footage."""
+
+    lens_images: str = ""
+    """Pattern of pictures of the board of each camera on its own, for the lenses: lenses/{camera}/*_{frame}.jpg."""
+
+    board: BoardSection = BoardSection()
+    """What the board is like."""
+
+    board_frames: int = Field(default=300, ge=1)
+    """Most frames a camera in which the board is looked for; they are spread over the footage."""
+
+    board_origin: int | None = None
+    """Frame of board_images whose board gives the origin, x along its columns, and up; null takes the point that the
+    cameras look at, and the cameras' up. Metres in any case."""
+
+    board_stands: bool = False
+    """In board_origin's frame the board stands upright, instead of lying on the floor."""
 
     frame: int | None = None
     """Frame to calibrate from, in the numbers that the files have; null is the first that is used."""
 
-    ignore_performer: bool = False
-    """Leave the performer out when looking for features; needs masks. Helps where the room is rich in texture."""
+    frames: int = Field(default=1, ge=1, le=100)
+    """How many moments, spread over the frames that are used, are taken together; the cameras stand still meanwhile.
+    Each takes as long as the first and makes the cameras surer: noise averages out, the performer is elsewhere."""
+
+    look_at: Literal["everything", "room", "performer"] = "everything"
+    """Where features are looked for: room leaves the performer out, performer leaves the room out; both need masks."""
 
     lens: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"] = "SIMPLE_RADIAL"
     """COLMAP's model of the lenses: more terms follow stronger distortion and need more features."""
 
     shared_lens: bool = False
     """All cameras have one lens in common (one camera carried about, or lenses locked alike)."""
+
+    lens_groups: tuple[tuple[str, ...], ...] = ()
+    """Names of cameras that have one lens in common, a list a group, as in [[cam01, cam02], [cam03, cam04]]."""
+
+    known: str = ""
+    """Camera file whose lenses are known, relative to capture.root; with known_poses its cameras' places are, too."""
+
+    keep_known: bool = True
+    """Lenses of known (or of lens_images) are kept; false begins with them and refines them."""
+
+    known_poses: bool = False
+    """known is an older solution of this rig: the new footage is put into it, which takes a fraction of the time."""
+
+    keep_poses: bool = False
+    """With known_poses: the cameras stay where they are; false follows cameras that were touched since."""
+
+    scale_between: tuple[str, ...] = ()
+    """Two cameras whose distance is known, as in [cam01, cam05]; it gives the scale."""
+
+    scale_distance: float | None = Field(default=None, gt=0)
+    """Metres between the centres of the two cameras of scale_between."""
+
+    floor: bool = False
+    """Look for the floor among the sparse points: it gives up, and the height 0. Needs a textured floor."""
 
     focal_factor: float = Field(default=1.2, gt=0, le=100)
     """First guess of the focal lengths, in longer image sides."""
@@ -230,8 +310,8 @@ class TrainSection(Section):
     """What stands behind the performer while training; random teaches coverage."""
 
     dropout: float = Field(default=0.2, ge=0, lt=1)
-    """Share of the splats that each step leaves out once densification is over: what is left must be right by itself,
-    which helps views that were never trained on."""
+    """Share of the splats that each step leaves out: what is left must be right by itself, which helps views that were
+    never trained on."""
 
     use_plates: bool = True
     """Where the capture has clean plates: compare footage as filmed with the splats drawn over the plate, instead of
@@ -242,6 +322,13 @@ class TrainSection(Section):
 
     keyframe_iterations: int = Field(default=12_000, ge=1)
     """Steps of the keyframe before pruning."""
+
+    density: Literal["gradient", "mcmc"] = "gradient"
+    """How splats find their places: gradient clones and splits as 3DGS does; mcmc moves dead splats to where they are
+    needed and grows to densify_max_splats."""
+
+    mcmc_noise: float = Field(default=1.0, ge=0)
+    """Strength of the exploration noise of density mcmc; 1 as published."""
 
     densify_from: int = Field(default=500, ge=0)
     """First step at which splats are cloned and split."""
@@ -289,6 +376,9 @@ class TrainSection(Section):
     motion_velocity: bool = True
     """Start from the motion of the frame before and learn the rest."""
 
+    motion_warm_start: bool = False
+    """Begin with the network of the frame before (and without the velocity guess) instead of a fresh one."""
+
     motion_neighbours: int = Field(default=0, ge=0, le=1000)
     """Each splat turns as the offsets to this many nearest splats do; 0: translation only, as in the paper."""
 
@@ -325,8 +415,17 @@ class TrainSection(Section):
     temporal_weight: float = Field(default=1e-3, ge=0)
     """Weight of the temporal loss, lambda_t of the paper's equation 13."""
 
+    temporal_huber: float = Field(default=0.0, ge=0)
+    """0: the temporal loss is the paper's L1. Above 0: a Huber loss, quadratic up to this many quantisation steps."""
+
+    simulate_quantisation: bool = False
+    """While fine-tuning, draw the attributes as the baker will round them."""
+
     rates: RatesSection = RatesSection()
     """Learning rates of the splats."""
+
+    checkpoint_every: int = Field(default=500, ge=0)
+    """Steps between two checkpoints of a keyframe in training, from which a broken run goes on; 0 makes none."""
 
 
 QP = Annotated[int, Field(ge=0, le=51)]
@@ -335,9 +434,24 @@ QP = Annotated[int, Field(ge=0, le=51)]
 class BakeSection(Section):
     """From trained Gaussians to the stream."""
 
+    profile: Literal["motion", "planes"] = "motion"
+    """motion: blocks of splats that move alike, and one small video of what that leaves. planes: the paper's, a video
+    for each number of a splat."""
+
     qp: QP = 20
-    """H.264 quantisation parameter: 0 is lossless, higher is smaller and coarser. Above 22, colour, scale and rotation
-    stay at 22 and the rest follows, as in the paper; the positions' high bytes are always lossless."""
+    """Quantisation parameter: 0 is lossless, higher is smaller and coarser. In planes, above 22 colour, scale and
+    rotation stay at 22 and the rest follows, as in the paper; the positions' high bytes are always lossless."""
+
+    target_kb_per_frame: Annotated[float, Field(gt=0)] | None = None
+    """Instead of qp: the best quality at which each group's files have at most this many kilobytes (1000 bytes) a
+    frame."""
+
+    target_psnr: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Instead of qp: the smallest stream whose decoded frames, drawn from a few cameras, reach this PSNR in dB against
+    the frames as trained, in each group."""
+
+    codec: Literal["h264", "hevc", "av1"] = "h264"
+    """h264 plays everywhere; motion can also be written as hevc or av1."""
 
     attribute_qps: dict[Literal["means_low", "opacities", "scales", "quats", "sh"], QP] = {}
     """QPs that replace that rule for single attributes, as in {opacities: 26}."""
@@ -345,11 +459,21 @@ class BakeSection(Section):
     preset: Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"] = (
         "medium"
     )
-    """x264 preset: slower ones spend fewer bytes."""
+    """How hard the encoder tries: slower ones spend fewer bytes."""
 
     mirror_low_bytes: bool = True
     """Let the positions' low bytes run backwards where the high byte is odd, so that they do not jump from 255 to 0.
     false gives the paper's plain low byte."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> BakeSection:
+        if self.target_kb_per_frame is not None and self.target_psnr is not None:
+            raise ValueError("target_kb_per_frame and target_psnr are both set; give one of them")
+        if self.profile == "planes" and self.codec != "h264":
+            raise ValueError(f"codec = {self.codec} is written for profile = motion only")
+        if self.codec == "av1" and self.qp == 0:
+            raise ValueError("qp = 0 (lossless) is not written as av1; choose h264 or hevc, or qp = 1")
+        return self
 
 
 class EvaluateSection(Section):

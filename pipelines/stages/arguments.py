@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.config import (
     BakeSection,
+    BoardSection,
     CalibrateSection,
     CaptureSection,
     InitialiseSection,
@@ -17,17 +18,18 @@ from pipelines.config import (
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from studio.calibration import SfmSettings
+    from studio.calibration import Board, BoardSettings, SfmSettings
     from studio.capture import CaptureSpec
     from studio.meshing import HullSettings
     from studio.stream import BakeSettings
     from studio.training import TrainSettings
 
-NOT_TRAINING = ("group_size", "check_footage")
+NOT_TRAINING = ("group_size", "check_footage", "checkpoint_every")
 """Settings of the train section that say nothing of how one frame is trained."""
 
-_RIG_NAMES = ("rig.json", "cameras.json", "calibration.json", "transforms.json", "transforms_train.json")
-_RIG_FOLDERS = (".", "calibration", "cameras", "sparse/0", "sparse", "colmap/sparse/0", "sparse_full_resolution")
+_RIG_FOLDERS = (
+    ".", "calibration", "cameras", "sparse/0", "sparse", "colmap/sparse/0", "sparse_full_resolution", "image_white",
+)  # fmt: skip
 
 
 def capture_spec(section: CaptureSection) -> CaptureSpec:
@@ -43,7 +45,28 @@ def sfm_settings(section: CalibrateSection, run: RunSection) -> SfmSettings:
     """How structure from motion solves."""
     from studio.calibration import SfmSettings
 
-    return SfmSettings(**section.model_dump(exclude={"frame", "ignore_performer"}), threads=run.threads, seed=run.seed)
+    names = {field.name for field in fields(SfmSettings)}
+    return SfmSettings(**section.model_dump(include=names), threads=run.threads, seed=run.seed)
+
+
+def board(section: BoardSection) -> Board:
+    """The board of the settings."""
+    from studio.calibration import Board
+
+    return Board(**section.model_dump())
+
+
+def board_settings(section: CalibrateSection, run: RunSection) -> BoardSettings:
+    """How cameras are found from a board."""
+    from studio.calibration import BoardSettings
+
+    return BoardSettings(
+        lens=section.lens,
+        principal_point="refine" if section.refine_principal_point else "auto",
+        origin=section.board_origin,
+        stands=section.board_stands,
+        threads=run.threads,
+    )
 
 
 def hull_settings(section: InitialiseSection) -> HullSettings:
@@ -57,7 +80,7 @@ def train_settings(section: TrainSection) -> TrainSettings:
     """How frames are trained."""
     from studio.training import LearningRates, TrainSettings
 
-    values: dict[str, Any] = section.model_dump(exclude={"rates", *NOT_TRAINING})
+    values: dict[str, Any] = section.model_dump(exclude={"rates", "group_size", "check_footage"})
     return TrainSettings(**values, rates=LearningRates(**section.rates.model_dump()))
 
 
@@ -84,12 +107,14 @@ def camera_file(section: CaptureSection) -> Path | None:
                 "footage."
             )
         return path
+    from studio.camera_files import find_camera_files
+
     found: list[Path] = []
     for folder in (section.root / name for name in _RIG_FOLDERS):
-        found += [folder / name for name in _RIG_NAMES if (folder / name).is_file()]
-        found += sorted(folder.glob("*.qca.txt"))
-        if (folder / "cameras.txt").is_file() or (folder / "cameras.bin").is_file():
-            found.append(folder)
+        found += find_camera_files(folder) if folder.is_dir() else []
+    if not found:  # VideoGS: a folder a frame with its own transforms.json, the same in all
+        frames = [part for part in section.root.glob("*/transforms.json") if part.parent.name.isdigit()]
+        found = sorted(frames, key=lambda part: int(part.parent.name))[:1]
     if len(found) > 1:
         names = ", ".join(str(path.relative_to(section.root)) for path in found)
         raise StudioError(f"{section.root} has several calibrations ({names}); name one in capture.rig.")

@@ -8,9 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pipelines.files import digest_of_file, link_or_copy, read_json, remove, write_json
 from pipelines.frame_files import read_frame
 from pipelines.groups import Group
+from pipelines.pictures import draw
 from pipelines.stages.arguments import bake_settings
 from pipelines.stages.base import Context, Ingredients, StageReporter, key_of, settings_of
 from pipelines.take import group_name
@@ -30,7 +33,7 @@ class BakeStage:
 
     name = "bake"
     title = "Baking"
-    version = 1
+    version = 2
     weight = 3.0
     needs: tuple[str, ...] = ("train",)
 
@@ -129,6 +132,7 @@ class BakeStage:
             group.first,
             bake_settings(context.config.bake, context.config.run.threads),
             progress=reporter.part(label, start, stop),
+            quality=DrawnError(context, group) if context.config.bake.target_psnr is not None else None,
         )
         files = sorted((self._folder(context) / group_name(group.index)).iterdir())
         write_json(
@@ -160,6 +164,48 @@ class BakeStage:
             os.rename(stream, old)
         os.rename(new, stream)
         remove(old)
+
+
+class DrawnError:
+    """How far decoded frames look from the trained ones: what `bake.target_psnr` is measured by.
+
+    Trained frames are drawn from a few cameras around the performer, in the box that holds what is drawn.
+    """
+
+    CAMERAS = 4
+    WIDTH = 640
+
+    def __init__(self, context: Context, group: Group) -> None:
+        self._context, self._group = context, group
+        names = context.footage.train_cameras
+        chosen = np.linspace(0, len(names), min(self.CAMERAS, len(names)), endpoint=False).astype(int)
+        self._cameras = [context.footage.rig[names[index]] for index in chosen]
+        self._trained: dict[int, list[np.ndarray]] = {}
+
+    def __call__(self, index: int, decoded: Gaussians) -> float:
+        """Mean squared error over the cameras, colours in 0 to 1; `index` counts within the group."""
+        if index not in self._trained:
+            path = self._context.take.trained_frame(self._group.index, self._group.indices[index])
+            self._trained[index] = self._draw(read_frame(path))
+        errors = []
+        for trained, found in zip(self._trained[index], self._draw(decoded), strict=True):
+            box = drawn_box(trained, self._context.config.capture.background)
+            errors.append(float(np.square(trained[box] - found[box]).mean()))
+        return sum(errors) / len(errors)
+
+    def _draw(self, gaussians: Gaussians) -> list[np.ndarray]:
+        context = self._context
+        background = context.config.capture.background
+        return [draw(gaussians, camera, background, context.device, self.WIDTH) for camera in self._cameras]
+
+
+def drawn_box(image: np.ndarray, background: Sequence[float]) -> tuple[slice, slice]:
+    """Rows and columns of an (H, W, 3) image that hold all that differs from the background; all, if nothing does."""
+    differs = (np.abs(image - np.array(background, dtype=np.float32)) > 1 / 255).any(axis=2)
+    rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
+    if rows.size == 0:
+        return slice(None), slice(None)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 class TrainedFrames(Sequence["Gaussians"]):

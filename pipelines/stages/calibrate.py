@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pipelines.calibration_report import calibration_figures, calibration_warnings, render_calibration
 from pipelines.files import atomic_path, digest_of_file, write_json
 from pipelines.point_files import write_points
 from pipelines.stages.arguments import camera_file, sfm_settings
 from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
+from pipelines.stages.boards import BOARD_SETTINGS, board_digest, calibrate_with_boards, lenses_from_boards
+from pipelines.stages.known_cameras import at_footage_size, focal_lengths, known_cameras, known_distance, known_file
 from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.capture import Footage
 
 
 class CalibrateStage:
@@ -28,14 +35,23 @@ class CalibrateStage:
         given = camera_file(context.config.capture)
         if given is not None:
             return {"camera file": _digest(given), "capture.cameras": list(context.config.capture.cameras)}
-        capture = settings_of(context.config, "capture.images", "capture.cameras", "capture.color_matrix")
-        if context.config.calibrate.ignore_performer:
+        if context.config.calibrate.board_images:
+            return {
+                "board footage": board_digest(context),
+                **settings_of(context.config, "capture.cameras", "capture.color_matrix", *BOARD_SETTINGS),
+            }
+        capture = settings_of(
+            context.config, "capture.images", "capture.cameras", "capture.color_matrix", "capture.offsets"
+        )
+        if context.config.calibrate.look_at != "everything":
             capture |= without(settings_of(context.config, "capture"), *_NO_MATTER_FOR_MASKS)
         return {
             "footage": context.footage_digest,
-            "frame": self._frame(context),
+            "frames": self._frames(context),
             **capture,
-            **without(settings_of(context.config, "calibrate", "run.seed"), "calibrate.frame"),
+            **without(settings_of(context.config, "calibrate", "run.seed"), "calibrate.frame", "calibrate.frames"),
+            **({"known": _digest(known_file(context))} if context.config.calibrate.known else {}),
+            **({"board footage": board_digest(context)} if context.config.calibrate.lens_images else {}),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -53,11 +69,20 @@ class CalibrateStage:
         given = camera_file(context.config.capture)
         if given is not None:
             rig, report = self._from_file(context, given)
+        elif context.config.calibrate.board_images:
+            rig, report = self._from_board(context, reporter)
         else:
             rig, report = self._from_footage(context, reporter)
         with atomic_path(context.take.rig) as temporary:
             write_rig(rig, temporary)
         write_json(context.take.calibration_report, report)
+        if "reprojection" in report:
+            page = render_calibration(report, rig.names)
+            with atomic_path(context.take.calibration_report.with_suffix(".html")) as temporary:
+                temporary.write_text(page, encoding="utf-8")
+            reporter.metrics(calibration_figures(report))
+            for sentence in calibration_warnings(report):
+                reporter.warn(sentence)
         context.forget_footage()
         reporter.progress(1.0, "cameras stand")
         return {"cameras": len(rig), "source": report["source"]}
@@ -73,45 +98,81 @@ class CalibrateStage:
             rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
         return Rig(tuple(match_rig(rig, names).values())), {"source": "file", "file": str(path)}
 
-    def _frame(self, context: Context) -> int:
+    def _frames(self, context: Context) -> list[int]:
         frames = context.raw_footage.frames
-        wanted = context.config.calibrate.frame
-        if wanted is None:
-            return int(frames[0])
-        if wanted not in frames:
+        section = context.config.calibrate
+        if section.frame is None:
+            # the middles of equal parts: the ends of a take are often empty
+            count = min(section.frames, len(frames))
+            if count == 1:
+                return [int(frames[0])]
+            return [int(frames[int((part + 0.5) * len(frames) / count)]) for part in range(count)]
+        if section.frames > 1:
             raise StudioError(
-                f"calibrate.frame = {wanted} is not among the frames that are used ({frames[0]} to {frames[-1]})."
+                f"calibrate.frame = {section.frame} names one frame, calibrate.frames = {section.frames} asks for "
+                "several; set one of them."
             )
-        return wanted
+        if section.frame not in frames:
+            raise StudioError(
+                f"calibrate.frame = {section.frame} is not among the frames that are used ({frames[0]} to "
+                f"{frames[-1]})."
+            )
+        return [section.frame]
+
+    def _from_board(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
+        result = calibrate_with_boards(context, reporter)
+        with atomic_path(context.take.calibration_points) as temporary:
+            write_points(temporary, result.points, None, result.colors)
+        return result.rig, {"source": "board", **result.report}
 
     def _from_footage(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
-        from studio.calibration import calibrate_from_images
+        from studio.calibration import calibrate_from_images, floor_world
 
-        footage = context.raw_footage
-        frame = self._frame(context)
-        images = {}
-        for number, camera in enumerate(footage.camera_names):
-            reporter.progress(0.1 * number / len(footage.camera_names), f"reading frame {frame}")
-            images[camera] = footage.raw_image(camera, frame)
+        footage, section = context.raw_footage, context.config.calibrate
+        frames = self._frames(context)
+        names = footage.camera_names
+        images = {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names}
         masks = None
-        if context.config.calibrate.ignore_performer:
-            # structure from motion wants what may be looked at: the room
+        if section.look_at != "everything":
+            room = section.look_at == "room"
             masks = {
-                camera: np.where(footage.raw_matte(camera, frame) < 128, 255, 0).astype(np.uint8)
-                for camera in footage.camera_names
+                camera: [partial(_where_to_look, footage, camera, frame, room) for frame in frames] for camera in names
             }
         work = context.take.work(self.name)
         work.mkdir(parents=True, exist_ok=True)
+        lenses: dict[str, Any] = {}
+        report: dict[str, Any] = {"source": "footage", "frame": frames[0], "frames": frames}
+        if section.lens_images:
+            lenses, report["lenses"] = lenses_from_boards(context, reporter, 0.0, 0.2)
+            lenses = {name: at_footage_size(context, name, camera) for name, camera in lenses.items()}
+        before = known_cameras(context)
+        if before is not None:
+            lenses = {camera.name: camera for camera in before} | lenses
         result = calibrate_from_images(
             images,
             masks,
             workdir=work,
-            settings=sfm_settings(context.config.calibrate, context.config.run),
-            progress=reporter.part("structure from motion", 0.1, 1.0),
+            known=lenses,
+            poses=before if section.known_poses else None,
+            focal_lengths={} if lenses else focal_lengths(footage, frames[0]),
+            settings=sfm_settings(section, context.config.run),
+            distance=known_distance(section),
+            progress=reporter.part("structure from motion", 0.2 if section.lens_images else 0.0, 1.0),
         )
+        rig, points = result.rig, result.points
+        if section.floor:
+            world, found = floor_world(rig, points)
+            rig, points = world.rig(rig), world.points(points)
+            report["floor"] = found
         with atomic_path(context.take.calibration_points) as temporary:
-            write_points(temporary, result.points, None, result.colors)
-        return result.rig.subset(footage.camera_names), {"source": "footage", "frame": frame, **result.report}
+            write_points(temporary, points, None, result.colors)
+        return rig.subset(names), {**report, **result.report}
+
+
+def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.ndarray:
+    """255 where features may be."""
+    performer = footage.raw_matte(camera, frame) >= 128
+    return np.where(performer != room, 255, 0).astype(np.uint8)
 
 
 _NO_MATTER_FOR_MASKS = (

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.files import read_json, remove, write_json
-from pipelines.frame_files import read_about, read_frame, write_frame
+from pipelines.frame_files import read_about, read_frame, read_tensors, write_frame, write_tensors
 from pipelines.groups import Group
 from pipelines.pictures import draw, write_picture
 from pipelines.point_files import read_points
@@ -36,14 +37,15 @@ if TYPE_CHECKING:
 class TrainStage:
     """See the module. A unit is a frame.
 
-    Each frame's file carries the key of its recipe: the keyframe's is made of settings, seed, footage, cameras and
-    initial points; each later frame's of the key before it and its frame number. So a longer take keeps the frames
-    that it shares with the shorter one, and a resumed group continues exactly where it stopped.
+    Each frame's file carries the key of its recipe: the keyframe's is made of the settings that keyframes are trained
+    by, seed, footage, cameras and initial points; each later frame's of the key before it, its frame number and the
+    settings of motion and fine-tuning. So a longer take keeps the frames that it shares with the shorter one, another
+    way of fine-tuning keeps the keyframes, and a resumed group continues exactly where it stopped.
     """
 
     name = "train"
     title = "Training"
-    version = 1
+    version = 2
     weight = 85.0
     needs: tuple[str, ...] = ("calibrate", "initialise")
 
@@ -105,32 +107,55 @@ class TrainStage:
             raise StudioError("\n".join(problems))
 
     def _recipe(self, context: Context) -> Ingredients:
+        """Of all frames."""
         settings = without(settings_of(context.config, "train"), *(f"train.{name}" for name in NOT_TRAINING))
         return {**seen_by_training(context), **settings, **settings_of(context.config, "run.seed")}
 
     def _keys(self, context: Context, group: Group) -> list[str]:
         """Key of each frame of the group, in order."""
+        from studio.training.settings import AFTER_KEYFRAME
+
         points = context.take.initialise_group(group.index) / "report.json"
         files = read_json(points).get("files") if points.is_file() else None
+        recipe = self._recipe(context)
+        later_names = [f"train.{name}" for name in AFTER_KEYFRAME]
+        later = {name: recipe[name] for name in later_names}
         start = key_of(
-            self.name, self.version, self._recipe(context), result_of(context.take, "calibrate"), files, group.index
+            self.name,
+            self.version,
+            without(recipe, *later_names),
+            result_of(context.take, "calibrate"),
+            files,
+            group.index,
         )
-        keys: list[str] = []
-        for frame in group.frames:
-            keys.append(key_of(self.name, self.version, keys[-1] if keys else start, frame))
+        keys = [key_of(self.name, self.version, start, group.keyframe)]
+        for frame in group.frames[1:]:
+            keys.append(key_of(self.name, self.version, keys[-1], later, frame))
         return keys
 
     def _finished(self, context: Context, group: Group) -> int:
         """How many frames of the group, from its first on without a gap, are trained by this recipe."""
-        for count, (index, key) in enumerate(zip(group.indices, self._keys(context, group), strict=True)):
-            about = read_about(context.take.trained_frame(group.index, index))
+        take, keys = context.take, self._keys(context, group)
+        count = 0
+        for index, key in zip(group.indices, keys, strict=True):
+            about = read_about(take.trained_frame(group.index, index))
             if about is None or about.get("key") != key:
-                return count
-        return len(group.frames)
+                break
+            count += 1
+        if context.config.train.motion_warm_start:
+            # the frame after needs this one's network
+            while 1 < count < len(keys):
+                about = read_about(take.motion_network(group.index, group.first + count - 1))
+                if about is not None and about.get("key") == keys[count - 1]:
+                    break
+                count -= 1
+        return count
 
     def _drop_leftovers(self, context: Context, group: Group) -> None:
         wanted = [context.take.trained_frame(group.index, index) for index in group.indices]
         for path in leftover(context.take.train_group(group.index), wanted, "frame_*.safetensors"):
+            remove(path)
+        for path in context.take.train_group(group.index).glob("motion_*.safetensors"):
             remove(path)
 
 
@@ -163,7 +188,7 @@ class GroupWork:
                 started = time.monotonic()
                 self.clock.start(group, position)
                 self.reporter.forget_figures()
-                gaussians = self._frame(group, position, previous, before, current)
+                gaussians = self._frame(group, position, previous, before, current, keys)
                 seconds = time.monotonic() - started
                 self.clock.finished(group, position, seconds)
                 timings.append(round(seconds, 3))
@@ -178,11 +203,11 @@ class GroupWork:
         previous: Gaussians | None,
         before: Gaussians | None,
         views: list[TrainView],
+        keys: list[str],
     ) -> Gaussians:
-        import torch
+        from studio.training import train_interframe
 
-        from studio.training import train_interframe, train_keyframe
-
+        take, index = self.context.take, group.first + position
         device = self.context.device
         seed = derived_seed(self.context.config.run.seed, "train", group.index, position)
 
@@ -190,26 +215,56 @@ class GroupWork:
             self._preview(group, position, gaussians, iteration)
 
         if previous is None:
-            points, colors = read_points(self.context.take.initialise_group(group.index) / "points.ply")
-            gaussians = train_keyframe(
-                views,
-                torch.from_numpy(points).to(device),
-                torch.from_numpy(colors).to(device),
-                self.settings,
-                seed=seed,
-                progress=self._progress(group, position),
-                snapshot=snapshot,
-            )
-        else:
-            gaussians = train_interframe(
-                previous.to(device),
-                views,
-                self.settings,
-                before_previous=None if before is None else before.to(device),
-                seed=seed,
-                progress=self._progress(group, position),
-                snapshot=snapshot,
-            ).gaussians
+            return self._keyframe(group, views, keys[0], seed, snapshot)
+        warm_start = None
+        if self.settings.motion_warm_start and position > 1:
+            warm_start = read_tensors(take.motion_network(group.index, index - 1), keys[position - 1])
+            warm_start = warm_start and {name: value.to(device) for name, value in warm_start.items()}
+        found = train_interframe(
+            previous.to(device),
+            views,
+            self.settings,
+            before_previous=None if before is None else before.to(device),
+            warm_start=warm_start,
+            seed=seed,
+            progress=self._progress(group, position),
+            snapshot=snapshot,
+        )
+        if self.settings.motion_warm_start:
+            write_tensors(take.motion_network(group.index, index), found.motion, {"key": keys[position]})
+            remove(take.motion_network(group.index, index - 2))
+        return found.gaussians.detach().to("cpu")
+
+    def _keyframe(
+        self, group: Group, views: list[TrainView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
+    ) -> Gaussians:
+        """From its checkpoint, where a run of the same recipe left one."""
+        import torch
+
+        from studio.training import train_keyframe
+
+        take, device = self.context.take, self.context.device
+        path = take.keyframe_checkpoint(group.index)
+
+        def keep(step: int, state: dict[str, torch.Tensor]) -> None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_tensors(path, state, {"key": key, "step": step, "frame": group.keyframe})
+
+        resume = read_tensors(path, key)
+        if resume is not None:
+            self.reporter.log(f"group {group.index}: the keyframe goes on from step {int(resume['done'])}")
+        points, colors = read_points(take.initialise_group(group.index) / "points.ply")
+        gaussians = train_keyframe(
+            views,
+            torch.from_numpy(points).to(device),
+            torch.from_numpy(colors).to(device),
+            self.settings,
+            seed=seed,
+            progress=self._progress(group, 0),
+            snapshot=snapshot,
+            checkpoint=keep,
+            resume=resume,
+        )
         return gaussians.detach().to("cpu")
 
     def _progress(self, group: Group, position: int) -> Any:
@@ -276,6 +331,7 @@ class GroupWork:
             },
         )
         write_frame(take.trained_frame(group.index, group.first + position), gaussians, about)
+        remove(take.keyframe_checkpoint(group.index))
 
     def _tell(self, group: Group, position: int, gaussians: Gaussians, seconds: float) -> None:
         frame = group.frames[position]

@@ -70,7 +70,7 @@ def align_rigs(source: Rig, target: Rig) -> Similarity:
     return align_points(source.subset(names).centers, target.subset(names).centers)
 
 
-def upright(rig: Rig, points: np.ndarray) -> Similarity:
+def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Similarity:
     """The world that a rig alone suggests.
 
     z up is the mean of the cameras' up directions, the origin is the point that the cameras look at (the middle of the
@@ -80,6 +80,7 @@ def upright(rig: Rig, points: np.ndarray) -> Similarity:
     Args:
         rig: the cameras.
         points: (P, 3) sparse points.
+        keep_scale: leave the scale as it is (metres, say).
     """
     centers = rig.centers
     focus = rig.focus
@@ -97,8 +98,77 @@ def upright(rig: Rig, points: np.ndarray) -> Similarity:
     x = toward / np.linalg.norm(toward)
     rotation = np.stack([x, np.cross(up, x), up])
     distance = float(np.linalg.norm(centers - focus, axis=1).mean())
-    scale = 1.0 / max(distance, 1e-12)
+    scale = 1.0 if keep_scale else 1.0 / max(distance, 1e-12)
     return Similarity(scale, rotation, -scale * rotation @ focus)
+
+
+def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similarity, dict[str, float]]:
+    """The world in which the floor is level and at height 0; directions and scale stay as they are otherwise.
+
+    The floor is the plane with the most sparse points of those nearly square to the cameras' common up that have nine
+    tenths of all points above or on them and the cameras above (RANSAC).
+
+    Args:
+        rig: the cameras; up is about z (as after `upright`).
+        points: (P, 3) sparse points.
+        seed: of the random choice.
+
+    Returns:
+        the transform, and `tilt` (degrees that up changes), `height` (by which the origin rises), `share` of the points
+        on the floor.
+
+    Raises:
+        StudioError: no plane holds a twentieth of the points.
+    """
+    if len(points) < 50:
+        raise StudioError(f"The floor cannot be found among {len(points)} sparse points; switch calibrate.floor off.")
+    rng = np.random.default_rng(seed)
+    size = float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
+    within, up = 0.01 * size, rig.up
+    best, found = 0, None
+    for _ in range(2000):
+        a, b, c = points[rng.choice(len(points), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal)
+        if length < 1e-12 * size**2:
+            continue
+        normal = normal / length if normal @ up > 0 else -normal / length
+        if normal @ up < np.cos(np.radians(25)):
+            continue
+        heights = (points - a) @ normal
+        count = int((np.abs(heights) < within).sum())
+        if count > best and (heights > -3 * within).mean() > 0.9 and ((rig.centers - a) @ normal > 0).all():
+            best, found = count, (normal, a)
+    if found is None or best < 0.05 * len(points):
+        raise StudioError(
+            "No floor was found: no level plane below the cameras holds a twentieth of the sparse points; switch "
+            "calibrate.floor off, or give the floor some texture."
+        )
+    on = points[np.abs((points - found[1]) @ found[0]) < within]
+    middle = on.mean(0)
+    normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
+    normal = normal if normal @ up > 0 else -normal
+    z = np.array([0.0, 0.0, 1.0])
+    axis = np.cross(normal, z)
+    angle = float(np.arctan2(np.linalg.norm(axis), normal @ z))
+    rotation = _about(axis, angle)
+    height = float((rotation @ middle)[2])
+    figures = {
+        "tilt": round(float(np.degrees(angle)), 3),
+        "height": round(height, 6),
+        "share": round(best / len(points), 3),
+    }
+    return Similarity(1.0, rotation, np.array([0.0, 0.0, -height])), figures
+
+
+def _about(axis: np.ndarray, angle: float) -> np.ndarray:
+    """(3, 3) rotation about an axis of any length (Rodrigues)."""
+    length = np.linalg.norm(axis)
+    if length < 1e-12:
+        return np.eye(3)
+    x, y, z = axis / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:

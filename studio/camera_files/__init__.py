@@ -3,19 +3,45 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
+from studio.camera_files import easymocap, rerf
+from studio.camera_files.actorshq import COLUMNS as ACTORSHQ_COLUMNS
+from studio.camera_files.actorshq import read_actorshq, write_actorshq
 from studio.camera_files.colmap_model import read_colmap, write_colmap
 from studio.camera_files.common import read_json, read_text
-from studio.camera_files.qualisys import read_qualisys
+from studio.camera_files.metashape import rig_from_metashape
+from studio.camera_files.qualisys import rig_from_qualisys
+from studio.camera_files.realityscan import read_realityscan
 from studio.camera_files.rig_json import rig_from_values, write_rig_json
+from studio.camera_files.toml_rigs import read_toml, write_toml
 from studio.camera_files.transforms_json import rig_from_transforms, write_transforms
 from studio.cameras import Rig
 from studio.errors import StudioError
 
-__all__ = ["read_rig", "write_rig"]
+__all__ = ["find_camera_files", "read_rig", "write_rig"]
 
-_KNOWN = "rig.json, cameras.json (K, R, t), transforms.json, a COLMAP model folder, or a Qualisys .qca.txt"
+_KNOWN = (
+    "rig.json, cameras.json (K, R, t), transforms.json, a COLMAP model folder, intri.yml and extri.yml, "
+    "calibration.csv (ActorsHQ, RealityScan), *.toml (Pose2Sim, Caliscope), *.xml (Metashape), a Qualisys .qca.txt, or "
+    "CamPose.inf and Intrinsic.inf"
+)
 _COLMAP_FILES = {f"{stem}.{suffix}" for stem in ("cameras", "images", "points3D") for suffix in ("bin", "txt")}
+_USUAL_NAMES = (
+    "rig.json", "cameras.json", "calibration.json", "transforms.json", "transforms_train.json", "calibration.csv",
+    "camera_array.toml", "cameras.xml", easymocap.INTRINSICS, rerf.POSES,
+)  # fmt: skip
+_USUAL_PATTERNS = ("*.qca.txt", "Calib*.toml")
+
+
+def find_camera_files(folder: Path) -> list[Path]:
+    """Camera files of usual names in a folder; the folder itself stands for a COLMAP model."""
+    found = [folder / name for name in _USUAL_NAMES if (folder / name).is_file()]
+    for pattern in _USUAL_PATTERNS:
+        found += sorted(folder.glob(pattern))
+    if any((folder / f"cameras.{suffix}").is_file() for suffix in ("txt", "bin")):
+        found.append(folder)
+    return found
 
 
 def read_rig(path: Path | str) -> Rig:
@@ -23,7 +49,9 @@ def read_rig(path: Path | str) -> Rig:
 
     Args:
         path: rig.json, a cameras.json with K, R, t, a transforms.json (instant-ngp, nerfstudio, NeuS2, VideoGS), a
-            COLMAP model folder (text or binary, or any file in it), or a Qualisys .qca.txt.
+            COLMAP model folder (text or binary, or any file in it), intri.yml or extri.yml (EasyMocap), calibration.csv
+            (ActorsHQ), RealityScan's CSV, a TOML of Pose2Sim or Caliscope, Metashape's XML, a Qualisys .qca.txt,
+            CamPose.inf (ReRF); or a folder with one of these, or with a folder a frame of which the first has one.
 
     Returns:
         the rig, in our conventions (OpenCV axes, pixel origin at the image corner).
@@ -34,14 +62,24 @@ def read_rig(path: Path | str) -> Rig:
     """
     path = Path(path)
     if path.is_dir():
-        return read_colmap(path)
+        return _read_folder(path)
     if not path.exists():
         raise StudioError(f"{path}: there is no such camera file.")
     if path.name in _COLMAP_FILES:
         return read_colmap(path.parent)
-    start = read_text(path).lstrip()[:1]
+    if path.name in (easymocap.INTRINSICS, easymocap.EXTRINSICS):
+        return easymocap.read_easymocap(path.parent)
+    if path.name in (rerf.POSES, rerf.INTRINSICS):
+        return rerf.read_rerf(path.parent)
+    if path.suffix.lower() == ".toml":
+        return read_toml(path)
+    text = read_text(path)
+    start = text.lstrip()[:1]
+    if path.suffix.lower() == ".csv":
+        heads = {head.strip() for head in text.lstrip().splitlines()[0].split(",")}
+        return read_actorshq(path) if len(heads & set(ACTORSHQ_COLUMNS)) > 9 else read_realityscan(path)
     if start == "<":
-        return read_qualisys(path)
+        return _read_xml(path, text)
     if start not in "{[":
         raise StudioError(f"{path}: this is no camera file that V3 Studio knows; give {_KNOWN}.")
     values = read_json(path)
@@ -52,13 +90,41 @@ def read_rig(path: Path | str) -> Rig:
     raise StudioError(f"{path}: has neither 'cameras' nor 'frames'; give {_KNOWN}.")
 
 
+def _read_folder(folder: Path) -> Rig:
+    files = find_camera_files(folder)
+    if len(files) > 1:
+        names = ", ".join(file.name for file in files)
+        raise StudioError(f"{folder}: holds several calibrations ({names}); name one.")
+    if files and files[0] != folder:
+        return read_rig(files[0])
+    frames = [part for part in folder.iterdir() if part.is_dir() and part.name.isdigit()]
+    with_cameras = [frame for frame in frames if (frame / "transforms.json").is_file()]
+    if with_cameras and not files:  # VideoGS: a folder a frame, each with the same cameras
+        return read_rig(min(with_cameras, key=lambda frame: int(frame.name)) / "transforms.json")
+    return read_colmap(folder)
+
+
+def _read_xml(path: Path, text: str) -> Rig:
+    try:
+        root = ElementTree.fromstring(text.encode())
+    except ElementTree.ParseError as error:
+        line, column = error.position
+        raise StudioError(
+            f"{path}: not whole XML at line {line}, column {column + 1}; the file may be cut short, export it again."
+        ) from None
+    if root.tag in ("document", "chunk"):
+        return rig_from_metashape(path, root)
+    return rig_from_qualisys(path, root)
+
+
 def write_rig(rig: Rig, path: Path | str) -> None:
     """Write cameras, atomically.
 
     Args:
         rig: what to write.
-        path: `transforms*.json` becomes a transforms.json, any other `.json` our rig.json, a path without an
-            extension a COLMAP text model folder.
+        path: `transforms*.json` becomes a transforms.json, any other `.json` our rig.json, `.csv` ActorsHQ's
+            calibration.csv, `camera_array*.toml` Caliscope's form, any other `.toml` Pose2Sim's, `intri.yml`
+            EasyMocap's two files, a path without an extension a COLMAP text model folder.
 
     Raises:
         StudioError: an unknown extension, a camera that the form cannot say, an unwritable place.
@@ -69,7 +135,16 @@ def write_rig(rig: Rig, path: Path | str) -> None:
             write_transforms(rig, path)
         else:
             write_rig_json(rig, path)
+    elif path.suffix == ".csv":
+        write_actorshq(rig, path)
+    elif path.suffix == ".toml":
+        write_toml(rig, path)
+    elif path.name in (easymocap.INTRINSICS, easymocap.EXTRINSICS):
+        easymocap.write_easymocap(rig, path.parent)
     elif path.suffix == "" or path.is_dir():
         write_colmap(rig, path)
     else:
-        raise StudioError(f"{path}: cameras are written as .json or as a COLMAP folder, not as '{path.suffix}'.")
+        raise StudioError(
+            f"{path}: cameras are written as .json, .csv, .toml, intri.yml or as a COLMAP folder, not as "
+            f"'{path.suffix}'."
+        )

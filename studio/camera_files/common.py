@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -72,7 +72,7 @@ def write_atomic(path: Path, data: bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def number(values: dict[str, Any], key: str, who: str, default: float | None = None) -> float:
+def number(values: Mapping[str, Any], key: str, who: str, default: float | None = None) -> float:
     """A finite number of a mapping.
 
     Raises:
@@ -90,11 +90,56 @@ def number(values: dict[str, Any], key: str, who: str, default: float | None = N
     return result
 
 
+def check_finite(value: np.ndarray, what: str, who: str) -> None:
+    """Refuse an array with NaN or infinity, naming the first such entry.
+
+    Raises:
+        StudioError: as said.
+    """
+    broken = np.argwhere(~np.isfinite(value))
+    if len(broken):
+        place = "".join(f"[{index}]" for index in broken[0]) if value.size > 1 else ""
+        raise StudioError(
+            f"{who}: {what}{place} is {value[tuple(broken[0])]}, which is not a finite number; mend the calibration "
+            "file."
+        )
+
+
+def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """The rows of a CSV file with a heading (which may begin with #), as column to text.
+
+    Raises:
+        StudioError: a column is missing, a row is too short, no row is there.
+    """
+    lines = [line for line in read_text(path).splitlines() if line.strip()]
+    heads = [head.strip().lstrip("#").strip() for head in lines[0].split(",")]
+    missing = [column for column in columns if column not in heads]
+    if missing:
+        raise StudioError(f"{path}: the column '{missing[0]}' is missing (there is {', '.join(heads)}).")
+    rows = []
+    for count, line in enumerate(lines[1:], 1):
+        cells = [cell.strip() for cell in line.split(",")]
+        if line.startswith("#"):
+            continue
+        if len(cells) < len(heads):
+            raise StudioError(
+                f"{path}: row {count} ('{cells[0]}') has {len(cells)} values where {len(heads)} are needed; is it cut "
+                "short?"
+            )
+        row = dict(zip(heads, cells, strict=False))
+        if not row[columns[0]]:
+            raise StudioError(f"{path}: row {count} has no '{columns[0]}'.")
+        rows.append(row)
+    if not rows:
+        raise StudioError(f"{path}: holds no camera; export the cameras again.")
+    return rows
+
+
 def matrix(value: Any, rows: tuple[int, ...], columns: int, what: str, who: str) -> np.ndarray:
     """A matrix of numbers with one of the given row counts.
 
     Raises:
-        StudioError: the wrong shape or something that is not a number.
+        StudioError: the wrong shape, something that is not a number, or not finite.
     """
     try:
         result = np.array(value, dtype=np.float64)
@@ -103,6 +148,7 @@ def matrix(value: Any, rows: tuple[int, ...], columns: int, what: str, who: str)
     if result.ndim != 2 or result.shape[0] not in rows or result.shape[1] != columns:
         wanted = " or ".join(f"{n}x{columns}" for n in rows)
         raise StudioError(f"{who}: {what} has shape {result.shape}; {wanted} is needed.")
+    check_finite(result, what, who)
     return result
 
 

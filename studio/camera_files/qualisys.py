@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import naming, number, read_text
+from studio.camera_files.common import naming, number
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
@@ -25,19 +25,12 @@ _SUBPIXELS = 64.0
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
-def read_qualisys(path: Path) -> Rig:
-    """Read a .qca.txt file; positions become metres.
+def rig_from_qualisys(path: Path, root: ElementTree.Element) -> Rig:
+    """A rig from the file's root element <calibration>; positions become metres.
 
     Raises:
-        StudioError: the XML is broken, or an element or number is missing or unusable.
+        StudioError: an element or number is missing or unusable.
     """
-    try:
-        root = ElementTree.fromstring(read_text(path).encode())
-    except ElementTree.ParseError as error:
-        line, column = error.position
-        raise StudioError(
-            f"{path}: not whole XML at line {line}, column {column + 1}; the file may be cut short, export it again."
-        ) from None
     with naming(path):
         entries = [entry for entry in root.findall("cameras/camera") if entry.get("active", "1") != "0"]
         video = [entry for entry in entries if _records_video(entry)]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import matrix, naming, number, read_json, write_atomic
+from studio.camera_files.common import check_finite, matrix, naming, number, read_json, write_atomic
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
@@ -59,6 +59,8 @@ def _camera(entry: Any, index: int) -> Camera:
         distortion = np.array(entry.get("distortion") or [], dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
         raise StudioError(f"{who}: 't' must be three numbers and 'distortion' a list of numbers.") from None
+    check_finite(pose[:3, 3], "t", who)
+    check_finite(distortion, "distortion", who)
     return Camera(
         name=str(entry["name"]),
         width=int(number(entry, "width", who)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,11 @@ _NOT_FOOTAGE = frozenset(
 _LAYOUTS = (
     "videos/{camera}.*",
     "video/{camera}.*",
+    "rgbs/{camera}/{camera}_rgb{frame}.*",  # ActorsHQ
+    "image_white/{frame}/{camera}.*",  # HiFi4G
+    "image_white_undistortion/{frame}/{camera}.*",
+    "image/{frame}/img_{camera}.*",  # ReRF, its videos taken apart
+    "image/{camera}.*",  # ReRF
     "images/{camera}/{frame}.*",
     "images/{camera}/*_{frame}.*",
     "{frame}/images/{camera}.*",
@@ -26,6 +32,7 @@ _LAYOUTS = (
     "rgb/{camera}/{frame}.*",
     "frames/{camera}/{frame}.*",
     "frames/{frame}/{camera}.*",
+    "{frame}/{camera}.*",
     "{camera}/{frame}.*",
     "{camera}/images/{frame}.*",
     "{camera}.*",
@@ -44,6 +51,10 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
         if layout == "{camera}.*":  # loose files: only videos, pictures beside a capture are rarely footage
             matches = [match for match in matches if match.path.suffix.lower() in VIDEO_EXTENSIONS]
         if layout == "images/{camera}.*" and _numbered(matches):
+            continue
+        if layout == "image/{camera}.*":  # pictures there are moments, or belong to another layout
+            matches = [match for match in matches if match.path.suffix.lower() in VIDEO_EXTENSIONS]
+        if layout == "{frame}/{camera}.*" and not _folders_are_frames(root, matches):
             continue
         if matches:
             return _with_extension(layout, matches), matches
@@ -67,6 +78,21 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
         f"{root}: no footage was found; put videos in videos/, or images in images/CAMERA/FRAME.png, or say where they "
         "are, for example images: 'rushes/{camera}.mp4'."
     )
+
+
+def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
+    """Whether numbers/numbers.png are frames/cameras, as in HiFi4G, where the cameras' file lies beside the folders;
+    without one they are cameras/frames."""
+    frames = {match.frame for match in matches}
+    cameras = {match.camera for match in matches}
+    if all(camera.isdigit() for camera in cameras):
+        try:
+            entries = json.loads((root / "transforms.json").read_text())["frames"]
+            named = {Path(entry["file_path"]).stem for entry in entries}
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
+        return bool(named) and named <= cameras
+    return len(matches) == len(frames) * len(cameras) and len(cameras) > 1
 
 
 def _numbered(matches: Sequence[Match]) -> bool:
@@ -96,7 +122,14 @@ def detect_beside(root: Path, folders: Sequence[str], cameras: Sequence[str]) ->
     for folder in folders:
         if not (root / folder).is_dir():
             continue
-        for below in ("{camera}/{frame}.*", "{camera}.*", "{camera}_{frame}.*"):
+        for below in (
+            "{camera}/{frame}.*",
+            "{camera}/{camera}_mask{frame}.*",  # ActorsHQ
+            "{frame}/img_{camera}.*",  # ReRF
+            "{frame}/{camera}.*",
+            "{camera}.*",
+            "{camera}_{frame}.*",
+        ):
             layout = f"{folder}/{below}"
             matches = [match for match in find_files(root, layout) if match.camera in wanted]
             if matches:

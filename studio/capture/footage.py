@@ -108,6 +108,15 @@ class Footage:
         source = self._source(camera)
         return source.width, source.height
 
+    def frames_of(self, camera: str) -> tuple[int, ...]:
+        """All frames that the files of one camera have, whether others have them or not."""
+        return tuple(self._source(camera).frames)
+
+    def file_of(self, camera: str, frame: int) -> Path | None:
+        """The file that a frame of a camera lies in, None where it has none."""
+        files = self._source(camera).files([frame])
+        return files[0] if files else None
+
     def raw_image(self, camera: str, frame: int) -> np.ndarray:
         """(H, W, 3) uint8 RGB as in the file: distorted, full size. For calibration.
 

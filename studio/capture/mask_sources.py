@@ -44,7 +44,7 @@ def mask_source(
         found = _mask_files(spec, names, required=kind == "files")
         if found is not None:
             pattern, matches = found
-            return _file_matter(matches, names, frames, pool, "mask"), f"Masks: files '{pattern}'."
+            return _file_matter(matches, names, frames, pool, "mask", spec.offsets), f"Masks: files '{pattern}'."
     if kind in ("clean_plate", "auto"):
         found = _plates(spec, names, required=kind == "clean_plate")
         if found is not None:
@@ -113,9 +113,14 @@ def _plates(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[
 
 
 def _file_matter(
-    matches: list[Match], names: tuple[str, ...], frames: tuple[int, ...], pool: DecoderPool, what: str
+    matches: list[Match],
+    names: tuple[str, ...],
+    frames: tuple[int, ...],
+    pool: DecoderPool,
+    what: str,
+    offsets: Mapping[str, int],
 ) -> FileMatter:
-    matter = FileMatter(make_sources(matches, pool))
+    matter = FileMatter(make_sources(matches, pool, offsets=offsets))
     for name in names:
         missing = matter.missing(name, frames)
         if missing:
@@ -139,5 +144,5 @@ def exact_mattes(spec: CaptureSpec, names: tuple[str, ...], frames: tuple[int, .
     matches = [match for match in find_files(spec.root, pattern) if match.camera in names]
     if not matches:
         raise StudioError(f"{spec.root}: no evaluation matte fits the pattern '{pattern}'.")
-    matter = _file_matter(matches, names, frames, DecoderPool(len(names)), "evaluation matte")
+    matter = _file_matter(matches, names, frames, DecoderPool(len(names)), "evaluation matte", spec.offsets)
     return matter, f"Measured within the exact mattes '{pattern}'."

@@ -46,11 +46,12 @@ def open_footage(
     matches = _chosen(spec, matches)
     pool = DecoderPool(4)
     try:
-        sources = make_sources(matches, pool, spec.color_matrix)
+        sources = make_sources(matches, pool, spec.color_matrix, spec.offsets)
     except BaseException:
         pool.close()
         raise
     pool.limit = min(decoder_limit(source.width, source.height) for source in sources.values())
+    _unknown(tuple(spec.offsets), tuple(sources), "The setting offsets")
     frames, problems = _frames(spec, sources)
     if strict and problems:
         raise StudioError(problems[0] if len(problems) == 1 else f"{problems[0]} ({len(problems) - 1} more like it.)")
@@ -110,6 +111,9 @@ def _frames(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[tupl
         return frame >= low and (spec.stop is None or frame < spec.stop) and (frame - low) % spec.step == 0
 
     everything = sorted(set().union(*(source.frames for source in sources.values())))
+    if spec.offsets:  # what late cameras lack at the ends is no fault of the footage
+        shared = set(everything).intersection(*(source.frames for source in sources.values()))
+        everything = [frame for frame in everything if shared and min(shared) <= frame <= max(shared)] or everything
     wanted = [frame for frame in everything if inside(frame, everything[0])]
     if not wanted:
         raise StudioError(

@@ -83,6 +83,31 @@ class ImageSource:
         return str(self._paths.get(frame, f"frame {frame}"))
 
 
+class ShiftedSource:
+    """A `FrameSource` of a camera that was late or early: its frame f is the file's frame f + offset."""
+
+    def __init__(self, source: FrameSource, offset: int) -> None:
+        self.source = source
+        self.offset = offset
+        self.camera = source.camera
+        self.frames = tuple(frame - offset for frame in source.frames)
+        self.width, self.height = source.width, source.height
+        self.has_alpha = source.has_alpha
+        self.fps = source.fps
+
+    def read(self, frame: int) -> np.ndarray:
+        """See `FrameSource`."""
+        return self.source.read(frame + self.offset)
+
+    def files(self, frames: Iterable[int] | None = None) -> list[Path]:
+        """See `FrameSource`."""
+        return self.source.files(None if frames is None else [frame + self.offset for frame in frames])
+
+    def where(self, frame: int) -> str:
+        """See `FrameSource`."""
+        return self.source.where(frame + self.offset)
+
+
 class DecoderPool:
     """Keeps at most `limit` video decoders open: the least recently used closes first."""
 
@@ -147,8 +172,12 @@ def decoder_limit(width: int, height: int) -> int:
     return max(4, int(psutil.virtual_memory().available / 4 / each))
 
 
-def make_sources(matches: list[Match], pool: DecoderPool, color_matrix: str = "auto") -> dict[str, FrameSource]:
+def make_sources(
+    matches: list[Match], pool: DecoderPool, color_matrix: str = "auto", offsets: Mapping[str, int] | None = None
+) -> dict[str, FrameSource]:
     """A source a camera from the files that a pattern found; still images without `{frame}` become frame 0.
+
+    `offsets` are the frames that cameras are late, as in `CaptureSpec`.
 
     Raises:
         StudioError: a file cannot be opened; a pattern with `{frame}` found videos; images and videos are mixed.
@@ -174,4 +203,7 @@ def make_sources(matches: list[Match], pool: DecoderPool, color_matrix: str = "a
             f"Camera '{kinds[True]}' is a video and camera '{kinds[False]}' is images; a capture must be one or the "
             "other: narrow the images pattern."
         )
+    for camera, offset in (offsets or {}).items():
+        if offset and camera in sources:
+            sources[camera] = ShiftedSource(sources[camera], offset)
     return sources

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -47,6 +48,8 @@ class CaptureSpec:
         held_out_every: hold out every n-th camera too (n-th, 2n-th ... in name order); 0 means none.
         scale: size of the images handed out relative to the files, 0 < scale <= 1, area filter.
         start, stop, step: frames to use, in the numbers that the files have; stop is not included.
+        offsets: camera to whole frames that it is late: its file's frame f + offset is frame f (`sync.check_sync`
+            estimates them). Applies to images and mask files alike.
         size_rule: what to do where footage has not the aspect ratio of its calibration: "stretch" (both axes
             were scaled on their own), "crop" (cut evenly on both sides), "letterbox" (scaled, bars added evenly),
             "auto" (only where black bars are seen: letterbox; else refuse).
@@ -72,6 +75,7 @@ class CaptureSpec:
     start: int | None = None
     stop: int | None = None
     step: int = 1
+    offsets: Mapping[str, int] = field(default_factory=dict)
     size_rule: str = "auto"
     cache_bytes: int | None = None
 

@@ -11,7 +11,7 @@ _ROUNDING = 1e-6  # of a frame: it is due at its instant, whatever floating poin
 class Clock:
     """Ticks are frames since the start of the stream; they go on rising through loops.
 
-    After `cue` the clock stands at a frame until `first_frame_is_ready`; then it runs whenever it is playing.
+    After `cue` or `hold` the clock stands at a frame until `frame_is_ready`; then it runs whenever it is playing.
 
     Args:
         fps: ticks a second at rate 1.
@@ -54,16 +54,30 @@ class Clock:
             self._anchor(float(frame))
             self._waiting = True
 
-    def first_frame_is_ready(self) -> None:
-        """Stop waiting."""
+    def hold(self, tick: int) -> None:
+        """Stand at a tick and wait there for its frame, which the network has not brought in time."""
+        with self._lock:
+            if not self._waiting:
+                self._anchor(float(tick))
+                self._waiting = True
+
+    def frame_is_ready(self, tick: int) -> None:
+        """Stop waiting, once what is ready is what is waited for, or comes after it (what lies between is damaged)."""
+        with self._lock:
+            if self._waiting and tick >= int(self._anchor_tick + _ROUNDING):
+                self._anchor(max(self._anchor_tick, float(tick)))
+                self._waiting = False
+
+    def nothing_will_come(self) -> None:
+        """Stop waiting, at the end."""
         with self._lock:
             if self._waiting:
-                self._anchor(self._anchor_tick)
+                self._anchor(float(self._frame_count))
                 self._waiting = False
 
     @property
     def waiting(self) -> bool:
-        """True between `cue` and `first_frame_is_ready`."""
+        """True between `cue` or `hold` and `frame_is_ready`."""
         with self._lock:
             return self._waiting
 

@@ -3,28 +3,32 @@
 A `Run` delivers frames in order from one start frame. Seeking ends the run and begins another; what both can use
 (files that were fetched, the open decoder) lies in `Shared`. Frames are numbered by *ticks*, which go on rising when
 the stream loops: frame = tick % frame_count.
+
+A group that cannot be had or decoded is left out, noted (`Shared.skipped`), and the run goes on with the next; it ends
+with an error where nothing at all can be played, or the server stays away.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-
-import numpy as np
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.playback.lane import Lane
+from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats
-from studio.stream import GroupDecoder, GroupEntry, StreamReader, dequantise_planes, fetch_group
+from studio.stream import DecodedFrame, GroupEntry, SourceUnavailable
 
 FETCHED_GROUPS = 1  # waiting; with one being decoded and one being fetched, up to three are in memory
 DECODED_FRAMES = 3
 READY_FRAMES = 4
-_KEPT_GROUPS = 6  # so that scrubbing to and fro fetches nothing again
+STARVED_AFTER = 0.5
+"""Seconds that fetching a group may take before whoever waits for it is said to be starved."""
+
+_JOIN_SECONDS = 1.0  # a fetch that hangs in the network is left behind; its thread dies with its time limit
 
 
 @dataclass(frozen=True)
@@ -58,39 +62,9 @@ class _Fetched:
 class _Decoded:
     tick: int
     group: GroupEntry
-    planes: np.ndarray
+    frame: DecodedFrame
     fetch_ms: float
     decode_ms: float
-
-
-class Shared:
-    """What outlives a run: the reader, the last few groups' files, and the decoder that is open."""
-
-    def __init__(self, reader: StreamReader) -> None:
-        self.reader = reader
-        self.decode_lock = threading.Lock()  # one run decodes at a time; a run that was ended leaves within a frame
-        self.decoder: GroupDecoder | None = None
-        self._files: OrderedDict[int, dict[str, bytes]] = OrderedDict()
-        self._files_lock = threading.Lock()
-
-    def files(self, group: GroupEntry) -> dict[str, bytes]:
-        """The group's files, kept from before or fetched and checked now."""
-        with self._files_lock:
-            if group.index in self._files:
-                self._files.move_to_end(group.index)
-                return self._files[group.index]
-        files = fetch_group(self.reader.source, group)
-        with self._files_lock:
-            self._files[group.index] = files
-            while len(self._files) > _KEPT_GROUPS:
-                self._files.popitem(last=False)
-        return files
-
-    def close_decoder(self) -> None:
-        """Free the decoder; only with `decode_lock` held."""
-        if self.decoder is not None:
-            self.decoder.close()
-            self.decoder = None
 
 
 class Run:
@@ -118,6 +92,10 @@ class Run:
         self._decoded: Lane[_Decoded] = Lane(DECODED_FRAMES)
         self.ready: Lane[PlayedFrame] = Lane(READY_FRAMES)
         self.error: BaseException | None = None
+        self._fetching: tuple[int, float] | None = None  # tick from which frames are waited for, and since when
+        self._unavailable = 0  # groups in a row that the server did not give
+        self._decoded_until = 0  # frame after the last one that was decoded
+        self._delivered = False
         self._dropped = 0
         self._dropped_lock = threading.Lock()
         stages = (
@@ -154,9 +132,19 @@ class Run:
             lane.abort()
 
     def join(self) -> None:
-        """Wait until the threads have ended (after `stop`)."""
-        for thread in self._threads:
+        """Wait until the threads have ended (after `stop`); a fetch that hangs in the network is not waited for."""
+        fetching, *others = self._threads
+        for thread in others:
             thread.join()
+        fetching.join(_JOIN_SECONDS)
+
+    @property
+    def starved_at(self) -> int | None:
+        """The tick from which on frames wait for a fetch that takes unusually long; None where none does."""
+        fetching = self._fetching
+        if fetching is None or time.monotonic() - fetching[1] < STARVED_AFTER:
+            return None
+        return fetching[0]
 
     def _guarded(self, work: Callable[[], None], lane: Lane) -> None:
         """Run one stage; whatever it raises ends the run, after the frames that were made before it."""
@@ -185,28 +173,63 @@ class Run:
             lap, first = lap + 1, 0
 
     def _fetch(self) -> None:
+        failures = 0  # without an intact group between them
         for start_tick, group in self._groups():
             end_tick = start_tick + group.frame_count
             if self._late(end_tick):
                 self.count_dropped(end_tick - max(start_tick, self._start))
                 continue
             began = time.perf_counter()
-            files = self._shared.files(group)
+            files = self._files(group, start_tick)
             milliseconds = 1e3 * (time.perf_counter() - began)
+            if files is None:
+                failures += 1
+                if self._fetched.over:
+                    return
+                if failures >= len(self._manifest.groups):
+                    raise StudioError(f"Nothing of the stream can be played. {self._shared.skipped[0]}")
+                continue
+            failures = 0
             if self._fetched.put(_Fetched(start_tick, group, files, milliseconds)) is None:
                 return
+
+    def _files(self, group: GroupEntry, start_tick: int) -> dict[str, bytes] | None:
+        """The group's files; None where they cannot be had, which is then noted."""
+        if self._shared.is_lost(group):
+            return None
+        self._fetching = (max(start_tick, self._start), time.monotonic())
+        try:
+            files = self._shared.files(group)
+        except StudioError as error:
+            if self._fetched.over:
+                return None  # closed meanwhile: that says nothing about the group
+            self._shared.note_damage(group, group.first_frame, group.end_frame, str(error))
+            self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
+            if self._unavailable == 2:
+                raise  # twice in a row: it is not the group, the server is gone
+            return None
+        finally:
+            self._fetching = None
+        self._unavailable = 0
+        self._shared.note_intact(group)
+        return files
 
     def _decode(self) -> None:
         with self._shared.decode_lock:
             while (fetched := self._fetched.get()) is not None:
-                if not self._decode_group(fetched):
-                    return
+                try:
+                    if not self._decode_group(fetched):
+                        return
+                except StudioError as error:
+                    group, decoded = fetched.group, self._decoded_until
+                    self._shared.note_damage(group, max(group.first_frame, decoded), group.end_frame, str(error))
 
     def _decode_group(self, fetched: _Fetched) -> bool:
         """Decode one group from where it is wanted; False when the run is over."""
         shared, group = self._shared, fetched.group
         end_tick = fetched.start_tick + group.frame_count
         first = max(fetched.start_tick, self._start)
+        self._decoded_until = group.first_frame
         began = time.perf_counter()
         decoder = shared.decoder
         wanted = group.first_frame + first - fetched.start_tick
@@ -220,14 +243,15 @@ class Run:
                 if self._late(end_tick) and self._fetched.peek() is not None:
                     self.count_dropped(end_tick - max(tick, first))
                     break
-                planes = decoder.read()
+                frame = decoder.read()
+                self._decoded_until = decoder.next_frame
                 if tick < first:
                     if self._decoded.over:  # seeking: a newer run may be waiting for its turn
                         return False
                     continue
                 now = time.perf_counter()
                 share = fetched.milliseconds / group.frame_count
-                if self._decoded.put(_Decoded(tick, group, planes, share, 1e3 * (now - began))) is None:
+                if self._decoded.put(_Decoded(tick, group, frame, share, 1e3 * (now - began))) is None:
                     return False
                 began = time.perf_counter()
         except BaseException:
@@ -242,11 +266,14 @@ class Run:
             if following is not None and self._late(following.tick):
                 self.count_dropped(1)
                 continue
-            group = decoded.group
+            group, frame = decoded.group, decoded.tick % count
             began = time.perf_counter()
-            gaussians = dequantise_planes(group, decoded.planes)
+            try:
+                gaussians = decoded.frame.gaussians()
+            except StudioError as error:
+                self._shared.note_damage(group, frame, frame + 1, str(error))
+                continue
             milliseconds = 1e3 * (time.perf_counter() - began)
-            frame = decoded.tick % count
             stats = FrameStats(
                 frame, group.index, group.bytes / group.frame_count, decoded.fetch_ms, decoded.decode_ms, milliseconds
             )
@@ -254,7 +281,12 @@ class Run:
             dropped = self.ready.put(item, (lambda second: self._late(second.tick)) if self._due else None)
             if dropped is None:
                 return
+            self._delivered = True
             self.count_dropped(dropped)
+        if not self._delivered and not self.ready.over and self.error is None and self._shared.skipped:
+            frame = self._start % count
+            left_out = [item for item in self._shared.skipped if item.first_frame + item.frame_count > frame]
+            raise StudioError(f"Nothing can be played from frame {frame} on. {left_out[0]}")
 
 
 def raise_for_user(error: BaseException) -> None:

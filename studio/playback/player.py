@@ -10,15 +10,20 @@ from types import TracebackType
 
 from studio.errors import StudioError
 from studio.playback.clock import Clock
-from studio.playback.pipeline import PlayedFrame, Run, Shared, raise_for_user
+from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
+from studio.playback.shared import Shared
+from studio.playback.statistics import SkippedGroup
 from studio.stream import Source, StreamReader
 
 
 class Player:
     """Plays a stream at its frame rate. All methods may be called from any thread.
 
-    The clock starts when the first frame after opening or seeking is ready, and then never waits: frames that come too
-    late are dropped, and the newest that is due is shown. Frames never come out of order.
+    The clock starts when the first frame after opening or seeking is ready. Frames that are decoded too late are
+    dropped, and the newest that is due is shown; the clock waits for nothing but a fetch that takes unusually long (a
+    slow network, a server that is being restarted). Frames never come out of order.
+
+    A damaged group is left out: the frame before it stays up for its time, then playing goes on. `skipped` tells.
 
     Args:
         stream: an open reader (left open by `close`), or the folder or source of a stream.
@@ -114,12 +119,18 @@ class Player:
         """The frame to show now; the same object as before while none newer is due, None before the first is ready.
 
         Raises:
-            StudioError: the stream is damaged from here on; playing has stopped.
+            StudioError: nothing can be played from here on, or the server stays away; playing has stopped.
         """
         with self._lock:
             run = self._run
-            if run.ready.peek() is not None:
-                self._clock.first_frame_is_ready()
+            starved_at = run.starved_at
+            if starved_at is not None and self._clock.due() >= starved_at:
+                self._clock.hold(starved_at)
+            first = run.ready.peek()
+            if first is not None:
+                self._clock.frame_is_ready(first.tick)
+            elif run.ready.over and run.error is None:
+                self._clock.nothing_will_come()
             due = self._clock.due()
             taken = run.ready.take_while(lambda item: item.tick <= due)
             if taken:
@@ -139,7 +150,8 @@ class Player:
 
     @property
     def buffering(self) -> bool:
-        """True until the first frame after opening or seeking has been taken up by `frame`."""
+        """True until the first frame after opening or seeking has been taken up by `frame`, and while a slow fetch is
+        waited for."""
         return self._clock.waiting
 
     @property
@@ -169,6 +181,11 @@ class Player:
         with self._lock:
             return self._dropped_before + self._run.dropped
 
+    @property
+    def skipped(self) -> tuple[SkippedGroup, ...]:
+        """Damaged groups that were left out so far."""
+        return self._shared.skipped
+
     def close(self) -> None:
         """End all threads; closes the reader if the player opened it."""
         with self._lock:
@@ -177,6 +194,8 @@ class Player:
             runs = [*self._retired, self._run]
             for run in runs:
                 run.stop()
+        if self._owned:
+            self.reader.end_reads()
         for run in runs:
             run.join()
         with self._shared.decode_lock:

@@ -18,6 +18,7 @@ class FrameStats:
         fetch_ms: its share of reading the group's files and checking their SHA-256.
         decode_ms: video to planes; a keyframe's includes opening the group's files.
         dequantise_ms: planes to float attribute arrays.
+        render_ms: drawing it; None where nobody drew.
     """
 
     frame: int
@@ -26,6 +27,27 @@ class FrameStats:
     fetch_ms: float
     decode_ms: float
     dequantise_ms: float
+    render_ms: float | None = None
+
+
+@dataclass(frozen=True)
+class SkippedGroup:
+    """Frames that could not be played because their group is damaged, missing or out of reach.
+
+    Attributes:
+        group: its index.
+        first_frame, frame_count: 0-based; the frames of it that were left out.
+        reason: a sentence that names the file and what is wrong with it.
+    """
+
+    group: int
+    first_frame: int
+    frame_count: int
+    reason: str
+
+    def __str__(self) -> str:
+        last = self.first_frame + self.frame_count - 1
+        return f"Group {self.group}, frames {self.first_frame} to {last}, was left out: {self.reason}"
 
 
 @dataclass(frozen=True)
@@ -59,11 +81,13 @@ class PlaybackReport:
         shown: how many that were.
         dropped: frames that were late and left out.
         seconds: from the first request to the last frame.
+        skipped: damaged groups that playing went past; their frames are neither shown nor dropped.
     """
 
     frames: tuple[FrameStats, ...]
     dropped: int
     seconds: float
+    skipped: tuple[SkippedGroup, ...] = ()
 
     @property
     def shown(self) -> int:
@@ -76,17 +100,21 @@ class PlaybackReport:
         return self.shown / self.seconds if self.seconds > 0 else 0.0
 
     def spread(self, figure: str) -> Spread:
-        """Of one field of `FrameStats`: bytes, fetch_ms, decode_ms or dequantise_ms."""
-        return Spread.of([getattr(stats, figure) for stats in self.frames])
+        """Of one field of `FrameStats`: bytes, fetch_ms, decode_ms, dequantise_ms or render_ms."""
+        values = [getattr(stats, figure) for stats in self.frames]
+        return Spread.of([value for value in values if value is not None])
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready: the summary, then every frame."""
         figures = [field.name for field in fields(FrameStats) if field.name not in ("frame", "group")]
+        if all(stats.render_ms is None for stats in self.frames):
+            figures.remove("render_ms")
         return {
             "shown": self.shown,
             "dropped": self.dropped,
             "seconds": self.seconds,
             "fps": self.fps,
+            "skipped": [asdict(group) for group in self.skipped],
             "summary": {name: asdict(self.spread(name)) for name in figures},
             "frames": [asdict(stats) for stats in self.frames],
         }

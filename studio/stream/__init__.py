@@ -1,25 +1,32 @@
-"""The stream: Gaussians baked into plane videos with a manifest, and read back. `docs/STREAM.md` is its description."""
+"""The stream: Gaussians baked into videos with a manifest, and read back. `docs/STREAM.md` is its description."""
 
 from studio.stream.bake import bake_group, group_folder_name, write_manifest
-from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, GroupEntry, Manifest
-from studio.stream.reader import GroupDecoder, StreamReader, dequantise_planes, fetch_group
+from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
+from studio.stream.entries import GroupEntry
+from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
+from studio.stream.reader import StreamReader, fetch_group
+from studio.stream.search import QualityFn
 from studio.stream.settings import BakeSettings
-from studio.stream.source import FolderSource, Source
+from studio.stream.source import FolderSource, Source, SourceUnavailable, is_address
 
 __all__ = [
     "FORMAT",
     "MANIFEST_NAME",
     "VERSION",
     "BakeSettings",
+    "DecodedFrame",
     "FolderSource",
     "GroupDecoder",
     "GroupEntry",
     "Manifest",
+    "QualityFn",
     "Source",
+    "SourceUnavailable",
     "StreamReader",
     "bake_group",
-    "dequantise_planes",
     "fetch_group",
     "group_folder_name",
+    "is_address",
+    "open_decoder",
     "write_manifest",
 ]

@@ -6,6 +6,7 @@ a splat. Positions have 16 bits and two planes, all else 8 bits and one plane (p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -58,6 +59,36 @@ def plane_side(splats: int) -> int:
     while side * side < splats:
         side += 8
     return side
+
+
+def channels(sh_degree: int) -> tuple[str, ...]:
+    """Tiles of the profile `motion`, in the order of the manifest: 10 + 3 (degree + 1)^2 of them."""
+    result = [f"residual_{axis}" for axis in "xyz"]
+    result += [f"rotation_{i}" for i in range(3)]
+    result += [f"log_scale_{i}" for i in range(3)]
+    result.append("opacity")
+    for k in range((sh_degree + 1) ** 2):
+        result += [f"sh_{k}_{part}" for part in ("y", "co", "cg")]
+    return tuple(result)
+
+
+def tile_side(splats: int) -> int:
+    """Side of a tile: the smallest multiple of 16, a codec's block, whose square holds all splats."""
+    side = 16
+    while side * side < splats:
+        side += 16
+    return side
+
+
+def tile_grid(tiles: int) -> tuple[int, int]:
+    """Columns and rows of the picture: few empty tiles first, then nearly square."""
+
+    def badness(columns: int) -> tuple[int, int]:
+        rows = -(-tiles // columns)
+        return 2 * (columns * rows - tiles) + abs(columns - rows), columns
+
+    columns = min(range(1, tiles + 1), key=badness)
+    return columns, -(-tiles // columns)
 
 
 def to_plane(codes: np.ndarray, side: int) -> np.ndarray:
@@ -119,6 +150,18 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
         quats *= np.where(likeness < 0, np.float32(-1), np.float32(1))
         previous = quats.copy()
         yield values
+
+
+def typical_size(log_scales: np.ndarray, extent: float) -> float:
+    """Size of most splats, world units: the median of (3, N) log scales' means, kept above the scene's finest step (and
+    above nothing, where all splats lie in one point)."""
+    return max(float(np.exp(np.median(log_scales.mean(axis=0)))), extent / 65535, 1e-9)
+
+
+def scale_floor(typical: float) -> float:
+    """Log scale below which splats are drawn alike: a sixteenth of the typical size. A single splat of scale 1e-12
+    would take most of the 256 levels from all others."""
+    return math.log(typical / 16)
 
 
 def _sigmoid(values: np.ndarray) -> np.ndarray:

@@ -55,3 +55,31 @@ def morton_order(points: np.ndarray) -> np.ndarray:
     factor = last / extent if extent > 0 else 0.0
     cells = np.clip(np.rint((points - low) * factor), 0, last).astype(np.int64)
     return np.argsort(interleave(cells), kind="stable")
+
+
+def deinterleave(codes: np.ndarray) -> np.ndarray:
+    """Inverse of `interleave`: (N, 3) int64 cells."""
+    cells = np.empty((len(codes), 3), dtype=np.int64)
+    for axis in range(3):
+        bits = (codes >> np.uint64(axis)) & np.uint64(_SPREAD[-1][1])
+        for (shift, _), mask in zip(_SPREAD[::-1], (*(mask for _, mask in _SPREAD[-2::-1]), 0x1FFFFF), strict=True):
+            bits = (bits | (bits >> np.uint64(shift))) & np.uint64(mask)
+        cells[:, axis] = bits
+    return cells
+
+
+def square_scan(side: int, count: int) -> np.ndarray:
+    """Where splats lie in a square picture along the Morton curve of its pixels, so that neighbours in the order stay
+    neighbours in the picture.
+
+    The pixels of a side x side square, sorted by the number whose bit 2i is bit i of the column and bit 2i + 1 bit i of
+    the row; where the side is no power of two the curve leaves pixels out.
+
+    Returns:
+        (count,) int64 row * side + column of splats 0, 1, 2, ...
+    """
+    axis = np.arange(side, dtype=np.int64)
+    spread = np.zeros_like(axis)
+    for bit in range(16):
+        spread |= ((axis >> bit) & 1) << (2 * bit)
+    return np.argsort((spread[None, :] | (spread[:, None] << 1)).reshape(-1), kind="stable")[:count]

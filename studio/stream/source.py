@@ -1,15 +1,27 @@
-"""Where a stream's files come from. A folder now; whatever else implements `Source` later."""
+"""Where a stream's files come from: a folder, or a web server (`studio.stream.http_source`)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
 from studio.errors import StudioError
 
+_WEB = ("http://", "https://")
+
+
+class SourceUnavailable(StudioError):
+    """The server itself does not answer, or not in time: what lies there may well be intact."""
+
 
 class Source(Protocol):
-    """Gives the files of one stream by their path relative to it. Thread safe."""
+    """Gives the files of one stream by their path relative to it. Thread safe.
+
+    A source may have two further members: `parallel`, an integer, how many files are best read at once (1 where it
+    has none), and `close()`, which ends reads under way.
+    """
 
     @property
     def name(self) -> str:
@@ -21,6 +33,7 @@ class Source(Protocol):
 
         Raises:
             StudioError: the file is missing, unreadable or longer than `limit`.
+            SourceUnavailable: nothing can be read at present.
         """
         ...
 
@@ -51,3 +64,53 @@ class FolderSource:
         if len(data) > limit:
             raise StudioError(f"{file}: the file is longer than {limit} bytes; bake or fetch the stream again.")
         return data
+
+
+def is_address(place: object) -> bool:
+    """True for text that begins with http:// or https://."""
+    return isinstance(place, str) and place.lower().startswith(_WEB)
+
+
+def open_source(place: Path | str | Source) -> Source:
+    """The source at a folder or an http(s) address; another source is given back as it is.
+
+    Raises:
+        StudioError: there is no such folder, or an address of another kind.
+    """
+    if not isinstance(place, str | Path):
+        return place
+    if isinstance(place, str) and is_address(place):
+        from studio.stream.http_source import HttpSource
+
+        return HttpSource(place)
+    if isinstance(place, str) and "://" in place:
+        raise StudioError(f"{place}: streams are read from folders and from http:// or https:// addresses only.")
+    if not Path(place).is_dir():
+        raise StudioError(f"{place}: there is no such folder; give the folder of a baked stream.")
+    return FolderSource(place)
+
+
+def close_source(source: Source) -> None:
+    """End what the source has under way, where it has anything; reading from it afterwards raises StudioError."""
+    close = getattr(source, "close", None)
+    if close is not None:
+        close()
+
+
+def read_files(source: Source, wanted: Sequence[tuple[str, int]]) -> dict[str, bytes]:
+    """Several files, (path, limit) each, as many at once as the source likes.
+
+    Over a network most of a small file's time is waiting, so a group's files are asked for side by side.
+
+    Raises:
+        StudioError: as `Source.read`, of the first file that fails.
+    """
+    parallel = min(int(getattr(source, "parallel", 1)), len(wanted))
+    if parallel <= 1:
+        return {path: source.read(path, limit) for path, limit in wanted}
+    pool = ThreadPoolExecutor(parallel, thread_name_prefix="fetch")
+    try:
+        reading = [pool.submit(source.read, path, limit) for path, limit in wanted]
+        return {path: future.result() for (path, _), future in zip(wanted, reading, strict=True)}
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)  # after an error nobody waits for the others

@@ -6,14 +6,24 @@ import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
+from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
+from studio.training.turning import rotate
 
 _DENSE_SHARE = 0.01
 """Splats larger than this share of the extent are split, smaller ones cloned (3DGS's percent_dense)."""
 _MIN_OPACITY = 0.005
+_RESET_OPACITY = 0.01
 _HUGE_SHARE = 0.1
 """Splats larger than this share of the extent are removed."""
+
+
+def density_control(
+    count: int, extent: float, settings: TrainSettings, device: torch.device
+) -> DensityControl | Relocation:
+    """What `settings.density` names; arguments as of `DensityControl`."""
+    return Relocation(settings) if settings.density == "mcmc" else DensityControl(count, extent, settings, device)
 
 
 class DensityControl:
@@ -31,6 +41,8 @@ class DensityControl:
         self._settings = settings
         self._device = device
         self._restart(count)
+
+    wants_screen_gradients = True
 
     def _restart(self, count: int) -> None:
         self._sum = torch.zeros(count, device=self._device)
@@ -56,6 +68,24 @@ class DensityControl:
         drawn = radii > 0
         self._sum += torch.where(drawn, (screen_gradient * half * area_ratio).norm(dim=-1), 0.0)
         self._seen += drawn
+
+    def after_step(self, iteration: int, optimizer: SplatOptimizer, generator: torch.Generator) -> None:
+        """Densify and reset opacities where it is time to; `iteration` counts from 1."""
+        settings = self._settings
+        due = settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0
+        if due:
+            self.densify(optimizer, generator, remove_huge=iteration > settings.opacity_reset_every)
+        last_reset = settings.densify_until - settings.densify_until // 4
+        if iteration % settings.opacity_reset_every == 0 and iteration <= last_reset:
+            optimizer.cap_opacity(_RESET_OPACITY)
+
+    def state(self) -> dict[str, Tensor]:
+        """What was gathered since the last densification, for `restore`."""
+        return {"gradients": self._sum, "seen": self._seen}
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """Go on from `state`."""
+        self._sum, self._seen = state["gradients"].to(self._device), state["seen"].to(self._device)
 
     @torch.no_grad()
     def densify(self, optimizer: SplatOptimizer, generator: torch.Generator, remove_huge: bool) -> None:
@@ -85,13 +115,6 @@ def _halves(gaussians: Gaussians, generator: torch.Generator) -> Gaussians:
     """Two children a splat, drawn from it, 1.6 times smaller."""
     twice = Gaussians.cat(gaussians, gaussians)
     draws = torch.randn(twice.means.shape, generator=generator).to(twice.device) * twice.scales
-    twice.means = twice.means + _rotate(twice.unit_quats, draws)
+    twice.means = twice.means + rotate(twice.unit_quats, draws)
     twice.log_scales = twice.log_scales - torch.log(torch.tensor(1.6))
     return twice
-
-
-def _rotate(quats: Tensor, vectors: Tensor) -> Tensor:
-    """(N, 3) vectors turned by (N, 4) unit quaternions, wxyz."""
-    scalar, axis = quats[:, :1], quats[:, 1:]
-    twist = 2 * torch.linalg.cross(axis, vectors)
-    return vectors + scalar * twist + torch.linalg.cross(axis, twist)

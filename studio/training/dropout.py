@@ -7,23 +7,25 @@ random share of them out at each step makes each right by itself, which shows in
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from studio.gaussians import Gaussians
 
 _MAX_OPACITY = 0.995
 
 
-def dropped(gaussians: Gaussians, share: float, generator: torch.Generator) -> Gaussians:
+def dropped(gaussians: Gaussians, share: float, generator: torch.Generator) -> tuple[Gaussians, Tensor]:
     """A random 1 - `share` of the splats, their opacities divided by 1 - `share` so that the picture stays as dense.
 
     Args:
         gaussians: N splats.
-        share: 0 to below 1; 0 gives the splats back as they are.
+        share: above 0 and below 1.
         generator: draws which ones.
+
+    Returns:
+        The M splats that are left, and their (M,) indices.
     """
-    if share == 0:
-        return gaussians
-    keep = (torch.rand(len(gaussians), generator=generator) >= share).to(gaussians.device)
-    left = gaussians[keep]
+    kept = (torch.rand(len(gaussians), generator=generator) >= share).nonzero()[:, 0].to(gaussians.device)
+    left = gaussians[kept]
     opacities = (left.opacities / (1 - share)).clamp(1e-6, _MAX_OPACITY)
-    return Gaussians(left.means, left.quats, left.log_scales, torch.logit(opacities), left.sh)
+    return Gaussians(left.means, left.quats, left.log_scales, torch.logit(opacities), left.sh), kept

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
@@ -11,14 +11,18 @@ from torch import Tensor
 from studio.errors import StudioError
 from studio.gaussians import SH_C0, Gaussians
 from studio.progress import ProgressFn, no_progress
-from studio.training.densify import DensityControl
+from studio.training.densify import density_control
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import SnapshotFn, Stepper, check_finite
 from studio.training.views import TrainView
 
+Checkpoint = dict[str, Tensor]
+"""All that a keyframe in training knows, by name; for safetensors."""
+CheckpointFn = Callable[[int, Checkpoint], None]
+"""`checkpoint(step, state)`: called now and then; the tensors change with the next step, so write or copy them."""
+
 _FIRST_OPACITY = 0.1
-_RESET_OPACITY = 0.01
 _FIGURES_EVERY = 20
 
 
@@ -83,6 +87,8 @@ def train_keyframe(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
+    checkpoint: CheckpointFn | None = None,
+    resume: Checkpoint | None = None,
 ) -> Gaussians:
     """Train the keyframe: 3DGS with densification, then prune by opacity and fine-tune until under the cap.
 
@@ -94,69 +100,139 @@ def train_keyframe(
         seed: the same seed and input give the same splats.
         progress: told steps done and total, with `loss`, `psnr` (dB, of the last training crop) and `splats`.
         snapshot: given the splats every `settings.snapshot_every` steps.
+        checkpoint: given all that training knows every `settings.checkpoint_every` steps.
+        resume: such a checkpoint, of the same input, settings and seed: training goes on from there and ends with the
+            same splats as one that never stopped.
 
     Returns:
         Detached splats, at most `settings.max_splats`.
 
     Raises:
-        StudioError: unusable points or views, or training diverged.
+        StudioError: unusable points or views, training diverged, or `resume` is no checkpoint of a keyframe.
         Cancelled: from `progress`.
     """
-    generator = torch.Generator().manual_seed(seed)
-    extent = scene_extent(points)
-    optimizer = SplatOptimizer(initial_gaussians(points, colors, settings.sh_degree), settings.rates, extent)
-    density = DensityControl(len(optimizer), extent, settings, points.device)
-    stepper = Stepper(views, settings, generator)
-    total = keyframe_steps(settings, min(len(optimizer), settings.max_splats))
-    done = 0
+    run = _Run(views, points, colors, settings, seed, progress)
+    if resume is not None:
+        run.restore(resume)
+    while not run.finished:
+        run.step()
+        if snapshot is not None and run.done % settings.snapshot_every == 0:
+            snapshot(run.done, run.optimizer.gaussians.detach())
+        if checkpoint is not None and settings.checkpoint_every and run.done % settings.checkpoint_every == 0:
+            checkpoint(run.done, run.state())
+    return run.optimizer.gaussians.clone()
 
-    def advance(gaussians: Gaussians, screen_offsets: Tensor | None) -> None:
-        nonlocal done
-        # Densification needs each splat's gradient; dropout begins after it.
-        step = stepper(gaussians, screen_offsets, dropout=screen_offsets is None)
-        loss = step.loss
-        if settings.opacity_reg:
-            loss = loss + settings.opacity_reg * gaussians.opacities.mean()
-        if settings.scale_reg:
-            loss = loss + settings.scale_reg / extent * gaussians.scales.mean()
-        loss.backward()  # type: ignore[no-untyped-call]
-        if screen_offsets is not None and screen_offsets.grad is not None:
-            size = (step.view.camera.width, step.view.camera.height)
-            density.observe(screen_offsets.grad, step.render.radii, size, step.view.full_size)
-        optimizer.step()
-        done += 1
-        figures = {}
-        if done % _FIGURES_EVERY == 0:
-            check_finite(step.loss, "Keyframe")
-            figures = {"loss": float(step.loss.detach()), "psnr": step.psnr, "splats": len(optimizer)}
-        progress(done, total, **figures)
-        if snapshot is not None and done % settings.snapshot_every == 0:
-            snapshot(done, optimizer.gaussians.detach())
 
-    last_reset = settings.densify_until - settings.densify_until // 4
-    for iteration in range(1, settings.keyframe_iterations + 1):
+class _Run:
+    """A keyframe in training: all that changes from step to step."""
+
+    def __init__(
+        self,
+        views: Sequence[TrainView],
+        points: Tensor,
+        colors: Tensor,
+        settings: TrainSettings,
+        seed: int,
+        progress: ProgressFn,
+    ) -> None:
+        self._settings, self._progress = settings, progress
+        self._extent = scene_extent(points)
+        self._generator = torch.Generator().manual_seed(seed)
+        self._stepper = Stepper(views, settings, self._generator)
+        start = initial_gaussians(points, colors, settings.sh_degree)
+        self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
+        self._density = density_control(len(start), self._extent, settings, points.device)
+        self.done = 0
+        self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
+        self._pruned = 0
+
+    @property
+    def finished(self) -> bool:
+        """All steps are done and all rounds of pruning too."""
+        return self.done >= self._total and (self._pruned >= self._rounds)
+
+    @property
+    def _total(self) -> int:
+        return self._settings.keyframe_iterations + self._rounds * self._settings.prune_finetune_iterations
+
+    def step(self) -> None:
+        """One step, with what must happen before and after it."""
+        settings = self._settings
+        if self.done < settings.keyframe_iterations:
+            self._grow()
+            if self.done == settings.keyframe_iterations:
+                self._rounds = prune_rounds(settings, len(self.optimizer))
+            return
+        due = settings.keyframe_iterations + self._pruned * settings.prune_finetune_iterations
+        if self._pruned < self._rounds and self.done == due:
+            prune_by_opacity(self.optimizer, settings.prune_ratio)
+            self._pruned += 1
+        if settings.prune_finetune_iterations:
+            self._advance(self.optimizer.gaussians, None)
+
+    def _grow(self) -> None:
+        settings, optimizer = self._settings, self.optimizer
+        iteration = self.done + 1
         optimizer.set_means_progress(iteration / settings.keyframe_iterations)
         degree = min(settings.sh_degree, iteration // max(1, settings.sh_degree_every))
         gaussians = optimizer.gaussians
         if degree < settings.sh_degree:
             gaussians = gaussians.with_sh_degree(degree)
-        densifying = iteration < settings.densify_until
-        offsets = torch.zeros(len(gaussians), 2, device=points.device, requires_grad=True) if densifying else None
-        advance(gaussians, offsets)
-        if densifying and iteration > settings.densify_from and iteration % settings.densify_every == 0:
-            density.densify(optimizer, generator, remove_huge=iteration > settings.opacity_reset_every)
-        if iteration % settings.opacity_reset_every == 0 and iteration <= last_reset:
-            optimizer.cap_opacity(_RESET_OPACITY)
+        offsets = None
+        if iteration < settings.densify_until and self._density.wants_screen_gradients:
+            offsets = torch.zeros(len(gaussians), 2, device=gaussians.device, requires_grad=True)
+        self._advance(gaussians, offsets)
+        self._density.after_step(iteration, optimizer, self._generator)
         if len(optimizer) == 0:
             raise StudioError("Keyframe: no splat is left after pruning; check masks and calibration.")
 
-    rounds = prune_rounds(settings, len(optimizer))
-    total = done + rounds * settings.prune_finetune_iterations
-    for _ in range(rounds):
-        prune_by_opacity(optimizer, settings.prune_ratio)
-        for _ in range(settings.prune_finetune_iterations):
-            advance(optimizer.gaussians, None)
-    return optimizer.gaussians.clone()
+    def _advance(self, gaussians: Gaussians, screen_offsets: Tensor | None) -> None:
+        settings = self._settings
+        step = self._stepper(gaussians, screen_offsets, dropout=True)
+        loss = step.loss
+        if settings.opacity_reg:
+            loss = loss + settings.opacity_reg * gaussians.opacities.mean()
+        if settings.scale_reg:
+            loss = loss + settings.scale_reg / self._extent * gaussians.scales.mean()
+        loss.backward()  # type: ignore[no-untyped-call]
+        if screen_offsets is not None and screen_offsets.grad is not None:
+            size = (step.view.camera.width, step.view.camera.height)
+            self._density.observe(screen_offsets.grad, step.render.radii, size, step.view.full_size)
+        self.optimizer.step()
+        self.done += 1
+        figures = {}
+        if self.done % _FIGURES_EVERY == 0:
+            check_finite(step.loss, "Keyframe")
+            figures = {"loss": float(step.loss.detach()), "psnr": step.psnr, "splats": len(self.optimizer)}
+        self._progress(self.done, self._total, **figures)
+
+    def state(self) -> Checkpoint:
+        """All that `restore` needs to go on as if nothing had happened."""
+        return {
+            "done": torch.tensor(self.done),
+            "rounds": torch.tensor(self._rounds),
+            "pruned": torch.tensor(self._pruned),
+            "generator": self._generator.get_state(),
+            **{f"splats.{name}": value for name, value in self.optimizer.state().items()},
+            **{f"density.{name}": value for name, value in self._density.state().items()},
+            **{f"stepper.{name}": value for name, value in self._stepper.state().items()},
+        }
+
+    def restore(self, state: Checkpoint) -> None:
+        """Go on from `state`."""
+
+        def part(prefix: str) -> dict[str, Tensor]:
+            return {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}
+
+        try:
+            self.done, self._rounds, self._pruned = (int(state[name]) for name in ("done", "rounds", "pruned"))
+            self.optimizer.restore(part("splats."))
+            self.optimizer.set_means_progress(self.done / self._settings.keyframe_iterations)
+            self._density.restore(part("density."))
+            self._stepper.restore(part("stepper."))
+            self._generator.set_state(state["generator"].cpu())
+        except KeyError as error:
+            raise StudioError(f"The checkpoint has no {error}; delete it, and the keyframe starts anew.") from None
 
 
 def prune_by_opacity(optimizer: SplatOptimizer, ratio: float) -> None:

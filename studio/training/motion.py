@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from studio.errors import StudioError
 from studio.training.hashgrid import Corners, HashGrid
 from studio.training.settings import TrainSettings
 
@@ -63,6 +64,23 @@ class MotionField(nn.Module):
     def forward(self, corners: Corners) -> Tensor:
         """(N, 3) translations, world units."""
         return self.mlp(self.grid(corners)) * self._side
+
+    def weights(self) -> dict[str, Tensor]:
+        """Copies of what was learnt, by name; the box is not among them."""
+        return {name: value.detach().clone() for name, value in self.named_parameters()}
+
+    def load_weights(self, weights: dict[str, Tensor]) -> None:
+        """Go on from the `weights` of a field of the same sizes, over whatever box.
+
+        Raises:
+            StudioError: they are of another size.
+        """
+        own = dict(self.named_parameters())
+        if {name: value.shape for name, value in weights.items()} != {name: value.shape for name, value in own.items()}:
+            raise StudioError("The motion network of the frame before has another size; train the group anew.")
+        with torch.no_grad():
+            for name, value in weights.items():
+                own[name].copy_(value)
 
     def optimizer(self, learning_rate: float) -> torch.optim.Adam:
         """Adam with the settings that Mueller et al. use for hash grids; the table learns ten times as fast."""

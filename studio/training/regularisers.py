@@ -153,6 +153,42 @@ class ResidualEntropy(nn.Module):
         return bits.sum() / current.shape[0]
 
 
-def temporal_loss(current: Tensor, previous: Tensor, plane_pixels: int) -> Tensor:
-    """Equation 12: sum over attributes of |y_t - y_{t-1}|_1, divided by W x H of the Gaussian video's plane."""
-    return (current - previous).abs().sum() / plane_pixels
+def temporal_loss(
+    current: Tensor, previous: Tensor, plane_pixels: int, steps: Tensor | None = None, huber: float = 0.0
+) -> Tensor:
+    """Equation 12: sum over attributes of |y_t - y_{t-1}|_1, divided by W x H of the Gaussian video's plane.
+
+    Args:
+        current, previous: (N, C) baked values.
+        plane_pixels: W x H.
+        steps: (C,) quantisation steps; needed where `huber` is above 0.
+        huber: above 0, differences up to this many quantisation steps count by their square, halved and divided by
+            that width, and larger ones as in equation 12 but for the constant that joins the two.
+    """
+    difference = (current - previous).abs()
+    if huber > 0:
+        if steps is None:
+            raise ValueError("a Huber loss needs the quantisation steps")
+        width = huber * steps
+        difference = torch.where(difference < width, 0.5 * difference * difference / width, difference - 0.5 * width)
+    return difference.sum() / plane_pixels
+
+
+def as_baked(gaussians: Gaussians, values: Tensor, low: Tensor, steps: Tensor) -> Gaussians:
+    """The splats with attributes rounded as the baker rounds them; gradients pass as if nothing were rounded.
+
+    Args:
+        gaussians: N splats; positions and the number of coefficients are taken from here.
+        values: (N, C) their baked values, columns as in `channels`.
+        low, steps: (C,) where each channel's levels begin, and how far they are apart.
+    """
+    rounded = torch.round((values.detach() - low) / steps) * steps + low
+    values = values + (rounded - values).detach()
+    opacities = values[:, 7].clamp(1e-4, 1 - 1e-4)
+    return Gaussians(
+        gaussians.means,
+        values[:, :4],
+        values[:, 4:7],
+        torch.logit(opacities),
+        values[:, 8:].reshape(gaussians.sh.shape),
+    )

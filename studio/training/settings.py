@@ -43,12 +43,15 @@ class TrainSettings:
         scale_reg: keyframe: weight of the mean scale, relative to the scene extent (there too).
         background: what shows behind the performer while training: "random" (a new colour each step, so that
             coverage is learnt), "black" or "white".
-        dropout: share of the splats that each step leaves out, once densification is over and while fine-tuning.
+        dropout: share of the splats that each step of the keyframe and of fine-tuning leaves out.
         use_plates: where the capture has clean plates, compare the picture as filmed with the splats drawn over the
             plate, instead of cutting the performer out by his matte.
         crop_margin: the loss is computed in the performer's box, padded by this share of its size (and 16 px).
         keyframe_iterations: 3DGS steps of the keyframe, before pruning.
-        densify_from, densify_until, densify_every: 3DGS densification, in steps.
+        density: how the keyframe's splats find their places: "gradient" is 3DGS's rule, "mcmc" relocates dead splats
+            and grows to `densify_max_splats` (Kheradmand et al. 2024).
+        mcmc_noise: strength of MCMC's exploration noise, 1 as published; only for "mcmc".
+        densify_from, densify_until, densify_every: densification, in steps.
         densify_gradient: mean screen gradient (NDC) above which a splat is cloned or split.
         densify_max_splats: no densification beyond this count (before pruning).
         opacity_reset_every: 3DGS's opacity reset, in steps; none in the last quarter of densification.
@@ -62,6 +65,8 @@ class TrainSettings:
         motion_views: cameras that each step of the motion network looks at; drawing is cheap beside the network, and
             several views make each step surer.
         motion_velocity: start from the constant-velocity guess x_{t-1} + (x_{t-1} - x_{t-2}) and learn the rest.
+        motion_warm_start: begin with the network of the frame before instead of a fresh one; the velocity guess is then
+            left out, because that network knows it.
         motion_neighbours: each splat turns as the offsets to this many nearest splats do; 0: motion is a translation
             only, as in the paper.
         hash_levels, hash_features, hash_log2_size, hash_base_resolution, hash_growth: the multiresolution grid.
@@ -70,8 +75,12 @@ class TrainSettings:
         finetune_means: tune positions as well (the paper tunes "other attributes" only).
         entropy_weight: lambda_e of equation 13.
         temporal_weight: lambda_t of equation 13.
+        temporal_huber: equation 12 is an L1; above 0 it is a Huber loss instead, quadratic up to this many quantisation
+            steps, so that what rounding hides anyway is not pressed to zero.
+        simulate_quantisation: fine-tuning draws the attributes as the baker will round them (straight-through).
         rates: learning rates of the splats.
         snapshot_every: steps between calls of the `snapshot` callback.
+        checkpoint_every: keyframe: steps between calls of the `checkpoint` callback; 0 never.
     """
 
     sh_degree: int = 0
@@ -84,6 +93,8 @@ class TrainSettings:
     use_plates: bool = True
     crop_margin: float = 0.15
     keyframe_iterations: int = 12_000
+    density: str = "gradient"
+    mcmc_noise: float = 1.0
     densify_from: int = 500
     densify_until: int = 9_000
     densify_every: int = 100
@@ -99,6 +110,7 @@ class TrainSettings:
     motion_learning_rate: float = 1e-3
     motion_views: int = 4
     motion_velocity: bool = True
+    motion_warm_start: bool = False
     motion_neighbours: int = 0
     hash_levels: int = 16
     hash_features: int = 4
@@ -111,8 +123,11 @@ class TrainSettings:
     finetune_means: bool = False
     entropy_weight: float = 1e-4
     temporal_weight: float = 1e-3
+    temporal_huber: float = 0.0
+    simulate_quantisation: bool = False
     rates: LearningRates = LearningRates()
     snapshot_every: int = 500
+    checkpoint_every: int = 500
 
     def __post_init__(self) -> None:
         """Raises StudioError on values that no training could use."""
@@ -120,9 +135,20 @@ class TrainSettings:
             raise StudioError(f"sh_degree is {self.sh_degree}; it must be 0, 1, 2 or 3.")
         if self.background not in ("random", "black", "white"):
             raise StudioError(f"background is '{self.background}'; it must be random, black or white.")
+        if self.density not in ("gradient", "mcmc"):
+            raise StudioError(f"density is '{self.density}'; it must be gradient or mcmc.")
         if not 0 <= self.dropout < 1:
             raise StudioError(f"dropout is {self.dropout}; it must be at least 0 and below 1.")
         if not 0 < self.prune_ratio < 1:
             raise StudioError(f"prune_ratio is {self.prune_ratio}; it must lie between 0 and 1.")
         if self.max_splats < 1:
             raise StudioError(f"max_splats is {self.max_splats}; at least one splat is needed.")
+
+
+AFTER_KEYFRAME = (
+    "motion_iterations", "motion_learning_rate", "motion_views", "motion_velocity", "motion_warm_start",
+    "motion_neighbours", "hash_levels", "hash_features", "hash_log2_size", "hash_base_resolution", "hash_growth",
+    "mlp_width", "mlp_layers", "finetune_iterations", "finetune_means", "entropy_weight", "temporal_weight",
+    "temporal_huber", "simulate_quantisation", "rates.means_finetune",
+)  # fmt: skip
+"""Settings that only the frames after the keyframe are trained by: changing them leaves keyframes as they are."""

@@ -23,17 +23,9 @@ class SplatOptimizer:
         self._rates = rates
         self._extent = extent
         self._leaves = {
-            "means": gaussians.means,
-            "quats": gaussians.quats,
-            "log_scales": gaussians.log_scales,
-            "logit_opacities": gaussians.logit_opacities,
-            "sh_dc": gaussians.sh[:, :1],
-        }
-        if gaussians.sh.shape[1] > 1:
-            self._leaves["sh_rest"] = gaussians.sh[:, 1:]
-        self._leaves = {
             name: tensor.detach().clone().contiguous().requires_grad_(name != "means" or train_means)
-            for name, tensor in self._leaves.items()
+            for name, tensor in _by_leaf(gaussians).items()
+            if tensor.shape[1:].numel()
         }
         rate = {
             "means": rates.means * extent,
@@ -69,6 +61,12 @@ class SplatOptimizer:
                 ratio = self._rates.means_final / self._rates.means
                 group["lr"] = self._rates.means * self._extent * ratio ** min(1.0, fraction)
 
+    @property
+    def means_rate(self) -> float:
+        """The positions' rate of the next step, world units."""
+        rates = [group["lr"] for group in self._adam.param_groups if group["name"] == "means"]
+        return float(rates[0]) if rates else 0.0
+
     def step(self) -> None:
         """One Adam step; gradients are cleared."""
         self._adam.step()
@@ -99,14 +97,7 @@ class SplatOptimizer:
     @torch.no_grad()
     def append(self, new: Gaussians) -> None:
         """Add splats at the end; their moments start at zero."""
-        values = {
-            "means": new.means,
-            "quats": new.quats,
-            "log_scales": new.log_scales,
-            "logit_opacities": new.logit_opacities,
-            "sh_dc": new.sh[:, :1],
-            "sh_rest": new.sh[:, 1:],
-        }
+        values = _by_leaf(new)
         for name in list(self._leaves):
             moments = {
                 key: torch.cat([value, torch.zeros_like(values[name])]) for key, value in self._moments(name).items()
@@ -114,8 +105,56 @@ class SplatOptimizer:
             self._replace(name, torch.cat([self._leaves[name], values[name]]), moments)
 
     @torch.no_grad()
+    def overwrite(self, index: Tensor, new: Gaussians) -> None:
+        """Give the splats at `index` other values; their moments start at zero. Repeated indices need equal values."""
+        for name, value in _by_leaf(new).items():
+            if name in self._leaves:
+                leaf = self._leaves[name]
+                moments = {key: moment.index_fill(0, index, 0.0) for key, moment in self._moments(name).items()}
+                self._replace(name, leaf.detach().index_copy(0, index, value), moments)
+
+    @torch.no_grad()
+    def shift_means(self, offsets: Tensor) -> None:
+        """Move the splats by (N, 3) world units; moments stay."""
+        self._leaves["means"].add_(offsets)
+
+    def state(self) -> dict[str, Tensor]:
+        """All values and moments, by name, for `restore`."""
+        found = {}
+        for name, leaf in self._leaves.items():
+            found[f"{name}.value"] = leaf.detach()
+            for key, moment in self._adam.state.get(leaf, {}).items():
+                found[f"{name}.{key}"] = moment
+        return found
+
+    @torch.no_grad()
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """Go on exactly from `state`."""
+        for name, leaf in list(self._leaves.items()):
+            moments = {
+                key.removeprefix(f"{name}."): value.to(leaf.device)
+                for key, value in state.items()
+                if key.startswith(f"{name}.") and not key.endswith(".value")
+            }
+            self._replace(name, state[f"{name}.value"].to(leaf.device), {})
+            if moments:
+                self._adam.state[self._leaves[name]] = moments
+
+    @torch.no_grad()
     def cap_opacity(self, opacity: float) -> None:
         """3DGS's opacity reset: no opacity above `opacity`; the moments of opacity start again."""
         limit = torch.logit(torch.tensor(opacity)).item()
         moments = {key: torch.zeros_like(value) for key, value in self._moments("logit_opacities").items()}
         self._replace("logit_opacities", self._leaves["logit_opacities"].clamp(max=limit), moments)
+
+
+def _by_leaf(gaussians: Gaussians) -> dict[str, Tensor]:
+    """The tensors that have a parameter group each; sh_rest is empty at degree 0."""
+    return {
+        "means": gaussians.means,
+        "quats": gaussians.quats,
+        "log_scales": gaussians.log_scales,
+        "logit_opacities": gaussians.logit_opacities,
+        "sh_dc": gaussians.sh[:, :1],
+        "sh_rest": gaussians.sh[:, 1:],
+    }

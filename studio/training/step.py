@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -15,7 +15,7 @@ from studio.rasterizer import Render, rasterize
 from studio.training.dropout import dropped
 from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
-from studio.training.views import TrainView, backgrounds, shuffled
+from studio.training.views import Shuffled, TrainView, backgrounds
 
 SnapshotFn = Callable[[int, Gaussians], None]
 """`snapshot(iteration, gaussians)`: called now and then with detached splats, for previews."""
@@ -28,7 +28,7 @@ class Step:
     Attributes:
         loss: scalar, equation 7 (and the alpha term where it is switched on); not yet propagated.
         target: (H, W, 3) what the picture was compared with.
-        render: the picture.
+        render: the picture; `radii` are those of all splats, 0 for the ones that dropout left out.
         view: where it was taken.
     """
 
@@ -47,18 +47,18 @@ class Stepper:
     """Draws views and backgrounds in a random order fixed by the generator and computes equation 7."""
 
     def __init__(self, views: Sequence[TrainView], settings: TrainSettings, generator: torch.Generator) -> None:
-        if not views:
-            raise StudioError("There is no view to train on; at least one training camera is needed.")
         self._settings = settings
         self._generator = generator
-        self._views: Iterator[TrainView] = shuffled(views, generator)
+        self._views = Shuffled(views, generator)
         self._backgrounds = backgrounds(settings.background, generator, views[0].image.device)
 
     def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None, dropout: bool = False) -> Step:
         """Draw the next view of `gaussians` and compare; with `dropout`, of a random share of them."""
         view, background = next(self._views), next(self._backgrounds)
-        if dropout:
-            gaussians = dropped(gaussians, self._settings.dropout, self._generator)
+        count, kept = len(gaussians), None
+        if dropout and self._settings.dropout:
+            gaussians, kept = dropped(gaussians, self._settings.dropout, self._generator)
+            screen_offsets = None if screen_offsets is None else screen_offsets[kept]
         target = view.composited(background)
         backdrop = view.backdrop(background)
         if backdrop is None:
@@ -66,10 +66,20 @@ class Stepper:
         else:
             render = rasterize(gaussians, view.camera, screen_offsets=screen_offsets)
             render = replace(render, image=torch.addcmul(render.image, 1 - render.alpha[..., None], backdrop))
+        if kept is not None:  # a splat that was left out was not drawn
+            render = replace(render, radii=render.radii.new_zeros(count).index_copy(0, kept, render.radii))
         loss = photometric_loss(render.image, target, self._settings.dssim_weight)
         if self._settings.alpha_weight:
             loss = loss + self._settings.alpha_weight * (render.alpha - view.matte).abs().mean()
         return Step(loss, target, render, view)
+
+    def state(self) -> dict[str, Tensor]:
+        """Where it stands among the views; the generator is its owner's."""
+        return {"views": self._views.state()}
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """Go on from `state`."""
+        self._views.restore(state["views"])
 
 
 def check_finite(loss: Tensor, what: str) -> None:

@@ -65,3 +65,10 @@ def multiply(left: Tensor, right: Tensor) -> Tensor:
     a, b = left[:, :1], left[:, 1:]
     c, d = right[:, :1], right[:, 1:]
     return torch.cat([a * c - (b * d).sum(-1, keepdim=True), a * d + c * b + torch.linalg.cross(b, d)], dim=-1)
+
+
+def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """(N, 3) vectors turned by (N, 4) unit quaternions, wxyz."""
+    scalar, axis = quats[:, :1], quats[:, 1:]
+    twist = 2 * torch.linalg.cross(axis, vectors)
+    return vectors + scalar * twist + torch.linalg.cross(axis, twist)

@@ -112,13 +112,38 @@ def matte_box(matte: np.ndarray, margin: float, name: str) -> tuple[int, int, in
     return int(left), int(top), int(right - left), int(bottom - top)
 
 
-def shuffled(views: Sequence[TrainView], generator: torch.Generator) -> Iterator[TrainView]:
-    """Views without end, each epoch in a new random order."""
-    if not views:
-        raise StudioError("There is no view to train on.")
-    while True:
-        for index in torch.randperm(len(views), generator=generator).tolist():
-            yield views[index]
+class Shuffled:
+    """Views without end, each epoch in a new random order. An iterator whose place can be noted and found again.
+
+    Args:
+        views: at least one.
+        generator: draws each epoch's order.
+
+    Raises:
+        StudioError: there is no view.
+    """
+
+    def __init__(self, views: Sequence[TrainView], generator: torch.Generator) -> None:
+        if not views:
+            raise StudioError("There is no view to train on; at least one training camera is needed.")
+        self._views, self._generator = views, generator
+        self._left: list[int] = []
+
+    def __iter__(self) -> Iterator[TrainView]:
+        return self
+
+    def __next__(self) -> TrainView:
+        if not self._left:
+            self._left = torch.randperm(len(self._views), generator=self._generator).tolist()
+        return self._views[self._left.pop(0)]
+
+    def state(self) -> Tensor:
+        """(M,) int64: what is left of this epoch, in order."""
+        return torch.tensor(self._left, dtype=torch.int64)
+
+    def restore(self, state: Tensor) -> None:
+        """Go on from `state`; the generator is restored by its owner."""
+        self._left = [int(index) for index in state]
 
 
 def backgrounds(kind: str, generator: torch.Generator, device: torch.device) -> Iterator[Tensor]:

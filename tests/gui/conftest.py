@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import os
@@ -52,6 +53,41 @@ def stream_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def tiny_capture() -> Any:
+    """The pipeline tests' module that makes a capture of a ball, small enough to be run in seconds."""
+    spec = importlib.util.spec_from_file_location(
+        "tiny_capture", Path(__file__).parents[1] / "pipelines" / "conftest.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def footage_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `capture/` and `ball.yaml`, to be looked at only."""
+    folder = tmp_path_factory.mktemp("footage")
+    tiny_capture().write_capture(folder / "capture")
+    (folder / "ball.yaml").write_text(tiny_capture().SETTINGS)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finished_project(footage_project: Path) -> Path:
+    """The same with a take in `take/` that ran to its end. Use `take_copy` to change it."""
+    done = tiny_capture().v3studio("run", footage_project / "ball.yaml", "--take", footage_project / "take")
+    assert done.returncode == 0, done.stderr
+    return footage_project
+
+
+@pytest.fixture
+def take_copy(finished_project: Path, tmp_path: Path) -> Path:
+    """A copy of the finished take."""
+    return Path(shutil.copytree(finished_project / "take", tmp_path / "take"))
+
+
 @pytest.fixture(scope="session")
 def display() -> Iterator[str]:
     """A private X server's display name, for example ":101"."""
@@ -87,7 +123,11 @@ class RunningWindow:
 
     def __init__(self, display: str, log: Path, *arguments: str) -> None:
         self.log = log
-        self.environment = {**os.environ, "DISPLAY": display, "OMP_NUM_THREADS": "2"}
+        self._read = 0
+        self._states: list[dict[str, Any]] = []
+        self.environment = {
+            **os.environ, "DISPLAY": display, "OMP_NUM_THREADS": "2", "XDG_CONFIG_HOME": str(log.parent / "config"),
+        }  # fmt: skip
         self.environment.pop("WAYLAND_DISPLAY", None)
         self.stderr = log.with_suffix(".stderr")
         with self.stderr.open("wb") as errors:
@@ -100,8 +140,14 @@ class RunningWindow:
 
     def states(self) -> list[dict[str, Any]]:
         """All state lines so far."""
-        text = self.log.read_text() if self.log.exists() else ""
-        return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
+        if self.log.exists():
+            with self.log.open("rb") as file:
+                file.seek(self._read)
+                data = file.read()
+            whole = data[: data.rfind(b"\n") + 1]  # the last line may be half written
+            self._read += len(whole)
+            self._states += [json.loads(line) for line in whole.splitlines()]
+        return self._states
 
     def wait_for(self, what: str, accept: Callable[[dict[str, Any]], bool], seconds: float = 60.0) -> dict[str, Any]:
         """The newest state, once it is accepted; fails with `what` after so many seconds."""
@@ -129,7 +175,7 @@ class RunningWindow:
 
     def point(self, widget: str, across: float = 0.5, down: float = 0.5) -> tuple[int, int]:
         """Screen pixels of a place on a widget, 0 to 1 each way."""
-        left, top, width, height = self.states()[-1]["widgets"][widget]
+        left, top, width, height = self._place(widget)
         window = self.xdotool("search", "--name", "V3 Studio").split()[0]
         geometry = dict(
             line.split("=") for line in self.xdotool("getwindowgeometry", "--shell", window).splitlines() if "=" in line
@@ -138,6 +184,41 @@ class RunningWindow:
             int(geometry["X"]) + int(left + across * width),
             int(geometry["Y"]) + int(top + down * height),
         )
+
+    def _place(self, widget: str, still: float = 0.4, seconds: float = 15.0) -> list[int]:
+        """The widget's frame, once it is there and has not moved for a moment."""
+        end = time.monotonic() + seconds
+        last, since = None, time.monotonic()
+        while time.monotonic() < end:
+            now = self.states()[-1]["widgets"].get(widget)
+            if now != last:
+                last, since = now, time.monotonic()
+            elif now is not None and now[2] > 0 and time.monotonic() - since > still:
+                return list(now)
+            time.sleep(0.05)
+        pytest.fail(f"{widget} never stood still; its frame is {last}")
+
+    def across_frame(self, frame: int) -> float:
+        """Where on the timeline's widget a frame lies, 0 to 1."""
+        state = self.states()[-1]
+        left, width = state["timeline_left"], state["widgets"]["timeline"][2]
+        return float((left + (frame + 0.5) / state["frames"] * (width - left)) / width)
+
+    def stage(self, name: str) -> None:
+        """Click a stage in the list."""
+        names = ["capture", "calibrate", "initialise", "train", "bake", "review"]
+        self.click("stages", 0.3, (names.index(name) + 0.5) / len(names))
+        self.wait_for(name, lambda s: s["stage"] == name and s["settled"])
+        time.sleep(0.8)  # what stands below the list may move
+
+    def menu(self, title: str, row: int, separators: int = 0) -> None:
+        """Choose the row-th line of a menu, so many separators above it. Menus are drawn by the toolkit and tell no
+        places, so these are as measured at its default font size."""
+        left, top = self.point("stages", 0.0, 0.0)
+        across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Help": 208}[title]
+        self.press(across, top - 12)
+        time.sleep(0.3)
+        self.press(across + 20, top + 21 + round(24.3 * row + 6.4 * separators))
 
     def click(self, widget: str, across: float = 0.5, down: float = 0.5) -> None:
         """Press and release the left button; both must fall on different drawn frames, slow as they may be."""
@@ -161,6 +242,29 @@ class RunningWindow:
             time.sleep(0.05)
         time.sleep(0.4)
         self.xdotool("mouseup", button)
+
+    def type(self, text: str) -> None:
+        """Type into what has the focus."""
+        self.xdotool("type", "--delay", 40, text)
+        time.sleep(0.3)
+
+    def retype(self, widget: str, text: str) -> None:
+        """Replace what stands in a field of at most a few letters, and confirm."""
+        self.click(widget, 0.9)
+        self.key("End")
+        for _ in range(4):
+            self.key("BackSpace")
+        self.type(text)
+        self.key("Return")
+
+    def press(self, x: int, y: int) -> None:
+        """A click at a place of the screen."""
+        self.xdotool("mousemove", x, y)
+        time.sleep(0.4)
+        self.xdotool("mousedown", 1)
+        time.sleep(0.5)
+        self.xdotool("mouseup", 1)
+        time.sleep(0.3)
 
     def key(self, name: str) -> None:
         """Press a key."""

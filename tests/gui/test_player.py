@@ -165,12 +165,13 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
     eye = player.orbit.eye  # through the rig's first camera
     assert eye == pytest.approx([0.0, -4.0, 0.9], abs=1e-6)
     player.transport.seek(9)
-    assert player.choose_source("trained")
+    assert player.choose("trained")
     settle(player)
     assert player.picture is not None
     assert (player.picture.source, player.picture.frame, player.picture.splats) == ("trained", 9, 50)
     assert player.transport.group_starts == (0, 8)
-    assert not player.choose_source("truth")
+    assert not player.choose("truth")  # nobody has told of any footage
+    assert "footage" in player.message
 
 
 def test_a_take_without_a_stream_shows_what_is_trained_so_far(tmp_path: Path) -> None:
@@ -178,16 +179,36 @@ def test_a_take_without_a_stream_shows_what_is_trained_so_far(tmp_path: Path) ->
     take.trained_frame(1, 8).unlink()  # frame 9 is there, but not the one before it
     opened = open_path(take.root)
     assert list(opened.sources) == ["trained"]
+    assert opened.default is not None
     assert opened.default.frame_count == 8
+    with pytest.raises(StudioError, match="Frame 9 is not trained yet"):
+        opened.default.gaussians(8)
     take.trained_frame(0, 3).write_bytes(b"not a tensor")
     with pytest.raises(StudioError, match=r"frame_000003\.safetensors"):
         opened.default.gaussians(3)
 
 
-def test_empty_and_foreign_takes_are_sentences(tmp_path: Path) -> None:
+def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_path: Path) -> None:
     take = Take.create(tmp_path / "take")
-    with pytest.raises(StudioError, match="nothing is trained"):
-        open_path(take.root)
+    assert player.open(take.root), player.message
+    assert "Nothing is trained" in player.message
+    assert not player.refresh()
+    make_take(take.root, 3)
+    assert player.refresh()
+    assert (player.what, player.transport.frame_count) == ("trained", 3)
+    settle(player)
+    assert player.picture is not None
+    player.transport.seek(2)
+    make_take(take.root, 9)
+    assert player.refresh()
+    assert (player.transport.frame_count, player.transport.frame, player.transport.group_starts) == (9, 2, (0, 8))
+    settle(player)
+    assert player.picture.frame == 2
+
+
+def test_foreign_takes_are_sentences(tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    assert open_path(take.root).sources == {}
     (take.root / "take.json").write_text(json.dumps({"format": 99, "created_by": "v3studio 9"}))
     with pytest.raises(StudioError, match="99"):
         open_path(take.root)

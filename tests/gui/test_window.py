@@ -40,9 +40,9 @@ def test_plays_seeks_turns_and_closes(
     window.wait_for("the third frame", lambda s: s["frame"] == 2 and s["shown"] == 2)
     window.key("bracketright")
     window.wait_for("the next group", lambda s: s["frame"] == 8 and s["shown"] == 8)
-    window.click("timeline", across=(5 + 0.5) / 12)
+    window.click("timeline", window.across_frame(5), 0.9)
     before = window.wait_for("frame 5 by a click", lambda s: s["frame"] == 5 and s["shown"] == 5)
-    window.drag("timeline", (0.1, 0.5), ((10 + 0.5) / 12, 0.5))
+    window.drag("timeline", (window.across_frame(1), 0.3), (window.across_frame(10), 0.3))
     window.wait_for("frame 10 by a drag", lambda s: s["frame"] == 10 and s["shown"] == 10)
 
     # what is on the screen shows the colours of the body, and turning changes them

@@ -23,7 +23,20 @@ def test_help_imports_nothing_heavy():
 
 def test_every_command_explains_itself(cli):
     text = cli("--help").stdout
-    for name in ("run", "calibrate", "initialise", "train", "bake", "evaluate", "status", "play", "config"):
+    for name in (
+        "run",
+        "calibrate",
+        "initialise",
+        "train",
+        "bake",
+        "evaluate",
+        "status",
+        "play",
+        "serve",
+        "export",
+        "import",
+        "config",
+    ):
         assert f"\n    {name}" in text
         assert cli(name, "--help").returncode == 0
 
@@ -50,6 +63,9 @@ def test_wrong_usage_is_2_and_a_wrong_setting_1(cli, tmp_path):
     assert refused.stderr == (
         "error: the command line: train.max_splts is not a setting. The nearest is train.max_splats.\n"
     )
+    nowhere = cli("bake")
+    assert nowhere.returncode == 1
+    assert "give its folder, as in --take" in nowhere.stderr
     missing = cli("run", tmp_path / "none.yaml", "--take", tmp_path / "take")
     assert missing.returncode == 1
     assert "there is no such file" in missing.stderr
@@ -117,7 +133,7 @@ def test_the_last_lines_of_a_run_are_the_table(cli, finished, tmp_path):
 
 def test_stdout_of_json_is_events_only(cli, finished, tmp_path):
     shutil.copytree(finished, tmp_path / "copy")
-    done = cli("bake", "--take", tmp_path / "copy" / "take", "--force", "--json")
+    done = cli("bake", tmp_path / "copy" / "take", "--force", "--json")  # the take's folder alone will do
     assert done.returncode == 0, done.stderr
     kinds = [parse_event(line).kind for line in done.stdout.splitlines()]
     assert kinds[0] == "run_started"
@@ -134,3 +150,23 @@ def test_status_answers_without_torch(finished):
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stdout.endswith("False\n"), done.stderr
+
+
+def test_bake_to_a_target(cli, finished, tmp_path):
+    """Smaller for a lower PSNR, never above the kilobytes asked for; a new target replaces the one that the
+    take remembers."""
+    take = tmp_path / "take"
+    shutil.copytree(finished / "take", take)
+
+    def baked(*options):
+        done = cli("bake", "--take", take, *options)
+        assert done.returncode == 0, done.stderr
+        return json.loads((take / "stream" / "manifest.json").read_text())
+
+    high, low = (baked("--target-psnr", goal) for goal in ("45", "32"))
+    assert sum(group["bytes"] for group in low["groups"]) < sum(group["bytes"] for group in high["groups"])
+    assert [group["video"]["qp"] for group in low["groups"]] > [group["video"]["qp"] for group in high["groups"]]
+    target = high["groups"][0]["bytes"] / high["groups"][0]["frame_count"] / 1000 * 0.9
+    small = baked("--target-kb-per-frame", f"{target:.3f}")
+    for group in small["groups"]:
+        assert group["bytes"] <= 1000 * target * group["frame_count"]

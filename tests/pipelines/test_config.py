@@ -41,8 +41,8 @@ def test_defaults_are_the_papers():
     [
         ("train", train_settings, {"snapshot_every"}),
         ("initialise", hull_settings, set()),
-        ("calibrate", lambda section: sfm_settings(section, Config().run), {"threads", "seed", "keep_known"}),
-        ("bake", lambda section: bake_settings(section, 1), {"threads", "codec"}),
+        ("calibrate", lambda section: sfm_settings(section, Config().run), {"threads", "seed"}),
+        ("bake", lambda section: bake_settings(section, 1), {"threads"}),
         ("capture", capture_spec, {"cache_bytes"}),
     ],
 )
@@ -110,6 +110,8 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
     ("text", "expected"),
     [
         ("bake: {qp: 80}", "bake.qp = 80 must be less than or equal to 51."),
+        ("bake: {target_psnr: 40, target_kb_per_frame: 30}", "both set"),
+        ("bake: {profile: planes, codec: av1}", "codec = av1"),
         ("train: {max_splats: many}", "train.max_splats = 'many' must be a valid integer"),
         ("train: {background: green}", "train.background = 'green' must be 'random', 'black' or 'white'."),
         ("capture: {scale: .nan}", "capture.scale = nan must"),

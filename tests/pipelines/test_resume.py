@@ -7,7 +7,7 @@ import signal
 import time
 from pathlib import Path
 
-from pipelines.events import Metrics, RunFinished, StageStarted, parse_event
+from pipelines.events import Log, Metrics, RunFinished, StageStarted, parse_event
 
 
 def stream_bytes(take: Path) -> dict[str, bytes]:
@@ -93,3 +93,24 @@ def test_sigterm_stops_within_two_seconds_and_run_goes_on(finished, project, sta
     done = cli("run", project / "ball.yaml", "--take", take)
     assert done.returncode == 0, done.stderr
     assert stream_bytes(take) == stream_bytes(finished / "take")
+
+
+def test_killed_inside_a_keyframe_goes_on_from_its_checkpoint(project, start, cli):
+    long = ("--train.keyframe_iterations", "250", "--train.checkpoint_every", "10", "--capture.stop", "2")
+
+    def run(name: str) -> tuple:
+        return ("run", project / "ball.yaml", "--take", project / name, "--json", *long)
+
+    unbroken = cli(*run("unbroken"))
+    assert unbroken.returncode == 0, unbroken.stderr
+    process = start(*run("killed"))
+    checkpoint = project / "killed" / "train" / "group_000" / "keyframe.checkpoint"
+    stop_when(process, lambda _: checkpoint.exists(), signal.SIGKILL)
+    frames = [project / name / "train" / "group_000" / "frame_000000.safetensors" for name in ("unbroken", "killed")]
+    assert not frames[1].exists(), "it was killed too late for this test to mean anything"
+    again = cli(*run("killed"))
+    assert again.returncode == 0, again.stderr
+    told = [event.message for event in map(parse_event, again.stdout.splitlines()) if isinstance(event, Log)]
+    assert any("the keyframe goes on from step" in message for message in told), told
+    assert frames[0].read_bytes() == frames[1].read_bytes()
+    assert not checkpoint.exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -145,6 +146,44 @@ def test_same_seed_same_result_and_known_lenses(scene: tuple[dict[str, np.ndarra
         np.testing.assert_array_equal(camera.K, truth[camera.name].K)
         assert np.linalg.norm(camera.center - truth[camera.name].center) < 0.02
     assert compare_rigs(first.rig, truth).center_percent < 0.6
+
+
+def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+    """Two noisy moments, read when needed; a camera that was pushed since the older solution is found and named."""
+    from dataclasses import replace
+
+    images, truth = scene
+    rng = np.random.default_rng(0)
+
+    def moment(name: str) -> np.ndarray:
+        return np.clip(images[name] + rng.normal(0, 4, images[name].shape), 0, 255).astype(np.uint8)
+
+    pushed = truth.names[2]
+    before = []
+    for camera in truth:
+        pose = camera.world_to_camera.copy()
+        pose[0, 3] += 0.02 * (camera.name == pushed)
+        before.append(replace(camera, world_to_camera=pose))
+    result = calibrate_from_images(
+        {name: [partial(moment, name), partial(moment, name)] for name in images},
+        workdir=tmp_path,
+        poses=Rig(tuple(before)),
+        settings=FAST,
+    )
+    assert result.report["moments"] == 2
+    assert result.report["mapper"] == "known poses"
+    assert compare_rigs(result.rig, truth).center_percent < 0.6
+    moved = {name: figures["center"] for name, figures in result.report["moved"].items()}
+    assert max(moved, key=lambda name: moved[name]) == pushed
+    assert moved[pushed] == pytest.approx(0.02, abs=0.008)
+    for camera in result.rig:  # on the older solution as well as it can be, whose lenses it has
+        assert np.linalg.norm(camera.center - truth[camera.name].center) < 0.02
+        np.testing.assert_array_equal(camera.K, truth[camera.name].K)
+    first, second = truth.names[:2]
+    with pytest.raises(StudioError, match=r"'view 1' has pictures of 1 moments, 'view 0' of 2"):
+        calibrate_from_images({first: [images[first]] * 2, second: [images[second]]}, workdir=tmp_path)
+    with pytest.raises(StudioError, match="lens_groups names camera 'nobody'"):
+        calibrate_from_images(images, workdir=tmp_path, settings=SfmSettings(lens_groups=(("nobody",),)))
 
 
 def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:

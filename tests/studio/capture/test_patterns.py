@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from studio.capture.detect import detect_images
+from studio.capture.detect import MASK_FOLDERS, detect_beside, detect_images
 from studio.capture.patterns import find_files
 from studio.errors import StudioError
 
@@ -58,6 +58,26 @@ def test_pattern_without_camera_or_with_unknown_parts(tmp_path: Path) -> None:
     [
         (["videos/a.mp4", "videos/b.mp4", "rgba/a/0.png"], "videos/{camera}.mp4"),
         (["images/a/0.png", "images/b/0.png", "masks/a/0.png"], "images/{camera}/{frame}.png"),
+        (
+            [
+                "rgbs/Cam001/Cam001_rgb000000.jpg", "rgbs/Cam002/Cam002_rgb000000.jpg",
+                "masks/Cam001/Cam001_mask000000.png", "calibration.csv",
+            ],
+            "rgbs/{camera}/{camera}_rgb{frame}.jpg",
+        ),
+        (
+            ["image_white/0/0.png", "image_white/0/1.png", "image_white/transforms.json"],
+            "image_white/{frame}/{camera}.png",
+        ),
+        (["image/000.mp4", "image/001.mp4", "mask/000.mp4", "CamPose.inf"], "image/{camera}.mp4"),
+        (
+            ["image/000.mp4", "image/0/img_0000.png", "image/0/img_0001.png", "mask/0/img_0000.png"],
+            "image/{frame}/img_{camera}.png",
+        ),
+        (["0/images/0.png", "0/images/1.png", "0/transforms.json", "1/images/0.png"], "{frame}/images/{camera}.png"),
+        (["0/left.png", "0/right.png", "1/left.png", "1/right.png"], "{frame}/{camera}.png"),
+        (["left/0.png", "left/1.png", "right/0.png", "right/1.png"], "{camera}/{frame}.png"),
+        (["left.mp4", "right.mp4", "notes.txt"], "{camera}.mp4"),
         (["images/DSC_0007.jpg", "images/DSC_0008.jpg"], "images/{camera}.jpg"),
         (["images/a_0000.jpg", "images/a_0001.jpg", "images/b_0000.jpg", "images/b_0001.jpg"],
          "images/{camera}_{frame}.jpg"),
@@ -80,3 +100,26 @@ def test_nothing_or_too_much_found_says_what_to_set(tmp_path: Path) -> None:
     touch(tmp_path, "x/day1/a.mp4", "x/day1/b.mp4", "x/day2/a.mp4", "x/day2/b.mp4")
     with pytest.raises(StudioError, match="x/day1 and in x/day2"):
         detect_images(tmp_path)
+
+
+def test_numbered_folders_are_frames_where_the_cameras_file_says_so(tmp_path: Path) -> None:
+    """HiFi4G's image_white opened as the capture: 0/0.png could be frame 0 of camera 0 either way."""
+    touch(tmp_path, *(f"{frame}/{camera}.png" for frame in range(2) for camera in range(3)))
+    assert detect_images(tmp_path)[0] == "{camera}/{frame}.png"
+    frames = ", ".join(f'{{"file_path": "images/{camera}.png"}}' for camera in range(3))
+    (tmp_path / "transforms.json").write_text(f'{{"frames": [{frames}]}}')
+    assert detect_images(tmp_path)[0] == "{frame}/{camera}.png"
+
+
+def test_masks_of_other_layouts_are_found_beside(tmp_path: Path) -> None:
+    touch(tmp_path, "a/masks/Cam001/Cam001_mask000003.png", "b/mask/0/img_0001.png", "c/mask/001.mp4")
+    expected = {
+        "a": ("masks/{camera}/{camera}_mask{frame}.png", "Cam001", 3),
+        "b": ("mask/{frame}/img_{camera}.png", "0001", 0),
+        "c": ("mask/{camera}.mp4", "001", None),
+    }
+    for folder, (pattern, camera, frame) in expected.items():
+        found = detect_beside(tmp_path / folder, MASK_FOLDERS, [camera])
+        assert found is not None
+        assert found[0] == pattern
+        assert (found[1][0].camera, found[1][0].frame) == (camera, frame)

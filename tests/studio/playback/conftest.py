@@ -34,7 +34,7 @@ class GatedSource(FolderSource):
 
 def bake_numbered(folder: Path, lengths: tuple[int, ...]) -> Path:
     """A stream at 50 fps in groups of these lengths; splat 0 of frame i lies at x = i: frames know their number."""
-    settings = BakeSettings(qp=0)
+    settings = BakeSettings(profile="planes", qp=0)
     entries, first = [], 0
     for group, length in enumerate(lengths):
         frames = []

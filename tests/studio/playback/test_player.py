@@ -223,22 +223,6 @@ def test_play_at_the_end_begins_again(player, clock, until):
     assert player.playing
 
 
-def test_damage_in_the_middle_plays_up_to_it_and_says_so(stream, gated, clock, until):
-    (stream / "group_001" / "quat_w.mp4").write_bytes(b"?")
-    with Player(gated, now=clock) as player:
-        player.play()
-        until(lambda: shown(player) == 0)
-        for index in range(1, 5):
-            clock.forward(1)
-            until(lambda index=index: shown(player) == index)
-        clock.forward(1)
-        with pytest.raises(StudioError, match=r"group_001/quat_w\.mp4"):
-            until(lambda: shown(player) == 5)
-        assert not player.playing
-        player.seek(9)  # what is intact can still be reached
-        until(lambda: shown(player) == 9)
-
-
 def test_close_ends_all_threads(gated, clock, until):
     before = {thread.name for thread in threading.enumerate()}
     for pause in (0.0, 0.02, 0.2):

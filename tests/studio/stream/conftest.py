@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, bake_group, write_manifest
@@ -49,7 +50,7 @@ def make_stream(tmp_path: Path, make_frames: MakeFrames) -> Callable[..., tuple[
     def make(
         lengths: tuple[int, ...] = (4, 3), splats: int = 200, degree: int = 0, settings: BakeSettings | None = None
     ) -> tuple[Path, list[list[Gaussians]]]:
-        settings = settings or BakeSettings(qp=0)
+        settings = settings or BakeSettings(profile="planes", qp=0)
         folder = tmp_path / "stream"
         groups = [make_frames(length, splats + 5 * g, degree, seed=g) for g, length in enumerate(lengths)]
         entries, first = [], 0
@@ -81,3 +82,34 @@ def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
         path.write_bytes(data.replace(b"0" * 64, digest.encode(), 1))
 
     return edit
+
+
+@pytest.fixture
+def turning_bodies() -> MakeFrames:
+    """`turning_bodies(frames, splats, degree)`: see below."""
+    return _turning_bodies
+
+
+def _turning_bodies(frames: int, splats: int, degree: int = 0) -> list[Gaussians]:
+    """Two rigid bodies that pass through each other, one turning; the colours and sizes of each splat stay."""
+    generator = torch.Generator().manual_seed(3)
+
+    def noise(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    start = noise(splats, 3) * 0.2
+    second = torch.arange(splats) % 2 == 1
+    quats = torch.nn.functional.normalize(noise(splats, 4), dim=1)
+    log_scales, logits, sh = noise(splats, 3) * 0.5 - 4, noise(splats), noise(splats, (degree + 1) ** 2, 3)
+    result = []
+    for t in range(frames):
+        turn = Rotation.from_rotvec([0, 0, 0.2 * t])
+        moved = torch.from_numpy(start.numpy() @ turn.as_matrix().T).float()
+        turned = (turn * Rotation.from_quat(quats.numpy()[:, [1, 2, 3, 0]])).as_quat()[:, [3, 0, 1, 2]]
+        means = torch.where(second[:, None], moved, start + torch.tensor([0.05 * t, 0.0, 0.0]))
+        result.append(
+            Gaussians(
+                means, torch.where(second[:, None], torch.from_numpy(turned).float(), quats), log_scales, logits, sh
+            )
+        )
+    return result

@@ -17,7 +17,7 @@ def contents(folder):
 
 
 def bake(folder, frames, **settings):
-    settings = BakeSettings(**settings)
+    settings = BakeSettings(profile="planes", **settings)
     entry = bake_group(frames, folder, 0, 0, settings)
     return write_manifest(folder, [entry], 30, settings)
 
@@ -143,7 +143,7 @@ def test_cancelled_bake_leaves_what_was_there(tmp_path, make_frames):
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        bake_group(make_frames(3, 100, seed=5), tmp_path, 0, 0, BakeSettings(), progress=stop)
+        bake_group(make_frames(3, 100, seed=5), tmp_path, 0, 0, BakeSettings(profile="planes"), progress=stop)
     assert contents(tmp_path) == before
 
 
@@ -166,7 +166,7 @@ def test_progress_counts_frames(tmp_path, make_frames):
         tmp_path,
         0,
         0,
-        BakeSettings(),
+        BakeSettings(profile="planes"),
         progress=lambda done, total, **f: calls.append((done, total)),
     )
     assert calls[-3:] == [(1, 3), (2, 3), (3, 3)]
@@ -175,27 +175,27 @@ def test_progress_counts_frames(tmp_path, make_frames):
 def test_bad_frames_are_refused(tmp_path, make_frames):
     frames = make_frames(3, 100)
     with pytest.raises(StudioError, match="no frames"):
-        bake_group([], tmp_path, 0, 0, BakeSettings())
+        bake_group([], tmp_path, 0, 0, BakeSettings(profile="planes"))
     with pytest.raises(StudioError, match="no splats"):
-        bake_group([frames[0][:0]], tmp_path, 0, 0, BakeSettings())
+        bake_group([frames[0][:0]], tmp_path, 0, 0, BakeSettings(profile="planes"))
     with pytest.raises(StudioError, match=r"frame 1 .* 99 splats .* 100"):
-        bake_group([frames[0], frames[1][:99]], tmp_path, 0, 0, BakeSettings())
+        bake_group([frames[0], frames[1][:99]], tmp_path, 0, 0, BakeSettings(profile="planes"))
     with pytest.raises(StudioError, match="degree 1"):
-        bake_group([frames[0], frames[1].with_sh_degree(1)], tmp_path, 0, 0, BakeSettings())
+        bake_group([frames[0], frames[1].with_sh_degree(1)], tmp_path, 0, 0, BakeSettings(profile="planes"))
     frames[2].sh[4, 0, 1] = float("nan")
     with pytest.raises(StudioError, match=r"frame 2 .* sh "):
-        bake_group(frames, tmp_path, 0, 0, BakeSettings())
+        bake_group(frames, tmp_path, 0, 0, BakeSettings(profile="planes"))
     assert contents(tmp_path) == {}
 
 
 def test_folder_that_cannot_be_made(tmp_path, make_frames):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(StudioError, match="cannot be written"):
-        bake_group(make_frames(1, 50), tmp_path / "file", 0, 0, BakeSettings())
+        bake_group(make_frames(1, 50), tmp_path / "file", 0, 0, BakeSettings(profile="planes"))
 
 
 def test_groups_must_follow_each_other(tmp_path, make_frames):
-    settings = BakeSettings()
+    settings = BakeSettings(profile="planes")
     one = bake_group(make_frames(2, 50), tmp_path, 0, 0, settings)
     two = bake_group(make_frames(2, 50), tmp_path, 1, 3, settings)  # a gap
     with pytest.raises(StudioError, match="begins at frame 3"):

@@ -6,6 +6,7 @@ import shutil
 import time
 
 import pytest
+import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
@@ -35,10 +36,11 @@ def drop_component(values):
 
 PLANE = ("groups", 0, "components", 3, "planes", 0)
 DAMAGE = {
-    "newer version": (set_(("version",), 2), "version 2.*update"),
+    "newer version": (set_(("version",), 3), "version 3.*update"),
     "version that is no number": (set_(("version",), "1"), "version"),
     "other format": (set_(("format",), "something"), "not the manifest"),
-    "other profile": (set_(("profile",), "motion"), "profile"),
+    "other profile": (set_(("profile",), "gaussian"), "profile"),
+    "profile of other groups": (set_(("profile",), "motion"), "scan"),
     "path outside": (set_((*PLANE, "path"), "../secret.mp4"), "path"),
     "absolute path": (set_((*PLANE, "path"), "/etc/passwd"), "path"),
     "hidden path outside": (set_((*PLANE, "path"), "group_000/../../secret.mp4"), "path"),
@@ -80,6 +82,15 @@ def test_edit_alone_is_no_damage(stream, edit_manifest):
     edit_manifest(stream, lambda values: values.update(later_addition={"x": 1}))
     with StreamReader.open(stream) as reader:
         assert reader.frame_count == 7
+
+
+def test_streams_of_version_1_are_read(stream, edit_manifest):
+    with StreamReader.open(stream) as reader:
+        ours = list(reader.iterate())
+    edit_manifest(stream, lambda values: values.update(version=1))
+    with StreamReader.open(stream) as reader:
+        theirs = list(reader.iterate())
+    assert all(torch.equal(a.means, b.means) for a, b in zip(ours, theirs, strict=True))
 
 
 @pytest.mark.parametrize("kind", DAMAGE)
@@ -242,12 +253,12 @@ class TestFiles:
         self.refuses_group(stream, r"opacity\.mp4: this is not a readable MP4")
 
     def test_signed_video_with_too_few_frames(self, stream, edit_manifest, plane, make_frames, tmp_path):
-        bake_group(make_frames(2, 85), tmp_path / "short", 0, 0, BakeSettings())
+        bake_group(make_frames(2, 85), tmp_path / "short", 0, 0, BakeSettings(profile="planes"))
         self.replace(stream, edit_manifest, plane, (tmp_path / "short/group_000/opacity.mp4").read_bytes())
         self.refuses_group(stream, r"opacity\.mp4: the video ends")
 
     def test_signed_video_of_another_size(self, stream, edit_manifest, plane, make_frames, tmp_path):
-        bake_group(make_frames(3, 600), tmp_path / "large", 0, 0, BakeSettings())
+        bake_group(make_frames(3, 600), tmp_path / "large", 0, 0, BakeSettings(profile="planes"))
         self.replace(stream, edit_manifest, plane, (tmp_path / "large/group_000/opacity.mp4").read_bytes())
         self.refuses_group(stream, r"opacity\.mp4: found h264 video of 32x32, the manifest promises h264 of 16x16")
 

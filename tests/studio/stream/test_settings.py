@@ -6,20 +6,20 @@ from studio.stream import BakeSettings
 
 @pytest.mark.parametrize("qp", [0, 10, 22])
 def test_up_to_22_all_alike(qp):
-    settings = BakeSettings(qp=qp)
+    settings = BakeSettings(profile="planes", qp=qp)
     assert {settings.attribute_qp(a) for a in ("means_low", "opacities", "scales", "quats", "sh")} == {qp}
     assert settings.attribute_qp("means_high") == 0
 
 
 def test_above_22_colour_scale_and_rotation_stay():
-    settings = BakeSettings(qp=30)
+    settings = BakeSettings(profile="planes", qp=30)
     assert [settings.attribute_qp(a) for a in ("sh", "scales", "quats")] == [22, 22, 22]
     assert [settings.attribute_qp(a) for a in ("means_low", "opacities")] == [30, 30]
     assert settings.attribute_qp("means_high") == 0
 
 
 def test_override_wins():
-    settings = BakeSettings(qp=30, attribute_qps={"sh": 35, "means_low": 5})
+    settings = BakeSettings(profile="planes", qp=30, attribute_qps={"sh": 35, "means_low": 5})
     assert settings.attribute_qp("sh") == 35
     assert settings.attribute_qp("means_low") == 5
 
@@ -39,4 +39,4 @@ def test_override_wins():
 )
 def test_wrong_settings_are_refused(wrong):
     with pytest.raises(StudioError, match="Baking"):
-        BakeSettings(**wrong)
+        BakeSettings(profile="planes", **wrong)

@@ -199,3 +199,75 @@ def test_unusable_input_is_named(before: list[TrainView]) -> None:
         train_keyframe([], torch.rand(9, 3), torch.zeros(9, 3), SETTINGS)
     with pytest.raises(StudioError, match="sh_degree is 7"):
         TrainSettings(sh_degree=7)
+
+
+@pytest.mark.parametrize("density", ["gradient", "mcmc"])
+def test_a_keyframe_goes_on_from_every_checkpoint_as_if_it_never_stopped(before: list[TrainView], density: str) -> None:
+    truth = ball(torch.zeros(3))
+    points = truth.means + 0.02 * torch.randn(300, 3, generator=torch.Generator().manual_seed(0))
+    colors = torch.full((300, 3), 0.5)
+    settings = TrainSettings(
+        **{
+            **vars(SETTINGS),
+            "density": density,
+            "keyframe_iterations": 20,
+            "densify_from": 3,
+            "densify_until": 16,
+            "densify_every": 5,
+            "densify_gradient": 1e-6,
+            "opacity_reset_every": 8,
+            "prune_finetune_iterations": 4,
+            "max_splats": 200,
+            "sh_degree": 1,
+            "sh_degree_every": 6,
+            "checkpoint_every": 1,
+        }
+    )
+    kept = {}
+
+    def keep(step: int, state: dict[str, torch.Tensor]) -> None:
+        kept[step] = {name: value.clone() for name, value in state.items()}
+
+    unbroken = train_keyframe(before, points, colors, settings, seed=5, checkpoint=keep)
+    assert max(kept) == 20 + 4 * int(kept[20]["rounds"])
+    for step in (4, 12, 20, 23, 24, max(kept)):
+        resumed = train_keyframe(before, points, colors, settings, seed=5, resume=kept[step])
+        for name, value in unbroken.items():
+            assert torch.equal(value, getattr(resumed, name)), (step, name)
+    with pytest.raises(StudioError, match="checkpoint has no 'rounds'"):
+        train_keyframe(before, points, colors, settings, resume={"done": torch.tensor(3)})
+
+
+def test_a_warm_network_knows_the_motion_of_the_frame_before(after: list[TrainView]) -> None:
+    truth = ball(torch.zeros(3))
+    first = train_interframe(truth, after, SETTINGS, seed=3)
+    further = views(2 * SHIFT)
+    few = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 1, "finetune_iterations": 0})
+    cold = train_interframe(first.warped, further, few, seed=4)
+    warm = train_interframe(
+        first.warped,
+        further,
+        TrainSettings(**{**vars(few), "motion_warm_start": True}),
+        before_previous=truth,  # the guess of constant velocity must not be added to what the network knows
+        warm_start=first.motion,
+        seed=4,
+    )
+
+    def error(gaussians: Gaussians) -> float:
+        return float((gaussians.means - truth.means - 2 * SHIFT).norm(dim=-1).mean())
+
+    assert error(warm.warped) < 0.6 * error(cold.warped)
+    with pytest.raises(StudioError, match="another size"):
+        train_interframe(
+            truth,
+            after,
+            TrainSettings(**{**vars(few), "motion_warm_start": True, "mlp_width": 32}),
+            warm_start=first.motion,
+        )
+
+
+def test_fine_tuning_for_rounded_attributes_runs(after: list[TrainView]) -> None:
+    settings = TrainSettings(**{**vars(SETTINGS), "simulate_quantisation": True, "temporal_huber": 1.0})
+    truth = ball(SHIFT)
+    result = train_interframe(truth, after, settings, seed=3)
+    assert loss_of(result.gaussians, after) < 1.5 * loss_of(truth, after) + 0.01

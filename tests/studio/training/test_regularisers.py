@@ -10,6 +10,7 @@ from scipy.stats import norm
 from studio.gaussians import Gaussians
 from studio.training.regularisers import (
     ResidualEntropy,
+    as_baked,
     baked_values,
     bits_of_residual,
     channels,
@@ -120,3 +121,42 @@ def test_steps_are_those_of_eight_bits() -> None:
     step = quantisation_steps(torch.tensor([[0.0, 1.0], [2.55, 1.0]]))
     assert step[0].item() == pytest.approx(0.01)
     assert step[1] > 0
+
+
+def test_huber_is_quadratic_inside_and_linear_outside() -> None:
+    steps = torch.tensor([0.1, 0.2])
+    before = torch.zeros(2, 2)
+    now = torch.tensor([[0.05, 0.1], [1.0, -1.0]])
+    # width: twice the step, 0.2 and 0.4
+    inside = 0.05**2 / 2 / 0.2 + 0.1**2 / 2 / 0.4
+    outside = (1.0 - 0.1) + (1.0 - 0.2)
+    assert temporal_loss(now, before, 16, steps, huber=2.0).item() == pytest.approx((inside + outside) / 16)
+    # with a vanishing width it is the L1
+    narrow = temporal_loss(now, before, 16, steps, huber=1e-6).item()
+    assert narrow == pytest.approx(temporal_loss(now, before, 16).item(), rel=1e-5)
+
+
+def test_simulated_rounding_is_the_bakers_and_passes_gradients() -> None:
+    from studio.stream.quantise import LEVELS_8, dequantise, quantise
+
+    generator = torch.Generator().manual_seed(4)
+    n = 500
+    splats = Gaussians(
+        torch.rand(n, 3, generator=generator),
+        torch.randn(n, 4, generator=generator),
+        torch.randn(n, 3, generator=generator),
+        torch.randn(n, generator=generator),
+        torch.randn(n, 4, 3, generator=generator),
+    )
+    splats.log_scales.requires_grad_(True)
+    values = baked_values(splats, splats.unit_quats)
+    low, steps = values.detach().amin(0), quantisation_steps(values)
+    drawn = as_baked(splats, values, low, steps)
+    for column in range(3):
+        plain = splats.log_scales[:, column].detach().numpy()
+        lowest, highest = float(plain.min()), float(plain.max())
+        stored = dequantise(quantise(plain, lowest, highest, LEVELS_8), lowest, highest, LEVELS_8)
+        assert np.abs(drawn.log_scales[:, column].detach().numpy() - stored).max() < 1e-5
+    assert drawn.sh.shape == splats.sh.shape
+    drawn.log_scales.sum().backward()
+    assert torch.equal(splats.log_scales.grad, torch.ones(n, 3))

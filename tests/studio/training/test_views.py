@@ -101,9 +101,31 @@ def test_dropout_leaves_a_share_out_and_keeps_the_density() -> None:
         torch.full((4000,), -1.0),
         torch.zeros(4000, 1, 3),
     )
-    left = dropped(many, 0.25, torch.Generator().manual_seed(0))
+    left, kept = dropped(many, 0.25, torch.Generator().manual_seed(0))
+    assert torch.equal(left.means, many.means[kept])
     assert len(left) == pytest.approx(3000, abs=100)
     assert float(left.opacities.sum()) == pytest.approx(float(many.opacities.sum()), rel=0.03)
     opaque = Gaussians(many.means, many.quats, many.log_scales, torch.full((4000,), 8.0), many.sh)
-    assert torch.isfinite(dropped(opaque, 0.5, torch.Generator()).logit_opacities).all()
-    assert dropped(many, 0.0, torch.Generator()) is many
+    assert torch.isfinite(dropped(opaque, 0.5, torch.Generator())[0].logit_opacities).all()
+
+
+def test_what_dropout_left_out_was_not_drawn() -> None:
+    view = TrainView.from_view(captured(False))
+    # equal splats before the camera: every one that takes part is drawn, and moves the picture
+    n = 40
+    many = Gaussians(
+        torch.tensor([[0.0, 0.0, 2.0]]).repeat(n, 1),
+        torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(n, 1),
+        torch.full((n, 3), -2.0),
+        torch.full((n,), -4.0),
+        torch.ones(n, 1, 3),
+    )
+    offsets = torch.zeros(n, 2, requires_grad=True)
+    stepper = Stepper([view], TrainSettings(background="black", dropout=0.5), torch.Generator().manual_seed(0))
+    step = stepper(many, offsets, dropout=True)
+    step.loss.backward()
+    assert offsets.grad is not None
+    drawn = step.render.radii > 0
+    assert 5 < int(drawn.sum()) < n - 5
+    assert torch.equal(offsets.grad.norm(dim=-1) > 0, drawn)
+    assert bool((stepper(many, None, dropout=False).render.radii > 0).all())

@@ -1,0 +1,534 @@
+"""What a stream costs and what it looks like: our two profiles against the paper's released bake, on a trained take.
+
+    python benchmarks/rate_distortion.py TAKE                          # all groups, some minutes on two cores
+    python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/STREAM.md --title quickstart
+    python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
+    python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at 60,000 and 100,000 splats
+
+Everything is drawn from the take's held-out cameras, or from its training cameras where none is held out, and compared
+in the box of the performer's matte: with the footage, and with the trained splats before baking. PSNR is of the mean
+squared error over all views. Bytes are all files of all groups, without the manifest or the released layout's JSON.
+
+`released` is written again here from what the released code is known to do: no Morton order, ranges of each frame's
+own, activated values, truncation instead of rounding, one video a channel and three of normals, QP of colour, scale
+and rotation held at 22, high bytes lossless. It is tried with B frames, as x264 writes where nobody says otherwise, and
+with I and P frames only; the one with the better BD-rate counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+import numpy as np
+import torch
+from rich.console import Console
+from scipy.interpolate import PchipInterpolator
+
+from pipelines.config import load_config
+from pipelines.frame_files import read_frame
+from pipelines.pictures import draw
+from pipelines.stages.base import Context
+from pipelines.stages.evaluate import padded_box
+from pipelines.take import Take
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream.layout import plane_side
+
+RELEASED_QPS = (10, 16, 22, 28, 34, 40)
+PLANES_QPS = (10, 16, 22, 28, 34, 40)
+MOTION_QPS = (12, 16, 20, 24, 28, 32)
+CODEC_QPS = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
+
+console = Console(width=120)
+
+
+@dataclass
+class Point:
+    """One bake: what it costs, what it looks like."""
+
+    name: str
+    qp: int
+    kilobytes: float  # a frame, 1000 bytes
+    footage_psnr: float
+    own_psnr: float
+    encode_ms: float  # a frame
+    decode_ms: float
+
+
+@dataclass
+class Views:
+    """Held-out pictures of some frames: the footage's and the trained splats'."""
+
+    context: Context
+    cameras: tuple[str, ...]
+    held_out: bool
+    truth: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
+    trained: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
+    boxes: dict[tuple[int, str], tuple[slice, slice]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, context: Context) -> Views:
+        footage = context.footage
+        return cls(context, footage.held_out_cameras or footage.train_cameras, bool(footage.held_out_cameras))
+
+    def add(self, index: int, gaussians: Gaussians) -> None:
+        """Note frame `index` of the take."""
+        footage, settings = self.context.footage, self.context.config
+        for camera in self.cameras:
+            matte = footage.evaluation_matte(camera, footage.frames[index])
+            box = padded_box(matte, settings.evaluate.crop_padding)
+            if box is None:
+                continue
+            image = footage.view(camera, footage.frames[index]).image[box].astype(np.float32) / 255
+            alpha = matte[box][..., None].astype(np.float32) / 255
+            background = np.array(settings.capture.background, dtype=np.float32)
+            self.boxes[index, camera] = box
+            self.truth[index, camera] = image * alpha + background * (1 - alpha)
+            self.trained[index, camera] = self._draw(index, camera, gaussians)
+
+    def _draw(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
+        context = self.context
+        lens = context.footage.view(camera, context.footage.frames[index]).camera
+        return draw(gaussians, lens, context.config.capture.background, context.device)[self.boxes[index, camera]]
+
+    def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
+        """PSNR against the footage and against the trained splats, over all views of `frames`."""
+        errors = [
+            (
+                float(np.square(image - self.truth[key]).mean()),
+                float(np.square(image - self.trained[key]).mean()),
+            )
+            for key in self.boxes
+            if key[0] in frames
+            for image in [self._draw(*key, frames[key[0]])]
+        ]
+        footage, own = np.mean(errors, axis=0)
+        return -10 * math.log10(footage), -10 * math.log10(max(own, 1e-12))
+
+    def trained_psnr(self) -> float:
+        return -10 * math.log10(
+            float(np.mean([np.square(self.trained[key] - self.truth[key]).mean() for key in self.boxes]))
+        )
+
+
+@dataclass
+class TakeGroup:
+    """Frames of one group, and their numbers in the take."""
+
+    index: int
+    indices: tuple[int, ...]
+    frames: list[Gaussians]
+
+
+# ---- the released bake -----------------------------------------------------------------------------------------------
+
+
+def released_channels(frames: Sequence[Gaussians]) -> list[np.ndarray]:
+    """(A, N) a frame: activated values in PLY order, normals among them."""
+    result = []
+    for frame in frames:
+        quats = frame.unit_quats.numpy().T
+        rest = frame.sh.numpy().reshape(len(frame), -1).T
+        parts = [frame.means.numpy().T, np.zeros((3, len(frame)), np.float32), rest]
+        parts += [frame.opacities.numpy()[None], frame.scales.numpy().T, quats]
+        result.append(np.concatenate(parts).astype(np.float64))
+    return result
+
+
+def encode_released(planes: list[np.ndarray], path: Path, qp: int, b_frames: bool) -> None:
+    import av
+
+    with av.open(str(path), "w", format="mp4") as out:
+        stream = out.add_stream("libx264", rate=30)
+        stream.width = stream.height = planes[0].shape[0]
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.color_range = 2
+        stream.codec_context.thread_count = 1
+        stream.codec_context.options = {"qp": str(qp), **({} if b_frames else {"bf": "0"})}
+        for number, plane in enumerate(planes):
+            picture = av.VideoFrame(plane.shape[1], plane.shape[0], "yuv420p")
+            for k, target in enumerate(picture.planes):
+                view = np.frombuffer(target, np.uint8).reshape(-1, target.line_size)
+                view[:, : target.width] = plane if k == 0 else 128
+            picture.pts = number
+            out.mux(stream.encode(picture))
+        out.mux(stream.encode())
+
+
+def decode_released(path: Path, side: int) -> list[np.ndarray]:
+    import av
+
+    with av.open(str(path)) as container:
+        container.streams.video[0].codec_context.thread_count = 1
+        found = []
+        for frame in container.decode(video=0):
+            plane = frame.planes[0]
+            found.append(np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[:, :side].reshape(-1).copy())
+        return found
+
+
+def bake_released(
+    frames: Sequence[Gaussians], folder: Path, qp: int, b_frames: bool, pool: ThreadPoolExecutor
+) -> tuple[int, list[Gaussians], float, float]:
+    """Bytes, decoded frames, seconds to bake and to decode."""
+    began = time.perf_counter()
+    values = released_channels(frames)
+    count = len(frames[0])
+    side, channels = plane_side(count), len(values[0])
+    lows = [v.min(axis=1, keepdims=True) for v in values]
+    highs = [v.max(axis=1, keepdims=True) for v in values]
+    levels = np.where(np.arange(channels) < 3, 65535, 255)[:, None]
+    # a constant channel divides by zero there; 0 is what it gives where it survives
+    codes = [
+        np.floor((v - a) / np.where(b > a, b - a, 1) * levels).astype(np.int64)
+        for v, a, b in zip(values, lows, highs, strict=True)
+    ]
+    jobs: list[tuple[str, list[np.ndarray], int]] = []
+    opacity = channels - 8
+    for c in range(channels):
+        channel_qp = qp if c == opacity else min(qp, 22)
+        parts = (("low", qp), ("high", 0)) if c < 3 else (("all", channel_qp),)
+        for part, part_qp in parts:
+            planes = []
+            for frame in codes:
+                plane = np.zeros(side * side, np.uint8)
+                plane[:count] = frame[c] >> 8 if part == "high" else frame[c] & 255
+                planes.append(plane.reshape(side, side))
+            jobs.append((f"{c}_{part}", planes, part_qp))
+    folder.mkdir(parents=True)
+    list(pool.map(lambda job: encode_released(job[1], folder / f"{job[0]}.mp4", job[2], b_frames), jobs))
+    encoded = time.perf_counter()
+    size = sum(path.stat().st_size for path in folder.iterdir())
+    found = dict(
+        zip(
+            (job[0] for job in jobs),
+            pool.map(lambda job: decode_released(folder / f"{job[0]}.mp4", side), jobs),
+            strict=True,
+        )
+    )
+    decoded = []
+    for f in range(len(frames)):
+        rows = []
+        for c in range(channels):
+            if c < 3:
+                code = found[f"{c}_high"][f].astype(np.int64) << 8 | found[f"{c}_low"][f]
+            else:
+                code = found[f"{c}_all"][f]
+            rows.append(code[:count] / levels[c, 0] * (highs[f][c] - lows[f][c]) + lows[f][c])
+        decoded.append(released_gaussians(np.array(rows), count))
+    return size, decoded, encoded - began, time.perf_counter() - encoded
+
+
+def released_gaussians(rows: np.ndarray, count: int) -> Gaussians:
+    def tensor(array: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(np.ascontiguousarray(array)).float()
+
+    opacity = np.clip(rows[-8], 1e-6, 1 - 1e-6)
+    return Gaussians(
+        means=tensor(rows[:3].T),
+        quats=tensor(rows[-4:].T),
+        log_scales=tensor(np.log(np.maximum(rows[-7:-4].T, 1e-9))),
+        logit_opacities=tensor(np.log(opacity / (1 - opacity))),
+        sh=tensor(rows[6:-8].T.reshape(count, -1, 3)),
+    )
+
+
+# ---- ours ------------------------------------------------------------------------------------------------------------
+
+
+def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, name: str, work: Path) -> Point:
+    folder = work / "ours"
+    shutil.rmtree(folder, ignore_errors=True)
+    began = time.perf_counter()
+    first, entries = 0, []
+    for number, group in enumerate(groups):
+        entries.append(bake_group(group.frames, folder, number, first, settings))
+        first += len(group.frames)
+    baked = time.perf_counter()
+    write_manifest(folder, entries, 30, settings)
+    opened = time.perf_counter()
+    with StreamReader.open(folder) as reader:
+        decoded = list(reader.iterate())
+    done = time.perf_counter()
+    indices = [index for group in groups for index in group.indices]
+    footage, own = views.measure(dict(zip(indices, decoded, strict=True)))
+    size = sum(entry.bytes for entry in entries)
+    frames = len(indices)
+    return Point(name, settings.qp, size / frames / 1000, footage, own, 1e3 * (baked - began) / frames,
+                 1e3 * (done - opened) / frames)  # fmt: skip
+
+
+def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: bool, work: Path) -> Point:
+    size, decoded, encode, decode = 0, {}, 0.0, 0.0
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for group in groups:
+            folder = work / "released"
+            shutil.rmtree(folder, ignore_errors=True)
+            part, frames, encode_s, decode_s = bake_released(group.frames, folder, qp, b_frames, pool)
+            size, encode, decode = size + part, encode + encode_s, decode + decode_s
+            decoded.update(zip(group.indices, frames, strict=True))
+    footage, own = views.measure(decoded)
+    count = len(decoded)
+    return Point("released", qp, size / count / 1000, footage, own, 1e3 * encode / count, 1e3 * decode / count)
+
+
+def bd_rate(anchor: list[Point], other: list[Point], measure: str) -> float | None:
+    """Bjøntegaard's difference of rate in per cent over the PSNR that both reach (PCHIP through log rate); None where
+    they reach none together."""
+
+    def curve(points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
+        best: dict[float, float] = {}
+        for point in points:
+            best[getattr(point, measure)] = min(point.kilobytes, best.get(getattr(point, measure), math.inf))
+        psnr = np.array(sorted(best))
+        rate = np.log([best[p] for p in psnr])
+        rising = np.flatnonzero(np.maximum.accumulate(rate) == rate)  # noise near saturation is no curve
+        return psnr[rising], rate[rising]
+
+    (a, ra), (b, rb) = curve(anchor), curve(other)
+    if min(len(a), len(b)) < 2:
+        return None
+    low, high = max(a[0], b[0]), min(a[-1], b[-1])
+    if high - low < 0.01:
+        return None
+    at = np.linspace(low, high, 200)
+    difference = PchipInterpolator(b, rb)(at) - PchipInterpolator(a, ra)(at)
+    return float(100 * (np.exp(np.mean(difference)) - 1))
+
+
+def kilobytes_at(points: list[Point], psnr: float, measure: str) -> float | None:
+    """Rate at a PSNR between two points, interpolated in log rate."""
+    ordered = sorted(points, key=lambda point: getattr(point, measure))
+    values = [getattr(point, measure) for point in ordered]
+    if not values[0] <= psnr <= values[-1]:
+        return None
+    return float(np.exp(np.interp(psnr, values, np.log([point.kilobytes for point in ordered]))))
+
+
+# ---- speed -----------------------------------------------------------------------------------------------------------
+
+
+def enlarged(frames: list[Gaussians], count: int) -> list[Gaussians]:
+    """`count` splats: the take's, each repeated a little beside itself, moving alike."""
+    generator = torch.Generator().manual_seed(0)
+    index = torch.arange(count) % len(frames[0])
+    shift = torch.zeros(count, 3)
+    copies = count - len(frames[0])
+    if copies > 0:
+        shift[-copies:] = torch.randn(copies, 3, generator=generator) * float(frames[0].scales.median())
+    result = []
+    for frame in frames:
+        part = frame[index]
+        result.append(Gaussians(part.means + shift, part.quats, part.log_scales, part.logit_opacities, part.sh))
+    return result
+
+
+def speed_rows(group: TakeGroup, work: Path) -> list[str]:
+    """Markdown rows: CPU time of all threads together, which other programs disturb little, and the clock's last."""
+    from studio.stream import fetch_group
+
+    rows = []
+    for count in (60_000, 100_000):
+        frames = enlarged(group.frames, count)
+        for profile in ("motion", "planes"):
+            folder = work / "speed"
+            shutil.rmtree(folder, ignore_errors=True)
+            settings = BakeSettings(profile=profile)
+            began = time.process_time()
+            entry = bake_group(frames, folder, 0, 0, settings)
+            bake = 1e3 * (time.process_time() - began) / len(frames)
+            write_manifest(folder, [entry], 30, settings)
+            opens, decodes, dequantises, plays = [], [], [], []
+            with StreamReader.open(folder) as reader:
+                for _ in range(3):
+                    files = fetch_group(reader.source, reader.manifest.groups[0])
+                    began = time.process_time()
+                    decoder = reader.open_group(reader.manifest.groups[0], files)
+                    opens.append(1e3 * (time.process_time() - began))
+                    began = time.process_time()
+                    decoded = [decoder.read() for _ in frames]
+                    decodes.append(1e3 * (time.process_time() - began) / len(frames))
+                    for frame in decoded:
+                        began = time.thread_time()
+                        frame.gaussians()
+                        dequantises.append(1e3 * (time.thread_time() - began))
+                    decoder.close()
+            from studio.playback import play_headless
+
+            for _ in range(3):
+                began = time.perf_counter()
+                play_headless(folder)
+                plays.append(len(frames) / (time.perf_counter() - began))
+            rows.append(
+                f"| {count:,} | {profile} | {entry.bytes / len(frames) / 1000:.0f} | {bake:.0f} ms | "
+                f"{min(opens):.0f} ms | {min(decodes):.1f} ms | {np.median(dequantises):.1f} ms | "
+                f"{max(plays):.0f} |"
+            )
+            console.print(rows[-1])
+    return [
+        "| splats | profile | KB a frame | bake a frame | open a group | decode a frame | dequantise | frames a"
+        " second, file to arrays |",
+        "|---|---|---|---|---|---|---|---|",
+        *rows,
+    ]
+
+
+# ---- the tables ------------------------------------------------------------------------------------------------------
+
+
+def table(points: list[Point]) -> list[str]:
+    lines = [
+        "| bake | QP | KB a frame | PSNR to footage | PSNR to unquantised | bake a frame | decode a frame |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for p in points:
+        lines.append(
+            f"| {p.name} | {p.qp} | {p.kilobytes:.1f} | {p.footage_psnr:.2f} dB | {p.own_psnr:.2f} dB | "
+            f"{p.encode_ms:.0f} ms | {p.decode_ms:.1f} ms |"
+        )
+    return lines
+
+
+def comparison(curves: dict[str, list[Point]]) -> list[str]:
+    """BD-rate, and bytes at equal quality."""
+    anchor = curves["released"]
+    lines = ["", "| against `released` | `planes` | `motion` |", "|---|---|---|"]
+    for measure, label in (("own_psnr", "PSNR to unquantised"), ("footage_psnr", "PSNR to footage")):
+        cells = []
+        for name in ("planes", "motion"):
+            value = bd_rate(anchor, curves[name], measure)
+            cells.append("no common range" if value is None else f"{value:+.0f} %")
+        lines.append(f"| BD-rate, {label} | {' | '.join(cells)} |")
+    for psnr in (36, 38, 40, 42, 44, 46):
+        base = kilobytes_at(anchor, psnr, "own_psnr")
+        if base is None:
+            continue
+        cells = []
+        for name in ("planes", "motion"):
+            value = kilobytes_at(curves[name], psnr, "own_psnr")
+            cells.append("out of range" if value is None else f"{value:.1f} KB, {value / base:.2f} of it")
+        lines.append(f"| at {psnr} dB to unquantised: {base:.1f} KB | {' | '.join(cells)} |")
+    same = [
+        (a.kilobytes, b.kilobytes)
+        for a in anchor
+        for b in curves["planes"]
+        if a.qp == b.qp
+    ]  # fmt: skip
+    fewer = all(ours < theirs for theirs, ours in same)
+    lines.append(f"| fewer bytes at every QP | {'yes' if fewer else 'no'} | |")
+    return lines
+
+
+def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGroup]]:
+    take = Take.open(path)
+    context = Context(take, load_config(take.config))
+    views = Views.of(context)
+    groups = []
+    for group in context.groups:
+        if wanted is not None and group.index not in wanted:
+            continue
+        files = [take.trained_frame(group.index, index) for index in group.indices]
+        if not all(file.is_file() for file in files):
+            raise StudioError(f"{path}: group {group.index} is not trained; train it or choose others by --groups.")
+        groups.append(TakeGroup(group.index, tuple(group.indices), [read_frame(file) for file in files]))
+        for index, frame in zip(group.indices, groups[-1].frames, strict=True):
+            views.add(index, frame)
+    return views, groups
+
+
+def write_between(path: Path, marker: str, text: str) -> None:
+    """Replace what stands between <!-- marker --> and <!-- /marker -->."""
+    document = path.read_text(encoding="utf-8")
+    pattern = re.compile(rf"(<!-- {re.escape(marker)} -->\n).*?(<!-- /{re.escape(marker)} -->)", re.DOTALL)
+    if not pattern.search(document):
+        raise StudioError(f"{path}: there are no markers <!-- {marker} --> and <!-- /{marker} --> to write between.")
+    temporary = path.with_suffix(".partial")
+    temporary.write_text(pattern.sub(lambda match: match[1] + text + "\n" + match[2], document), encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Rate and distortion of baked streams.")
+    parser.add_argument("take", type=Path, help="folder of a trained take")
+    parser.add_argument("--groups", help="which groups, as in 0,2 (all)")
+    parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
+    parser.add_argument("--speed", action="store_true", help="measure times at 60,000 and 100,000 splats instead")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="put the tables between this file's markers")
+    parser.add_argument("--title", default="", help="what the take is, for the table's first line")
+    arguments = parser.parse_args()
+    wanted = [int(number) for number in arguments.groups.split(",")] if arguments.groups else None
+    views, groups = load_take(arguments.take, wanted)
+    frames, splats = sum(len(g.frames) for g in groups), [len(g.frames[0]) for g in groups]
+    about = (
+        f"{arguments.title + ': ' if arguments.title else ''}{len(groups)} groups, {frames} frames, "
+        f"{min(splats):,} to {max(splats):,} splats, SH degree {groups[0].frames[0].sh_degree}; "
+        f"{'held-out' if views.held_out else 'training'} cameras {', '.join(views.cameras)}, where the trained "
+        f"splats have {views.trained_psnr():.2f} dB to the footage. {os.cpu_count()} cores, "
+        f"load {os.getloadavg()[0]:.1f} while measuring."
+    )
+    console.print(about)
+    lines = [about, ""]
+    with tempfile.TemporaryDirectory() as name:
+        work = Path(name)
+        if arguments.speed:
+            marker = "speed"
+            lines += speed_rows(groups[0], work)
+        elif arguments.codecs:
+            marker = "codecs"
+            points = []
+            for codec, qps in CODEC_QPS.items():
+                for qp in qps:
+                    settings = BakeSettings(profile="motion", qp=qp, codec=codec)
+                    points.append(measure_ours(groups, views, settings, codec, work))
+                    console.print(points[-1])
+            lines += table(points)
+            base = [point for point in points if point.name == "h264"]
+            for codec in ("hevc", "av1"):
+                value = bd_rate(base, [point for point in points if point.name == codec], "own_psnr")
+                lines.append("")
+                lines.append(
+                    f"BD-rate of {codec} against h264: " + ("no common range." if value is None else f"{value:+.0f} %.")
+                )
+        else:
+            marker = "rate-distortion"
+            curves: dict[str, list[Point]] = {}
+            both = {b: [measure_released(groups, views, qp, b, work) for qp in RELEASED_QPS] for b in (False, True)}
+            against = bd_rate(both[False], both[True], "own_psnr")
+            better = against is not None and against < 0
+            curves["released"] = both[better]
+            compared = "" if against is None else f" (with them: BD-rate {against:+.0f} % against without)"
+            lines[0] += f" `released` {'with' if better else 'without'} B frames{compared}."
+            for profile, qps in (("planes", PLANES_QPS), ("motion", MOTION_QPS)):
+                curves[profile] = []
+                for qp in qps:
+                    settings = BakeSettings(profile=profile, qp=qp)
+                    curves[profile].append(measure_ours(groups, views, settings, profile, work))
+                    console.print(curves[profile][-1])
+            lines += table([point for points in curves.values() for point in points])
+            lines += comparison(curves)
+    text = "\n".join(lines)
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    if arguments.write:
+        write_between(arguments.write, marker, text)
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        raise SystemExit(main())
+    except StudioError as error:
+        console.print(f"error: {error}", style="red")
+        raise SystemExit(1) from None

@@ -1,0 +1,97 @@
+"""The right side: figures of what is selected, and the job's log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from open3d.visualization import gui
+
+from gui.panels.picture import PictureWidget
+from gui.presenters.evaluation import Evaluation
+from gui.presenters.inspector import figures_picture, log_lines, log_picture, review_blocks, run_blocks
+from gui.presenters.marks import Marks
+from gui.presenters.player import PlayerPresenter
+from gui.presenters.workspace import Workspace
+
+PAUSE = 0.25
+"""Seconds between two drawings of the figures while they change all the time."""
+
+
+class InspectorPanel:
+    """See the module.
+
+    Args:
+        em: font size, pixels.
+        changed: called when the log was scrolled.
+    """
+
+    def __init__(self, em: float, changed: Callable[[], None]) -> None:
+        self._em, self._changed = em, changed
+        self.figures = PictureWidget()
+        self.log = PictureWidget(self._on_mouse)
+        self._back = 0
+        self._figures_of: object = None
+        self._log_of: object = None
+        self._lines: list[tuple[str, str]] = []
+        self._lines_of: tuple[object, ...] = (None,)
+        self._next = 0.0
+
+    @property
+    def widgets(self) -> list[gui.Widget]:
+        """All that the window must hold."""
+        return [self.figures.widget, self.log.widget]
+
+    def place(self, x: float, y: float, width: float, height: float) -> None:
+        """Take this rectangle of the window (pixels)."""
+        share = round(0.72 * height)
+        self.figures.place(x, y, width, share - 4)
+        self.log.place(x, y + share, width, height - share)
+
+    def update(
+        self,
+        player: PlayerPresenter,
+        evaluation: Evaluation,
+        marks: Marks,
+        workspace: Workspace,
+        stage: str,
+        drawn_rate: float,
+    ) -> bool:
+        """Draw again what changed; returns whether something did."""
+        changed = self._update_log(workspace)
+        if time.monotonic() < self._next:
+            return changed
+        self._next = time.monotonic() + PAUSE
+        if stage in ("review", "train") or workspace.take is None:
+            blocks = review_blocks(player, evaluation, marks, drawn_rate)
+        else:
+            blocks = review_blocks(player, evaluation, marks, drawn_rate)[:1]
+        blocks = [*run_blocks(workspace, stage), *blocks]
+        state = (blocks, self.figures.size)
+        if state == self._figures_of:
+            return changed
+        self._figures_of = state
+        self.figures.show(figures_picture(blocks, *self.figures.size, self._em))
+        return True
+
+    def _update_log(self, workspace: Workspace) -> bool:
+        run, size = workspace.run, self.log.size
+        lines_of = (id(run), len(run.lines), run.lines[-1] if run.lines else None, size[0])
+        if lines_of != self._lines_of:
+            if id(run) != self._lines_of[0]:
+                self._back = 0
+            self._lines_of = lines_of
+            self._lines = log_lines(run.lines, size[0], self._em)
+        state = (len(self._lines), self._lines[-1:], self._back, size)
+        if state == self._log_of:
+            return False
+        self._log_of = state
+        self.log.show(log_picture(self._lines, *size, self._em, self._back))
+        return True
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        if event.type != gui.MouseEvent.Type.WHEEL:
+            return False
+        self._back = min(max(self._back + round(3 * event.wheel_dy), 0), max(len(self._lines) - 3, 0))
+        self._changed()
+        return True

@@ -1,0 +1,66 @@
+"""The row over the viewport: what of the selected stage is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from open3d.visualization import gui
+
+from gui.panels.picture import colour
+from gui.presenters.palette import ACCENT_DARK, GROUND, RAISED
+
+Choice = tuple[str, str, str]
+"""Key, label, tooltip. An empty key is a gap."""
+
+
+class ModesPanel:
+    """Buttons, one set a stage; the chosen ones carry the accent.
+
+    Args:
+        sets: choices by stage.
+        em: font size, pixels.
+        chosen: called with stage and key.
+    """
+
+    def __init__(self, sets: Mapping[str, Sequence[Choice]], em: float, chosen: Callable[[str, str], None]) -> None:
+        self.rows: dict[str, gui.Horiz] = {}
+        self.buttons: dict[tuple[str, str], gui.Button] = {}
+        self._on: dict[tuple[str, str], bool] = {}
+        for stage, choices in sets.items():
+            row = gui.Horiz(0.35 * em, gui.Margins(0, 0, 0, 0))
+            for key, label, tooltip in choices:
+                if not key:
+                    row.add_fixed(0.8 * em)
+                    continue
+                button = gui.Button(label)
+                button.tooltip = tooltip
+                button.vertical_padding_em = 0.05
+                button.horizontal_padding_em = 0.7
+                button.background_color = colour(RAISED)
+                button.set_on_clicked(lambda stage=stage, key=key: chosen(stage, key))
+                row.add_child(button)
+                self.buttons[stage, key] = button
+                self._on[stage, key] = False
+            row.add_stretch()
+            row.background_color = colour(GROUND)
+            row.visible = False
+            self.rows[stage] = row
+
+    def place(self, x: float, y: float, width: float, height: float) -> None:
+        """Take this rectangle of the window (pixels)."""
+        for row in self.rows.values():
+            row.frame = gui.Rect(int(x), int(y), int(width), int(height))
+
+    def update(self, stage: str, on: set[str]) -> bool:
+        """Show the stage's row with these keys chosen; returns whether something changed."""
+        changed = False
+        for name, row in self.rows.items():
+            if row.visible != (name == stage):
+                row.visible = name == stage
+                changed = True
+        for (name, key), button in self.buttons.items():
+            if name == stage and self._on[name, key] != (key in on):
+                self._on[name, key] = key in on
+                button.background_color = colour(ACCENT_DARK if key in on else RAISED)
+                changed = True
+        return changed

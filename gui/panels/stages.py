@@ -1,0 +1,245 @@
+"""The left side: the stages with their state, the selected one's settings, Run and Cancel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from open3d.visualization import gui
+
+from gui.panels.picture import PictureWidget, colour
+from gui.presenters import stage_list
+from gui.presenters.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
+from gui.presenters.settings import SettingField, fields_of
+from gui.presenters.workspace import TITLES, Workspace
+from pipelines.config import Config
+
+
+class StagesPanel:
+    """See the module.
+
+    Args:
+        workspace: the take.
+        em: font size, pixels.
+        select: called with a stage's key.
+        run: called with a stage's key and whether to run it once more; "all" for all stages.
+        cancel: called to stop what runs.
+        changed: called whenever something here was touched.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        em: float,
+        select: Callable[[str], None],
+        run: Callable[[str, bool], None],
+        cancel: Callable[[], None],
+        changed: Callable[[], None],
+    ) -> None:
+        self._workspace, self._em = workspace, em
+        self._select, self._run, self._cancel, self._changed = select, run, cancel, changed
+        self.selected = "review"
+        self._drawn: object = None
+        self.list = PictureWidget(self._on_mouse)
+        self.detail = gui.Label("")
+        self.detail.text_color = colour(DIM)
+        self.buttons: dict[str, gui.Button] = {}
+        self.row = gui.Horiz(0.4 * em)
+        self.row.background_color = colour(PANEL)
+        self._button("run", "Run", "Do what is needed until this stage is done", self._run_clicked)
+        self._button("all", "Run all", "Bring every stage up to date", lambda: run("all", False))
+        self._button("cancel", "Cancel", "Stop; what is finished is kept, and a later run goes on from there", cancel)
+        self.row.add_stretch()
+        self.error = gui.Label("")
+        self.error.text_color = colour(BAD)
+        self.settings = {stage: SettingsList(stage, em, self._set) for stage in TITLES}
+        self._shown_config: Config | None = None
+
+    @property
+    def widgets(self) -> list[gui.Widget]:
+        """All that the window must hold."""
+        lists = [panel.widget for panel in self.settings.values()]
+        return [self.list.widget, self.detail, self.row, self.error, *lists]
+
+    def _button(self, key: str, text: str, tooltip: str, action: Callable[[], None]) -> None:
+        button = gui.Button(text)
+        button.tooltip = tooltip
+        button.vertical_padding_em = 0.1
+        button.horizontal_padding_em = 0.7
+        button.background_color = colour(RAISED if key != "run" else ACCENT_DARK)
+
+        def clicked() -> None:
+            action()
+            self._changed()
+
+        button.set_on_clicked(clicked)
+        self.row.add_child(button)
+        self.buttons[key] = button
+
+    def _run_clicked(self) -> None:
+        row = self._workspace.row(self.selected)
+        self._run(self.selected, row.state == "done")
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        if event.type != gui.MouseEvent.Type.BUTTON_DOWN:
+            return event.type != gui.MouseEvent.Type.WHEEL
+        row = stage_list.row_at(y, self._em, len(TITLES))
+        if row is not None:
+            self._select(list(TITLES)[row])
+            self._changed()
+        return True
+
+    def _set(self, field: SettingField, text: str) -> None:
+        from studio.errors import StudioError
+
+        try:
+            wrong = self._workspace.change_setting(field.name, field.parsed(text))
+        except StudioError as error:
+            wrong = str(error)
+        self._say(wrong)
+        self._shown_config = None  # shows what holds, also where the new value was refused
+        self._changed()
+
+    def _say(self, text: str) -> None:
+        if self.error.text != text:
+            self.error.text = text
+
+    # Layout and state
+
+    def place(self, x: float, y: float, width: float, height: float, context: gui.LayoutContext) -> None:
+        """Take this rectangle of the window (pixels)."""
+        em = self._em
+        list_height = stage_list.row_height(em) * len(TITLES)
+        self.list.place(x, y, width, list_height)
+        top = y + list_height + 0.4 * em
+        limits = gui.Widget.Constraints()
+        limits.width = int(width - 1.2 * em)
+        if self.detail.text:
+            wanted = min(self.detail.calc_preferred_size(context, limits).height, int(6 * em))
+            self.detail.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
+            top += wanted + 0.2 * em
+        self.row.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(1.7 * em))
+        top += 2.1 * em
+        if self.error.text:
+            wanted = min(self.error.calc_preferred_size(context, limits).height, int(8 * em))
+            self.error.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
+            top += wanted + 0.3 * em
+        for panel in self.settings.values():
+            panel.widget.frame = gui.Rect(int(x), int(top), int(width), max(int(y + height - top), 1))
+
+    def update(self) -> tuple[bool, bool]:
+        """Bring everything in line with the workspace; returns (whether something changed, whether to lay out anew)."""
+        changed = layout = False
+        rows = self._workspace.rows()
+        state = (rows, self.selected, self.list.size)
+        if state != self._drawn:
+            self._drawn = state
+            self.list.show(stage_list.picture(rows, self.selected, self.list.size[0], self._em))
+            changed = True
+        row = self._workspace.row(self.selected)
+        for label, text in ((self.detail, row.detail),):
+            if label.text != text:
+                label.text = text
+                changed = layout = True
+        for widget, shown in ((self.detail, bool(row.detail)), (self.error, bool(self.error.text))):
+            if widget.visible != shown:
+                widget.visible = shown
+                changed = layout = True
+        for stage, panel in self.settings.items():
+            shown = stage == self.selected and self._workspace.config is not None
+            if panel.widget.visible != shown:
+                panel.widget.visible = shown
+                changed = layout = True
+        config = self._workspace.config
+        if config is not None and config is not self._shown_config:
+            self._shown_config = config
+            for panel in self.settings.values():
+                panel.show(config)
+            changed = True
+        if self._update_buttons(row.state):
+            changed = layout = True  # another text needs another width
+        return changed, layout
+
+    def _update_buttons(self, state: str) -> bool:
+        changed = False
+        busy = self._workspace.busy
+        there = self._workspace.take is not None
+        text = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
+        if self.buttons["run"].text != text:
+            self.buttons["run"].text = text
+            changed = True
+        wanted = {
+            "run": there and not busy,
+            "all": there and not busy,
+            "cancel": busy and not self._workspace.cancelling,
+        }
+        for key, enabled in wanted.items():
+            if self.buttons[key].enabled != enabled:
+                self.buttons[key].enabled = enabled
+                changed = True
+        return changed
+
+
+class SettingsList:
+    """The settings of a stage, each with its documentation as a tooltip.
+
+    Args:
+        stage: key of `TITLES`.
+        em: font size, pixels.
+        set_value: called with the field and what was typed or chosen.
+    """
+
+    def __init__(self, stage: str, em: float, set_value: Callable[[SettingField, str], None]) -> None:
+        self.widget = gui.ScrollableVert(0, gui.Margins(0.6 * em, 0.2 * em, 0.6 * em, 0.4 * em))
+        self.widget.background_color = colour(PANEL)
+        grid = gui.VGrid(2, 0.25 * em)
+        self.editors: dict[str, tuple[SettingField, gui.Widget]] = {}
+        self._shown: dict[str, str] = {}
+        for field in fields_of(stage):
+            label = gui.Label(field.label)
+            label.tooltip = _broken(field.documentation)
+            label.text_color = colour(DIM)
+            grid.add_child(label)
+            editor = self._editor(field, set_value)
+            editor.tooltip = _broken(field.documentation)
+            grid.add_child(editor)
+            self.editors[field.name] = (field, editor)
+        self.widget.add_child(grid)
+
+    def _editor(self, field: SettingField, set_value: Callable[[SettingField, str], None]) -> gui.Widget:
+        if field.kind == "switch":
+            switch = gui.Checkbox("")
+            switch.set_on_checked(lambda on: set_value(field, "true" if on else "false"))
+            return switch
+        if field.kind == "choice":
+            box = gui.Combobox()
+            for choice in field.choices:
+                box.add_item(choice)
+            box.set_on_selection_changed(lambda text, _: set_value(field, text))
+            return box
+        edit = gui.TextEdit()
+
+        def typed(text: str) -> None:
+            if text != self._shown.get(field.name):
+                set_value(field, text)
+
+        edit.set_on_value_changed(typed)
+        return edit
+
+    def show(self, config: Config) -> None:
+        """Bring all editors in line with the settings."""
+        for name, (field, editor) in self.editors.items():
+            text = field.shown(config)
+            self._shown[name] = text
+            if field.kind == "switch":
+                editor.checked = text == "true"
+            elif field.kind == "choice":
+                editor.selected_text = text
+            else:
+                editor.text_value = text
+
+
+def _broken(text: str) -> str:
+    """Tooltips are one long line unless they are broken."""
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, 70))

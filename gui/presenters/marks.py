@@ -1,0 +1,67 @@
+"""Marks: frames that somebody wants to come back to, each with a note. They lie in the take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipelines.files import disk_errors, read_json, write_json
+from studio.errors import StudioError
+
+
+class Marks:
+    """The take's marks.
+
+    Args:
+        path: their file; it need not be there. None keeps marks for this session only (a bare stream).
+
+    Attributes:
+        notes: frame, counted from 0, to note.
+        error: a sentence where the file is damaged; it is then left alone.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self.notes: dict[int, str] = {}
+        self.error = ""
+        if path is None or not path.is_file():
+            return
+        try:
+            self.notes = {int(mark["frame"]): str(mark["note"]) for mark in read_json(path)["marks"]}
+        except StudioError as error:
+            self.error = str(error)
+        except (KeyError, TypeError, ValueError):
+            self.error = f"{path}: holds no marks that can be read; delete it to begin anew."
+
+    @property
+    def kept(self) -> bool:
+        """Whether marks are written to disk."""
+        return self._path is not None
+
+    def set(self, frame: int, note: str) -> None:
+        """Mark a frame, or change its note.
+
+        Raises:
+            StudioError: the file is damaged or cannot be written.
+        """
+        self._write({**self.notes, frame: note.strip()})
+
+    def remove(self, frame: int) -> None:
+        """Take a frame's mark away.
+
+        Raises:
+            StudioError: the file is damaged or cannot be written.
+        """
+        self._write({other: note for other, note in self.notes.items() if other != frame})
+
+    def next_after(self, frame: int, direction: int) -> int | None:
+        """The nearest marked frame after (1) or before (-1) this one; None if there is none."""
+        others = [other for other in self.notes if (other - frame) * direction > 0]
+        return min(others, key=lambda other: abs(other - frame)) if others else None
+
+    def _write(self, notes: dict[int, str]) -> None:
+        if self.error:
+            raise StudioError(self.error)
+        if self._path is not None:
+            with disk_errors(self._path.parent):
+                write_json(self._path, {"marks": [{"frame": frame, "note": notes[frame]} for frame in sorted(notes)]})
+        self.notes = notes

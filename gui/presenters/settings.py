@@ -1,0 +1,106 @@
+"""Settings as the window edits them: one field a setting, with its documentation, made from the settings models."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, Union, get_args, get_origin
+
+import yaml
+from pydantic import BaseModel
+
+from pipelines.config import Config
+from pipelines.config.description import allowed_values
+from pipelines.config.loading import parse_override
+
+SECTIONS = {
+    "capture": ("capture",),
+    "calibrate": ("calibrate",),
+    "initialise": ("initialise",),
+    "train": ("train",),
+    "bake": ("bake",),
+    "review": ("evaluate", "run"),
+}
+"""Which sections of the settings belong to a stage of the window."""
+
+
+@dataclass(frozen=True)
+class SettingField:
+    """A setting.
+
+    Attributes:
+        name: dotted, as in train.max_splats.
+        label: for people.
+        kind: "switch", "choice" or "text".
+        choices: of a choice.
+        text: whether its value is text that is taken as it is (else it is read as YAML).
+        nullable: whether it may be null.
+        documentation: of the setting, with its bounds.
+    """
+
+    name: str
+    label: str
+    kind: str
+    choices: tuple[str, ...]
+    text: bool
+    nullable: bool
+    documentation: str
+
+    def shown(self, config: Config) -> str:
+        """The value as it stands in the field ("true" or "false" for a switch)."""
+        value: Any = config.model_dump(mode="json")
+        for part in self.name.split("."):
+            value = value[part]
+        if isinstance(value, str):
+            return value
+        dumped: str = yaml.safe_dump(value, default_flow_style=True, width=10**6)
+        return dumped.removesuffix("...\n").strip()
+
+    def parsed(self, text: str) -> Any:
+        """What was typed, as a value.
+
+        Raises:
+            StudioError: it cannot be read.
+        """
+        text = text.strip()
+        if self.nullable and text in ("", "null", "~"):
+            return None
+        if self.text:
+            return text
+        return parse_override(f"{self.name}={text}")[1]
+
+
+def fields_of(stage: str) -> list[SettingField]:
+    """All settings of a stage, in the order of their declaration."""
+    found: list[SettingField] = []
+    for section in SECTIONS[stage]:
+        model = Config.model_fields[section].annotation
+        assert isinstance(model, type)
+        assert issubclass(model, BaseModel)
+        found += _fields(model, f"{section}.")
+    return found
+
+
+def _fields(model: type[BaseModel], prefix: str) -> Iterator[SettingField]:
+    for name, field in model.model_fields.items():
+        annotation = field.annotation
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            yield from _fields(annotation, f"{prefix}{name}.")
+            continue
+        parts = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
+        kinds = [part for part in parts if part is not type(None)]
+        choices = tuple(map(str, get_args(kinds[0]))) if get_origin(kinds[0]) is Literal else ()
+        kind = "switch" if kinds == [bool] else "choice" if choices else "text"
+        text = kind == "text" and all(part is str or getattr(part, "__name__", "") == "Path" for part in kinds)
+        words = " ".join((field.description or "").split())
+        allowed = allowed_values(field)
+        yield SettingField(
+            name=f"{prefix}{name}",
+            label=name.replace("_", " "),
+            kind=kind,
+            choices=choices,
+            text=text or kind == "choice",
+            nullable=len(kinds) < len(parts),
+            documentation=f"{words} [{allowed}]" if allowed else words,
+        )

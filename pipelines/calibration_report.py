@@ -1,0 +1,70 @@
+"""The calibration's report for people: a page, a line of figures for events, and what to warn of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+_BANDS = {
+    "excellent": "under 0.5 px",
+    "acceptable": "0.5 to 1 px",
+    "review": "over 1 px",
+}
+_SPARSE = 0.4
+"""Share of the image that observations should cover at least, or the lens is a guess in the rest."""
+
+
+def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
+    """The figures that an event carries: over all cameras, and the mean error of each."""
+    return {
+        **{f"reprojection_{key}": value for key, value in report["reprojection"].items()},
+        "quality": report["quality"],
+        "points": report["points"],
+        "cameras": {name: figures["mean"] for name, figures in report["cameras"].items()},
+        "unregistered": report.get("unregistered", {}),
+    }
+
+
+def calibration_warnings(report: dict[str, Any]) -> list[str]:
+    """Sentences on what should be looked at."""
+    found = []
+    if report["quality"] == "review":
+        found.append(
+            f"The cameras' mean reprojection error is {report['reprojection']['mean']:.2f} px; over 1 px something is "
+            "wrong: cameras that moved, footage that is not synchronized, or a lens model with too few terms."
+        )
+    poor = [name for name, figures in report["cameras"].items() if figures.get("quality") == "review"]
+    if poor and report["quality"] != "review":
+        found.append(f"The reprojection error is over 1 px for {', '.join(poor)}; look at them before you train.")
+    sparse = [name for name, figures in report["cameras"].items() if figures["coverage"] < _SPARSE]
+    if sparse:
+        found.append(
+            f"Less than {_SPARSE:.0%} of the image holds anything to calibrate by for {', '.join(sparse)}; elsewhere "
+            "their lenses are a guess."
+        )
+    for name, reason in report.get("unregistered", {}).items():
+        found.append(f"Camera '{name}' found no place: {reason}.")
+    return found
+
+
+def render_calibration(report: dict[str, Any], names: Sequence[str]) -> str:
+    """The page.
+
+    Args:
+        report: what calibrate/report.json holds.
+        names: the cameras, in the order to show.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("pipelines", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    most = max((max(map(max, figures["coverage_map"])) for figures in report["cameras"].values()), default=1)
+    return environment.get_template("calibration.html.j2").render(
+        report=report,
+        names=[name for name in names if name in report["cameras"]],
+        bands=_BANDS,
+        warnings=calibration_warnings(report),
+        most=max(most, 1),
+        longest=max(report["tracks"].values(), default=1),
+    )

@@ -1,0 +1,124 @@
+"""The calibrate stage's boards: from the patterns in the settings to what `studio.calibration` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipelines.stages.arguments import board, board_settings
+from pipelines.stages.base import Context, StageReporter
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.calibration import CalibrationResult, View
+    from studio.cameras import Camera
+    from studio.capture import Footage
+
+BOARD_SETTINGS = (
+    "calibrate.board", "calibrate.board_images", "calibrate.lens_images", "calibrate.board_frames",
+    "calibrate.board_origin", "calibrate.board_stands", "calibrate.lens", "calibrate.refine_principal_point",
+)  # fmt: skip
+"""Settings that the result of a board's calibration follows from."""
+
+
+def board_digest(context: Context) -> list[str]:
+    """What the files with the board are."""
+    section = context.config.calibrate
+    return [_open(context, pattern).digest() for pattern in (section.board_images, section.lens_images) if pattern]
+
+
+def calibrate_with_boards(context: Context, reporter: StageReporter) -> CalibrationResult:
+    """Cameras from `calibrate.board_images`, their lenses from `calibrate.lens_images` too.
+
+    Raises:
+        StudioError: the footage of the board lacks a camera, or does not fix the cameras.
+    """
+    from studio.calibration import calibrate_from_boards
+
+    section = context.config.calibrate
+    views, sizes = _views(context, section.board_images, reporter, 0.0, 0.6 if section.lens_images else 0.8)
+    if section.lens_images:
+        own, own_sizes = _views(context, section.lens_images, reporter, 0.6, 0.8)
+        for name, size in own_sizes.items():
+            if sizes[name] != size:
+                raise StudioError(
+                    f"Camera '{name}': its lens pictures are {size[0]}x{size[1]}, its board footage is "
+                    f"{sizes[name][0]}x{sizes[name][1]}; film both at one size."
+                )
+        # moments that no other camera shares
+        alone = min([moment for moment, _ in views] or [0]) - 1
+        for number, ((_, name), view) in enumerate(own.items()):
+            views[alone - number, name] = view
+    result = calibrate_from_boards(
+        board(section.board),
+        views,
+        sizes,
+        settings=board_settings(section, context.config.run),
+        progress=reporter.part("solving", 0.8, 1.0),
+    )
+    left_out, used = result.report["boards"]["views_left_out"], result.report["boards"]["views"]
+    if left_out > 0.2 * (left_out + used):
+        reporter.warn(
+            f"In {left_out} of {left_out + used} views the board is not where the other cameras see it at that moment; "
+            "they were left out. Are the cameras synchronized, was the board moved slowly?"
+        )
+    return result
+
+
+def lenses_from_boards(
+    context: Context, reporter: StageReporter, start: float, stop: float
+) -> tuple[dict[str, Camera], dict[str, Any]]:
+    """Lenses from `calibrate.lens_images`, and how well they fit.
+
+    Raises:
+        StudioError: a camera sees the board too seldom.
+    """
+    from studio.calibration import calibrate_lenses
+
+    section = context.config.calibrate
+    views, sizes = _views(context, section.lens_images, reporter, start, stop)
+    own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
+    return calibrate_lenses(board(section.board), own, sizes, board_settings(section, context.config.run))
+
+
+def _open(context: Context, pattern: str) -> Footage:
+    from studio.capture import CaptureSpec, open_footage
+
+    capture = context.config.capture
+    spec = CaptureSpec(
+        capture.root, images=pattern, masks="none", cameras=capture.cameras, color_matrix=capture.color_matrix, fps=1.0
+    )
+    return open_footage(spec, None, strict=False)
+
+
+def _views(
+    context: Context, pattern: str, reporter: StageReporter, start: float, stop: float
+) -> tuple[dict[tuple[int, str], View], dict[str, tuple[int, int]]]:
+    from studio.calibration import detect_boards
+
+    footage = _open(context, pattern)
+    names = context.raw_footage.camera_names
+    missing = [name for name in names if name not in footage.camera_names]
+    if missing:
+        raise StudioError(
+            f"The pattern '{pattern}' finds no pictures of camera '{missing[0]}' (it finds "
+            f"{', '.join(footage.camera_names)}); all cameras of the footage need them, under the same names."
+        )
+    most = context.config.calibrate.board_frames
+    # the same moments of all cameras
+    frames = sorted({frame for name in names for frame in footage.frames_of(name)})
+    chosen = {frames[int(index)] for index in np.linspace(0, len(frames) - 1, min(most, len(frames)))}
+    moments, readers = {}, {}
+    for name in names:
+        moments[name] = [frame for frame in footage.frames_of(name) if frame in chosen]
+        read: Callable[[int], np.ndarray] = partial(footage.raw_image, name)
+        readers[name] = read
+    try:
+        return detect_boards(
+            readers, moments, board(context.config.calibrate.board), reporter.part("looking for the board", start, stop)
+        )
+    finally:
+        footage.close()

@@ -1,0 +1,92 @@
+"""What the calibrate stage is told of the cameras beforehand: older solutions, distances, EXIF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipelines.config import CalibrateSection
+from pipelines.stages.base import Context
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.cameras import Camera, Rig
+    from studio.capture import Footage
+
+
+def known_file(context: Context) -> Path:
+    """calibrate.known.
+
+    Raises:
+        StudioError: it is not there.
+    """
+    path = context.config.capture.root / context.config.calibrate.known
+    if not path.exists():
+        raise StudioError(f"{path}: there is no such camera file; mend calibrate.known.")
+    return path
+
+
+def known_cameras(context: Context) -> Rig | None:
+    """The cameras of calibrate.known, at the footage's size and under its names; None where it is empty.
+
+    Raises:
+        StudioError: the file is unusable or lacks a camera, or known_poses without a file.
+    """
+    from studio.camera_files import read_rig
+    from studio.cameras import Rig
+    from studio.capture import match_rig
+
+    section = context.config.calibrate
+    if not section.known:
+        if section.known_poses:
+            raise StudioError("calibrate.known_poses needs the older solution; name it in calibrate.known.")
+        return None
+    footage = context.raw_footage
+    found = match_rig(read_rig(known_file(context)), footage.camera_names)
+    return Rig(tuple(at_footage_size(context, name, camera) for name, camera in found.items()))
+
+
+def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
+    """A camera that was calibrated at another size, as the footage shows it (`capture.size_rule`).
+
+    Raises:
+        StudioError: the aspect ratios differ and the rule does not say what to do.
+    """
+    from studio.capture.warp import Warp, fit_size
+
+    footage = context.raw_footage
+    width, height = footage.raw_size(name)
+    rule = context.config.capture.size_rule
+    image = footage.raw_image(name, footage.frames[0]) if rule == "auto" else None
+    return Warp(camera, width, height, 1.0, fit_size(camera, width, height, rule, image)).source
+
+
+def known_distance(section: CalibrateSection) -> tuple[str, str, float] | None:
+    """calibrate.scale_between and scale_distance.
+
+    Raises:
+        StudioError: one without the other, or not two cameras.
+    """
+    if not section.scale_between and section.scale_distance is None:
+        return None
+    if len(section.scale_between) != 2 or section.scale_distance is None:
+        raise StudioError(
+            "A known scale needs two cameras in calibrate.scale_between and their distance in metres in "
+            f"calibrate.scale_distance; given are {list(section.scale_between)} and {section.scale_distance}."
+        )
+    return section.scale_between[0], section.scale_between[1], section.scale_distance
+
+
+def focal_lengths(footage: Footage, frame: int) -> dict[str, float]:
+    """Camera name to focal length in pixels, where the photographs' EXIF data say one (as COLMAP reads them)."""
+    import pycolmap
+
+    found = {}
+    for name in footage.camera_names:
+        file = footage.file_of(name, frame)
+        if file is None or file.suffix.lower() not in (".jpg", ".jpeg", ".tif", ".tiff"):
+            continue
+        camera = pycolmap.infer_camera_from_image(file)
+        if camera.has_prior_focal_length:
+            found[name] = float(camera.mean_focal_length())
+    return found

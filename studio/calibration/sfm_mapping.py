@@ -1,0 +1,248 @@
+"""From a database of matches to cameras and points, by COLMAP. Runs inside the worker's process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.calibration.sfm_features import say
+
+_ORDER = {"incremental": ("incremental", "lenient"), "global": ("global",)}
+
+
+class Mapper:
+    """Solves one database.
+
+    Args:
+        folder: the work folder.
+        database: image n + 1 is camera n.
+        job: see `sfm_worker.Worker`.
+    """
+
+    def __init__(self, folder: Path, database: Path, job: dict[str, Any]) -> None:
+        self.folder = folder
+        self.database = database
+        self.job = job
+        self.threads = int(job["threads"])
+        self.seed = int(job["seed"])
+        self.held: set[int] = set()
+        """Lenses (numbers in the database) that are not refined for the time being."""
+
+    def solve(self) -> tuple[Any, str]:
+        """The model with the most cameras of the attempts allowed (None without any), and how it was found."""
+        best, how = None, ""
+        wanted = _ORDER.get(self.job["mapper"], ("incremental", "lenient", "global"))
+        if self.job["poses"]:
+            wanted = ("known poses",) if self.job["keep_poses"] else ("known poses", *wanted)
+        for attempt in wanted:
+            models = self._attempt(attempt)
+            broken = {index for model in models for index in self._broken_lenses(model)}
+            if broken and attempt != "known poses":
+                models += self._steadied(models, broken, attempt)
+            for model in models:
+                if best is None or self._rank(model) > self._rank(best):
+                    best, how = model, attempt
+            if best is not None and best.num_reg_images() == len(self.job["names"]):
+                break
+        return best, how
+
+    def _rank(self, model: Any) -> tuple[int, int]:
+        """More cameras are better, lenses that cannot be are worse."""
+        return model.num_reg_images() - len(self._broken_lenses(model)), model.num_points3D()
+
+    def _broken_lenses(self, model: Any) -> set[int]:
+        """Lenses that ran away: a camera with few points far off can explain them by any focal length."""
+        used = {image.camera_id for image in model.images.values() if image.has_pose}
+        ratios = {key: model.cameras[key].mean_focal_length() / max(_size(model.cameras[key])) for key in used}
+        if not ratios:
+            return set()
+        middle = float(np.median(list(ratios.values())))
+        free = {i + 1 for i, lens in enumerate(self.job["lenses"]) if not (lens["known"] and self.job["keep_known"])}
+        return {key - 1 for key, ratio in ratios.items() if key in free and not 0.3 < ratio / middle < 3.0}
+
+    def _steadied(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
+        """Once more, with the lenses that ran away held at the middle of the others until all cameras stand."""
+        import pycolmap
+
+        model = max(models, key=self._rank)
+        good = [i for i in range(len(self.job["lenses"])) if i not in broken and i + 1 in model.cameras]
+        focal = float(
+            np.median([model.cameras[i + 1].mean_focal_length() / max(_size(model.cameras[i + 1])) for i in good])
+        )
+        database = pycolmap.Database.open(self.database)
+        for index in range(len(self.job["lenses"])):
+            camera = model.cameras[index + 1] if index in good else database.read_camera(index + 1)
+            if index in broken:
+                camera = pycolmap.Camera.create_from_model_id(
+                    index + 1, camera.model, focal * max(_size(camera)), camera.width, camera.height
+                )
+            # what the others have found is where they begin, or the start could fall on the camera that ran away
+            camera.has_prior_focal_length = index not in broken
+            database.update_camera(camera)
+        database.close()
+        self.held = {index + 1 for index in broken}
+        found = self._attempt(attempt)
+        self.held = set()
+        return [self._released(model) for model in found]
+
+    def _released(self, model: Any) -> Any:
+        """All lenses free; where one runs away again what was held stays as it is."""
+        import pycolmap
+
+        free = pycolmap.Reconstruction(model)
+        self._adjust(free, last=True)
+        return model if self._broken_lenses(free) else free
+
+    def _attempt(self, attempt: str) -> list[Any]:
+        if attempt == "known poses":
+            return [self._from_poses()]
+        if attempt == "global":
+            return self._global()
+        return self._incremental(attempt == "lenient")
+
+    def _options(self) -> Any:
+        import pycolmap
+
+        options = pycolmap.IncrementalPipelineOptions()
+        options.num_threads = self.threads
+        options.random_seed = self.seed
+        options.mapper.random_seed = self.seed
+        options.triangulation.random_seed = self.seed
+        options.mapper.num_threads = self.threads
+        options.min_model_size = 2
+        options.max_num_models = 4
+        options.ba_refine_principal_point = bool(self.job["refine_principal_point"])
+        known = {i + 1 for i, lens in enumerate(self.job["lenses"]) if lens["known"]}
+        options.constant_cameras = self.held | (known if self.job["keep_known"] else set())
+        return options
+
+    def _incremental(self, lenient: bool) -> list[Any]:
+        import pycolmap
+
+        options = self._options()
+        if lenient:
+            # Few cameras far apart share few points: accept weaker starts and weaker registrations.
+            options.min_num_matches = 10
+            options.mapper.init_min_num_inliers = 30
+            options.mapper.init_min_tri_angle = 6.0
+            options.mapper.abs_pose_min_num_inliers = 12
+            options.mapper.abs_pose_min_inlier_ratio = 0.15
+            options.triangulation.ignore_two_view_tracks = False
+        total = len(self.job["names"])
+        state = {"done": 0}
+
+        def first_pair() -> None:
+            state["done"] = 2
+            say(step="mapping", done=2, total=total)
+
+        def next_image() -> None:
+            state["done"] = min(state["done"] + 1, total)
+            say(step="mapping", done=state["done"], total=total)
+
+        say(step="mapping", done=0, total=total)
+        out = self.folder / "models"
+        out.mkdir(exist_ok=True)
+        found = pycolmap.incremental_mapping(
+            self.database,
+            self.folder / "images",
+            out,
+            options=options,
+            initial_image_pair_callback=first_pair,
+            next_image_callback=next_image,
+        )
+        return list(found.values())
+
+    def _global(self) -> list[Any]:
+        import pycolmap
+
+        options = pycolmap.GlobalPipelineOptions()
+        options.num_threads = self.threads
+        options.random_seed = self.seed
+        options.min_model_size = 2
+        if self.job["keep_known"] and any(lens["known"] for lens in self.job["lenses"]):
+            # The global mapper cannot hold some lenses and refine others.
+            options.mapper.bundle_adjustment.refine_focal_length = False
+            options.mapper.bundle_adjustment.refine_extra_params = False
+        out = self.folder / "models_global"
+        out.mkdir(exist_ok=True)
+        say(step="global mapping", done=0, total=1)
+        if not all(lens["prior"] for lens in self.job["lenses"]):
+            # Unlike the incremental mapper the global one cannot find its way from a guessed focal length.
+            calibration = pycolmap.ViewGraphCalibrationOptions()
+            calibration.random_seed = self.seed
+            pycolmap.calibrate_view_graph(self.database, calibration)
+        found = pycolmap.global_mapping(self.database, self.folder / "images", out, options=options)
+        return list(found.values())
+
+    def _from_poses(self) -> Any:
+        """Triangulate from poses that are known, then adjust them (unless they are kept) and triangulate again."""
+        import pycolmap
+
+        model = self._known_model()
+        out = self.folder / "models_known"
+        out.mkdir(exist_ok=True)
+        rounds = 1 if self.job["keep_poses"] else 3
+        for number in range(rounds):
+            say(step="mapping", done=number, total=rounds)
+            options = self._options()
+            # cameras that were touched a little since are pixels off at first
+            options.triangulation.create_max_angle_error = (6.0, 3.0, 2.0)[number]
+            options.triangulation.complete_max_reproj_error = (20.0, 8.0, 4.0)[number]
+            options.triangulation.merge_max_reproj_error = (20.0, 8.0, 4.0)[number]
+            options.mapper.filter_max_reproj_error = (20.0, 8.0, 4.0)[number]
+            model = pycolmap.triangulate_points(
+                model, self.database, self.folder / "images", out, clear_points=True, options=options
+            )
+            self._adjust(model, last=number == rounds - 1)
+        say(step="mapping", done=rounds, total=rounds)
+        return model
+
+    def _known_model(self) -> Any:
+        import pycolmap
+
+        database = pycolmap.Database.open(self.database)
+        model = pycolmap.Reconstruction()
+        for camera in database.read_all_cameras():
+            model.add_camera(camera)
+        for rig in database.read_all_rigs():
+            model.add_rig(rig)
+        for frame in database.read_all_frames():
+            number = next(iter(frame.data_ids)).id - 1
+            frame.rig_from_world = pycolmap.Rigid3d(np.array(self.job["poses"][number], np.float64)[:3])
+            model.add_frame(frame)
+        for image in database.read_all_images():
+            model.add_image(image)
+        database.close()
+        for frame_id in list(model.frames):
+            model.register_frame(frame_id)
+        return model
+
+    def _adjust(self, model: Any, *, last: bool) -> None:
+        import pycolmap
+
+        options = pycolmap.BundleAdjustmentOptions()
+        options.refine_principal_point = bool(self.job["refine_principal_point"])
+        options.refine_rig_from_world = not self.job["keep_poses"]
+        options.print_summary = False
+        options.ceres.loss_function_type = (
+            pycolmap.LossFunctionType.TRIVIAL if last else pycolmap.LossFunctionType.CAUCHY
+        )
+        options.ceres.solver_options.num_threads = self.threads
+        config = pycolmap.BundleAdjustmentConfig()
+        for image_id in model.reg_image_ids():
+            config.add_image(image_id)
+        for index, lens in enumerate(self.job["lenses"]):
+            if lens["known"] and self.job["keep_known"]:
+                config.set_constant_cam_intrinsics(index + 1)
+        if not self.job["keep_poses"]:
+            config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+        pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+        # what a robust loss has pushed aside is no observation
+        manager = pycolmap.ObservationManager(model)
+        manager.filter_all_points3D(4.0 if last else 12.0, 1.5)
+
+
+def _size(camera: Any) -> tuple[int, int]:
+    return int(camera.width), int(camera.height)

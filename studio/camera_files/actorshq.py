@@ -1,0 +1,71 @@
+"""calibration.csv of ActorsHQ (HumanRF).
+
+A row a camera: name, w, h, rx ry rz (rotation vector, camera to world), tx ty tz (centre), fx fy px py in parts of the
+width and the height. OpenCV's axes. The principal point counts from the image corner, as in COLMAP, to which the data
+set's own exporter hands it unchanged. The images are undistorted.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from studio.camera_files.common import naming, number, read_csv, rigid_inverse, write_atomic
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+
+COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")
+
+
+def read_actorshq(path: Path) -> Rig:
+    """Read a calibration.csv.
+
+    Raises:
+        StudioError: a column is missing, a value is unusable, two cameras have one name.
+    """
+    rows = read_csv(path, COLUMNS)
+    with naming(path):
+        return Rig(tuple(_camera(row) for row in rows))
+
+
+def _camera(row: dict[str, str]) -> Camera:
+    import cv2
+
+    who = f"Camera '{row['name']}'"
+    value = {key: number(row, key, who) for key in COLUMNS[1:]}
+    width, height = round(value["w"]), round(value["h"])
+    pose = np.eye(4)
+    pose[:3, :3] = cv2.Rodrigues(np.array([value[key] for key in ("rx", "ry", "rz")]))[0]
+    pose[:3, 3] = [value[key] for key in ("tx", "ty", "tz")]
+    K = np.array(
+        [
+            [value["fx"] * width, 0, value["px"] * width],
+            [0, value["fy"] * height, value["py"] * height],
+            [0, 0, 1.0],
+        ]
+    )
+    return Camera(row["name"], width, height, K, rigid_inverse(pose))
+
+
+def write_actorshq(rig: Rig, path: Path) -> None:
+    """Write a calibration.csv.
+
+    Raises:
+        StudioError: a camera with distortion or skew, which the form cannot say.
+    """
+    import cv2
+
+    lines = [",".join(COLUMNS)]
+    for camera in rig:
+        if not camera.is_pinhole or abs(camera.K[0, 1]) > 1e-9:
+            raise StudioError(
+                f"Camera '{camera.name}': calibration.csv holds neither distortion nor skew; undistort first."
+            )
+        if "," in camera.name:
+            raise StudioError(f"Camera '{camera.name}': a name in calibration.csv cannot have a comma; rename it.")
+        vector = cv2.Rodrigues(camera.rotation.T)[0].ravel()
+        w, h = camera.width, camera.height
+        values = [*vector, *camera.center, camera.fx / w, camera.fy / h, camera.cx / w, camera.cy / h]
+        lines.append(",".join([camera.name, str(w), str(h), *(repr(float(value)) for value in values)]))
+    write_atomic(path, ("\n".join(lines) + "\n").encode())

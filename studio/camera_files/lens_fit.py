@@ -1,0 +1,65 @@
+"""Lens models that OpenCV has not: the nearest one that it has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from studio.errors import StudioError
+
+_TOLERANCE = 0.25
+"""Pixels that the fitted lens may differ from the model anywhere in the image."""
+
+
+def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal: float, who: str) -> np.ndarray:
+    """OpenCV's rational coefficients that bend as another radial model does.
+
+    Args:
+        radial: r (N,) without distortion to the factor that it is multiplied by.
+        reach: largest r in the image.
+        focal: pixels, for the tolerance.
+        who: the camera, for the message.
+
+    Returns:
+        (8,): k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0.
+
+    Raises:
+        StudioError: no coefficients come within a quarter of a pixel.
+    """
+    from scipy.optimize import least_squares
+
+    r = np.linspace(0, reach, 200)
+    wanted = r * radial(r)
+
+    def bend(k: np.ndarray) -> np.ndarray:
+        s = r * r
+        return r * (1 + s * (k[0] + s * (k[1] + s * k[2]))) / (1 + s * (k[3] + s * (k[4] + s * k[5])))
+
+    # a start from the linear problem (numerator - denominator x factor = 0)
+    s, factor = r * r, radial(r)
+    columns = np.column_stack([s, s**2, s**3, -s * factor, -(s**2) * factor, -(s**3) * factor]) * r[:, None]
+    start = np.linalg.lstsq(columns, (factor - 1) * r, rcond=None)[0]
+    k = least_squares(lambda k: focal * (bend(k) - wanted), start, method="lm", max_nfev=5000).x
+    if np.abs(focal * (bend(k) - wanted)).max() > _TOLERANCE:
+        raise StudioError(
+            f"{who}: its distortion cannot be said in OpenCV's terms; export the cameras with three radial terms, or "
+            "undistorted images."
+        )
+    return np.array([k[0], k[1], 0, 0, k[2], k[3], k[4], k[5]])
+
+
+def reach_of(points: Callable[[np.ndarray], np.ndarray], focal: float, offset: np.ndarray, size: np.ndarray) -> float:
+    """Largest undistorted r that an image shows.
+
+    Args:
+        points: r (N,) to the factor that it is multiplied by.
+        focal: pixels.
+        offset: (2,) principal point, pixels from the upper left corner.
+        size: (2,) width and height.
+    """
+    corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * size - offset
+    far = float(np.linalg.norm(corners, axis=1).max()) / focal
+    r = np.linspace(0, 3 * far, 3000)
+    beyond = np.flatnonzero(r * points(r) >= far)
+    return float(r[beyond[0]]) if len(beyond) else far

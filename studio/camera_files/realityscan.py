@@ -1,0 +1,77 @@
+"""RealityScan's (RealityCapture's) export "Internal/External camera parameters" (CSV).
+
+A row an image: #name, x, y, alt (centre), heading, pitch, roll in degrees, f in millimetres on 36 mm for the longer
+side, px, py (principal point from the image's middle, in longer sides), k1 to k4. Camera to world is
+Rz(-heading) Rx(pitch) Ry(roll) with x right, y up, z back, as the importers of other programs have it. The file has no
+image sizes: the images must lie beside it. The tangential terms t1, t2, whose order is published nowhere, must be 0
+(RealityScan's default lens model has none).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from studio.camera_files.common import camera_names, naming, number, read_csv, rigid_inverse
+from studio.camera_files.lens_fit import fit_rational, reach_of
+from studio.camera_files.nearby import size_nearby
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+
+COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def read_realityscan(path: Path) -> Rig:
+    """Read the CSV; image sizes come from the images beside it.
+
+    Raises:
+        StudioError: a column is missing, a value is unusable, an image is not there, two cameras have one name.
+    """
+    rows = read_csv(path, COLUMNS)
+    with naming(path):
+        names = camera_names([row["name"] for row in rows])
+        return Rig(tuple(_camera(path.parent, name, row) for name, row in zip(names, rows, strict=True)))
+
+
+def _camera(folder: Path, name: str, row: dict[str, str]) -> Camera:
+    who = f"Camera '{name}'"
+    value = {key: number(row, key, who) for key in COLUMNS[1:]}
+    value |= {key: number(row, key, who, 0.0) for key in ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")}
+    if value["t1"] or value["t2"]:
+        raise StudioError(
+            f"{who}: t1 and t2 are {value['t1']:g} and {value['t2']:g}; export with a lens model without tangential "
+            "distortion (Brown3 or Brown4)."
+        )
+    width, height = size_nearby(folder, row["name"], who)
+    side = max(width, height)
+    focal = value["f"] * side / 36.0
+    if focal <= 0:
+        raise StudioError(f"{who}: 'f' is {value['f']:g}; a focal length must be positive.")
+    middle = np.array([width / 2 + value["px"] * side, height / 2 + value["py"] * side])
+    K = np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
+    pose = np.eye(4)
+    pose[:3, :3] = _rotation(value["heading"], value["pitch"], value["roll"]) @ _FLIP
+    pose[:3, 3] = value["x"], value["y"], value["alt"]
+    k = [value[f"k{i}"] for i in (1, 2, 3, 4)]
+    lens = np.array([k[0], k[1], 0.0, 0.0, k[2]]) if any(k) else np.zeros(0)
+    if k[3]:
+
+        def radial(r: np.ndarray) -> np.ndarray:
+            s = r * r
+            return 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
+
+        lens = fit_rational(radial, reach_of(radial, focal, middle, np.array([width, height])), focal, who)
+    return Camera(name, width, height, K, rigid_inverse(pose), lens)
+
+
+def _rotation(heading: float, pitch: float, roll: float) -> np.ndarray:
+    """Camera (x right, y up, z back) to world."""
+    (ch, cp, cr), (sh, sp, sr) = (
+        [function(np.radians(angle)) for angle in (-heading, pitch, roll)] for function in (np.cos, np.sin)
+    )
+    about_z = np.array([[ch, -sh, 0], [sh, ch, 0], [0, 0, 1]])
+    about_x = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
+    about_y = np.array([[cr, 0, sr], [0, 1, 0], [-sr, 0, cr]])
+    return about_z @ about_x @ about_y

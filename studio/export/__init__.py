@@ -1,0 +1,22 @@
+"""Gaussian videos for other programs: the VideoGS layout, PLY, SPZ and GLB sequences, and movies of moving cameras."""
+
+from studio.export.camera_path import CameraPath, Key, path_to_json, read_path_keys, turntable
+from studio.export.movie import render_movie
+from studio.export.sequence import axes_of, export_frame, export_sequence
+from studio.export.turning import turned, upright
+from studio.export.videogs import export_videogs
+
+__all__ = [
+    "CameraPath",
+    "Key",
+    "axes_of",
+    "export_frame",
+    "export_sequence",
+    "export_videogs",
+    "path_to_json",
+    "read_path_keys",
+    "render_movie",
+    "turned",
+    "turntable",
+    "upright",
+]

@@ -1,0 +1,67 @@
+"""A file a frame, numbered: PLY, SPZ or GLB. SuperSplat and others play a folder of numbered PLY files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from studio.export.placing import new_file, new_folder
+from studio.export.turning import turned, upright
+from studio.progress import ProgressFn, no_progress
+from studio.splat_files import UP, write_splats
+from studio.splat_video import SplatVideo
+
+
+def axes_of(video: SplatVideo, ending: str, upright_for_viewers: bool) -> np.ndarray | None:
+    """(3, 3) rotation to write a format with, or None to leave the world as it is.
+
+    Args:
+        video: tells what is up and front.
+        ending: ".ply", ".spz" or ".glb".
+        upright_for_viewers: turn to the format's own convention of up (and the view's side to the front).
+    """
+    if not upright_for_viewers:
+        return None
+    rotation = upright(video)
+    # 3DGS's files have y down and z away from the viewer: half a turn about x
+    return np.diag([1.0, -1.0, -1.0]) @ rotation if UP[ending][1] < 0 else rotation
+
+
+def export_sequence(
+    video: SplatVideo,
+    folder: Path,
+    ending: str,
+    rotation: np.ndarray | None = None,
+    progress: ProgressFn = no_progress,
+) -> None:
+    """Write `folder/frame_0000.ply`, ...: each frame's number is its number in the video.
+
+    Args:
+        video: what to write.
+        folder: must not exist; appears when all of it is there.
+        ending: ".ply", ".spz" or ".glb".
+        rotation: from `axes_of`.
+        progress: called with frames written, of all.
+
+    Raises:
+        StudioError: a frame cannot be read or does not fit the format, or the folder exists or cannot be written.
+    """
+    digits = max(4, len(str(max(video.number(index) for index in range(video.frame_count)))))
+    with new_folder(folder) as temporary:
+        for index in range(video.frame_count):
+            progress(index, video.frame_count)
+            gaussians = video.read(index)
+            if rotation is not None:
+                gaussians = turned(gaussians, rotation)
+            write_splats(temporary / f"frame_{video.number(index):0{digits}d}{ending}", gaussians)
+        progress(video.frame_count, video.frame_count)
+
+
+def export_frame(video: SplatVideo, path: Path, rotation: np.ndarray | None = None) -> None:
+    """Write the first frame as one file; its ending says the format. Raises StudioError as `export_sequence`."""
+    gaussians = video.read(0)
+    if rotation is not None:
+        gaussians = turned(gaussians, rotation)
+    with new_file(path) as temporary:
+        write_splats(temporary, gaussians)

@@ -1,0 +1,138 @@
+"""The layout that the players of the paper's released code read ("VideoGS layout").
+
+    group_info.json      {"0": {"frame_index": [0, 19], "name_index": [0, 19]}, ...}     first and last, inclusive
+    viewer_min_max.json  {"0": {"num": N, "info": [min, max, min, max, ...]}, ...}       by frame, counted from 0
+    group<g>/<c>.mp4     one H.264 file a channel
+
+Attributes in the order of a 3DGS PLY: x y z, normals, f_dc, harmonics, opacity, scales, rotation, with activated values
+(linear scale, opacity 0 to 1, unit quaternion wxyz). Channels 2 i and 2 i + 1 are the low and high byte of position i;
+attribute a >= 3 is channel a + 3. Row-major squares with a side that is a multiple of 8, padded with 0; minimum,
+maximum and number are each frame's own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from studio.errors import StudioError
+from studio.export.placing import new_folder
+from studio.gaussians import Gaussians
+from studio.progress import ProgressFn, no_progress
+from studio.splat_video import SplatVideo
+from studio.stream.layout import component_frames, plane_side
+from studio.stream.morton import morton_order
+from studio.stream.quantise import quantise
+from studio.stream.settings import QP_KNEE
+from studio.stream.video import PlaneEncoder
+
+POSITIONS, NORMALS = 3, 3
+
+
+def attribute_count(sh_degree: int) -> int:
+    """A: 3 positions, 3 normals, harmonics of three colours, opacity, 3 scales, 4 of rotation."""
+    return 14 + 3 * (sh_degree + 1) ** 2
+
+
+def export_videogs(
+    video: SplatVideo,
+    folder: Path,
+    qp: int = 20,
+    preset: str = "medium",
+    threads: int = 0,
+    progress: ProgressFn = no_progress,
+) -> None:
+    """Write the layout; see the module.
+
+    QPs follow the paper: high bytes of positions lossless; above 22 colour, scale and rotation stay at 22.
+
+    Args:
+        video: what to write; its groups become the layout's.
+        folder: must not exist; appears when all of it is there.
+        qp: 0 (lossless) to 51.
+        preset: of x264.
+        threads: channels encoded at once; 0 means one a core.
+        progress: called with frames written, of all.
+
+    Raises:
+        StudioError: a frame cannot be read or baked, another QP, or the folder exists or cannot be written.
+    """
+    if not 0 <= qp <= 51:
+        raise StudioError(f"VideoGS export: QP {qp} given; H.264 has 0 to 51.")
+    groups: dict[str, dict[str, list[int]]] = {}
+    frames: dict[str, dict[str, object]] = {}
+    with new_folder(folder) as temporary, ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        for number, group in enumerate(video.groups):
+            place = temporary / f"group{number}"
+            place.mkdir()
+            encoders: list[PlaneEncoder] = []
+            try:
+                for index, values in zip(group, _attributes(video, group), strict=True):
+                    progress(index, video.frame_count)
+                    side = plane_side(values.shape[1])
+                    if not encoders:
+                        encoders = _encoders(place, values.shape[0], side, qp, preset)
+                    low, high = values.min(axis=1).astype(np.float64), values.max(axis=1).astype(np.float64)
+                    planes = _planes(values, low, high, side)
+                    list(pool.map(PlaneEncoder.add, encoders, planes))
+                    info = np.stack([low, high], axis=1).ravel().tolist()
+                    frames[str(index)] = {"num": values.shape[1], "info": info}
+                list(pool.map(PlaneEncoder.close, encoders))
+            except BaseException:
+                for encoder in encoders:
+                    encoder.abandon()
+                raise
+            names = [video.number(group[0]), video.number(group[-1])]
+            groups[str(number)] = {"frame_index": [group[0], group[-1]], "name_index": names}
+        for name, content in (("group_info.json", groups), ("viewer_min_max.json", frames)):
+            (temporary / name).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+        progress(video.frame_count, video.frame_count)
+
+
+def _attributes(video: SplatVideo, group: range) -> Iterator[np.ndarray]:
+    """(A, N) float32 a frame, activated, in Morton order of the group's first frame (neighbours compress)."""
+
+    def frames() -> Iterator[Gaussians]:
+        for index in group:
+            yield video.read(index).to("cpu")
+
+    order = morton_order(video.read(group[0]).means.detach().cpu().numpy())
+    for values in component_frames(frames(), order):
+        normals = np.zeros((NORMALS, values.shape[1]), np.float32)
+        scales = np.exp(values[-7:-4])
+        yield np.concatenate([values[:POSITIONS], normals, values[POSITIONS:-7], scales, values[-4:]])
+
+
+def _encoders(folder: Path, attributes: int, side: int, qp: int, preset: str) -> list[PlaneEncoder]:
+    opacity = attributes - 8
+    result = []
+    for channel in range(attributes + POSITIONS):
+        attribute = channel - POSITIONS
+        if channel < 2 * POSITIONS:
+            value = qp if channel % 2 == 0 else 0
+        else:
+            value = qp if attribute == opacity else min(qp, QP_KNEE)
+        result.append(PlaneEncoder(folder / f"{channel}.mp4", (side, side), value, preset))
+    return result
+
+
+def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) -> Iterator[np.ndarray]:
+    """The channels' pictures, (side, side) uint8 each."""
+
+    def picture(codes: np.ndarray) -> np.ndarray:
+        plane = np.zeros(side * side, np.uint8)
+        plane[: len(codes)] = codes
+        return plane.reshape(side, side)
+
+    for row in range(len(values)):
+        if row < POSITIONS:
+            codes = quantise(values[row], low[row], high[row], 65535)
+            yield picture(codes & 255)
+            yield picture(codes >> 8)
+        else:
+            yield picture(quantise(values[row], low[row], high[row], 255))

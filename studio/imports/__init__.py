@@ -1,0 +1,29 @@
+"""Gaussian videos made by other programs, opened as `SplatVideo`: to be baked, played and compared."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from studio.imports.sequence import DEFAULT_FPS, open_sequence
+from studio.imports.videogs import is_videogs, open_videogs
+from studio.progress import ProgressFn, no_progress
+from studio.splat_video import SplatVideo
+
+
+def open_import(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
+    """Whatever lies at `place`: the VideoGS layout, a folder of .ply or .spz files, or a single such file.
+
+    Args:
+        place: folder or file.
+        fps: rate to play at; none of these formats has one.
+        progress: called with files looked at, of all.
+
+    Raises:
+        StudioError: nothing of these, or it is damaged.
+    """
+    if is_videogs(place):
+        return open_videogs(place, fps)
+    return open_sequence(place, fps, progress)
+
+
+__all__ = ["DEFAULT_FPS", "open_import", "open_sequence", "open_videogs"]

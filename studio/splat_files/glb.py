@@ -1,0 +1,107 @@
+"""GLB (binary glTF 2.0) with the ratified extension KHR_gaussian_splatting, uncompressed.
+
+Source: the glTF 2.0 specification and KHR_gaussian_splatting's. A splat is a point with rotation (xyzw), scale and
+opacity (both activated: linear, and 0 to 1) and harmonics, one accessor a coefficient; COLOR_0 is for programs that
+draw points only.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.errors import StudioError
+from studio.gaussians import SH_C0, Gaussians
+from studio.splat_files.checks import to_arrays
+
+NAME = "KHR_gaussian_splatting"
+_FLOAT, _BYTE = 5126, 5121  # glTF component types
+_ARRAY_BUFFER = 34962
+_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+
+
+def write_glb(path: Path, gaussians: Gaussians) -> None:
+    """Write a GLB file of one node, mesh and primitive.
+
+    Raises:
+        StudioError: no splats, values that are not finite, or more than 4 GiB of them.
+    """
+    arrays = to_arrays(path, gaussians)
+    opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
+    sh = arrays["sh"]
+    attributes: dict[str, np.ndarray] = {
+        "POSITION": arrays["means"],
+        "COLOR_0": _fallback_colour(sh[:, 0], opacities),
+        f"{NAME}:ROTATION": arrays["quats"][:, [1, 2, 3, 0]],
+        f"{NAME}:SCALE": np.exp(arrays["log_scales"]),
+        f"{NAME}:OPACITY": opacities[:, None].astype(np.float32),
+    }
+    coefficient = 0
+    for degree in range(gaussians.sh_degree + 1):
+        for order in range(2 * degree + 1):
+            attributes[f"{NAME}:SH_DEGREE_{degree}_COEF_{order}"] = sh[:, coefficient]
+            coefficient += 1
+
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    chunks: list[bytes] = []
+    offset = 0
+    for name, values in attributes.items():
+        data = np.ascontiguousarray(values).tobytes()  # lengths are multiples of 4 already
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": _ARRAY_BUFFER})
+        accessor: dict[str, Any] = {
+            "bufferView": len(accessors),
+            "componentType": _BYTE if values.dtype == np.uint8 else _FLOAT,
+            "count": len(values),
+            "type": _TYPES[values.shape[1]],
+        }
+        if values.dtype == np.uint8:
+            accessor["normalized"] = True
+        if name == "POSITION":
+            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        accessors.append(accessor)
+        chunks.append(data)
+        offset += len(data)
+    extension = {
+        "kernel": "ellipse",
+        "colorSpace": "srgb_rec709_display",
+        "projection": "perspective",
+        "sortingMethod": "cameraDistance",
+    }
+    primitive = {
+        "attributes": {name: index for index, name in enumerate(attributes)},
+        "mode": 0,
+        "extensions": {NAME: extension},
+    }
+    content = {
+        "asset": {"version": "2.0", "generator": "V3 Studio"},
+        "extensionsUsed": [NAME],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": offset}],
+    }
+    head = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
+    head += b" " * (-len(head) % 4)
+    total = 12 + 8 + len(head) + 8 + offset
+    if total >= 1 << 32:
+        raise StudioError(f"{path}: {len(gaussians)} splats need {total} bytes; a GLB file holds less than 2^32.")
+    with path.open("wb") as file:
+        file.write(struct.pack("<4sII", b"glTF", 2, total))
+        file.write(struct.pack("<I4s", len(head), b"JSON") + head)
+        file.write(struct.pack("<I4s", offset, b"BIN\0"))
+        for chunk in chunks:
+            file.write(chunk)
+
+
+def _fallback_colour(sh0: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+    """(N, 4) uint8 RGBA."""
+    rgba = np.concatenate([SH_C0 * sh0 + 0.5, opacities[:, None]], axis=1)
+    return np.rint(np.clip(rgba, 0, 1) * 255).astype(np.uint8)

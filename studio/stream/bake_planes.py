@@ -1,0 +1,181 @@
+"""Baking of the profile `planes` (paper, "Baking 3D Gaussians"): each number of a splat in a video of its own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.progress import ProgressFn
+from studio.stream.entries import Box, ComponentEntry, Part, PlaneEntry, PlanesGroup
+from studio.stream.files import describe
+from studio.stream.layout import (
+    Component,
+    component_frames,
+    components,
+    plane_side,
+    scale_floor,
+    to_plane,
+    typical_size,
+)
+from studio.stream.morton import morton_order
+from studio.stream.quantise import quantise, split_bytes
+from studio.stream.settings import BakeSettings
+from studio.stream.video import PlaneEncoder
+
+
+class PlanesBake:
+    """One group, read through once for its ranges; `write` can then be called for any QP.
+
+    The splats are put into Morton order of the keyframe for the whole group, each component is quantised with rounding
+    over its range in the whole group, and the planes are encoded on all cores.
+
+    Args:
+        frames: the group's frames, keyframe first; read again by each `write`.
+        progress: called before each frame, so that it can cancel.
+    """
+
+    def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:
+        self._frames = frames
+        self._order = _keyframe_order(frames[0])
+        self._low, self._high = _ranges(component_frames(_reported(frames, progress)))
+        self._box = Box(min=_point(self._low), max=_point(self._high))
+        extent = float((self._high[:3] - self._low[:3]).max())
+        floor = scale_floor(typical_size(frames[0].log_scales.detach().cpu().numpy().T, extent))
+        self._low[-7:-4] = np.minimum(np.maximum(self._low[-7:-4], floor), self._high[-7:-4])
+
+    def write(
+        self, folder: Path, name: str, group: int, first_frame: int, settings: BakeSettings, progress: ProgressFn
+    ) -> PlanesGroup:
+        """Write the videos into `folder`, which the manifest will call `name`."""
+        frames, low, high = self._frames, self._low, self._high
+        planes = _planes(frames[0].sh_degree, settings)
+        _encode(component_frames(frames, self._order), folder, planes, low, high, settings, len(frames), progress)
+        return _entry(folder, name, planes, low, high, group, first_frame, frames, self._box)
+
+
+def _point(values: np.ndarray) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def _keyframe_order(keyframe: Gaussians) -> np.ndarray:
+    means = keyframe.means.detach().cpu().numpy()
+    return morton_order(means) if np.isfinite(means).all() else np.arange(len(means))
+
+
+def _reported(frames: Sequence[Gaussians], progress: ProgressFn) -> Iterator[Gaussians]:
+    """The frames, giving `progress` the chance to cancel before each."""
+    for frame in frames:
+        progress(0, len(frames))
+        yield frame
+
+
+def _ranges(values: Iterator[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Minimum and maximum of each component over the group, (C,) float64."""
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
+    for frame in values:
+        frame_low, frame_high = frame.min(axis=1).astype(np.float64), frame.max(axis=1).astype(np.float64)
+        low = frame_low if low is None else np.minimum(low, frame_low)
+        high = frame_high if high is None else np.maximum(high, frame_high)
+    assert low is not None
+    assert high is not None
+    return low, high
+
+
+def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Component, Part, int]]:
+    """Row of the component, component, part and QP of each file, in the manifest's order."""
+    result: list[tuple[int, Component, Part, int]] = []
+    for row, component in enumerate(components(sh_degree)):
+        if component.bits == 16:
+            result.append((row, component, "high", settings.attribute_qp("means_high")))
+            low: Part = "low_mirrored" if settings.mirror_low_bytes else "low"
+            result.append((row, component, low, settings.attribute_qp("means_low")))
+        else:
+            result.append((row, component, "all", settings.attribute_qp(component.attribute)))
+    return result
+
+
+def _file_name(component: Component, part: Part) -> str:
+    return f"{component.name}.mp4" if part == "all" else f"{component.name}_{part.removesuffix('_mirrored')}.mp4"
+
+
+def _encode(
+    values: Iterator[np.ndarray],
+    folder: Path,
+    planes: list[tuple[int, Component, Part, int]],
+    low: np.ndarray,
+    high: np.ndarray,
+    settings: BakeSettings,
+    frame_count: int,
+    progress: ProgressFn,
+) -> None:
+    encoders: list[PlaneEncoder] = []
+
+    def encode(index: int, frame: np.ndarray) -> None:
+        row, component, part, _ = planes[index]
+        codes = quantise(frame[row], low[row], high[row], component.levels)
+        if part != "all":
+            codes = split_bytes(codes, mirrored=part == "low_mirrored")[0 if part == "high" else 1]
+        encoders[index].add(to_plane(codes, plane_side(frame.shape[1])))
+
+    try:
+        with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1, thread_name_prefix="bake") as pool:
+            for number, frame in enumerate(values):
+                if not encoders:
+                    side = plane_side(frame.shape[1])
+                    for _, component, part, qp in planes:
+                        path = folder / _file_name(component, part)
+                        encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset))
+                list(pool.map(encode, range(len(planes)), repeat(frame)))
+                progress(number + 1, frame_count)
+            list(pool.map(PlaneEncoder.close, encoders))
+    except BaseException:
+        for encoder in encoders:
+            encoder.abandon()
+        raise
+
+
+def _entry(
+    partial: Path,
+    folder: str,
+    planes: list[tuple[int, Component, Part, int]],
+    low: np.ndarray,
+    high: np.ndarray,
+    group: int,
+    first_frame: int,
+    frames: Sequence[Gaussians],
+    box: Box,
+) -> PlanesGroup:
+    entries: dict[int, list[PlaneEntry]] = {}
+    total = 0
+    for row, component, part, qp in planes:
+        name = _file_name(component, part)
+        plane = PlaneEntry(**describe(partial / name, folder), part=part, qp=qp)
+        total += plane.bytes
+        entries.setdefault(row, []).append(plane)
+    keyframe = frames[0]
+    wanted = components(keyframe.sh_degree)
+    try:
+        return PlanesGroup(
+            index=group,
+            first_frame=first_frame,
+            frame_count=len(frames),
+            splats=len(keyframe),
+            sh_degree=keyframe.sh_degree,
+            side=plane_side(len(keyframe)),
+            bounding_box=box,
+            bytes=total,
+            components=tuple(
+                ComponentEntry(name=wanted[row].name, min=float(low[row]), max=float(high[row]), planes=tuple(files))
+                for row, files in entries.items()
+            ),
+        )
+    except ValueError as error:
+        raise StudioError(f"Baking: group {group} does not fit the format ({error}).") from None

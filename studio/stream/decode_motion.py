@@ -1,0 +1,130 @@
+"""Decoding of the profile `motion`: one video and a side file to Gaussians, exactly the inverse of `bake_motion`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.stream.decoder import DecodedFrame, GroupDecoder
+from studio.stream.entries import MotionGroup
+from studio.stream.morton import square_scan
+from studio.stream.motion_state import MotionState, Side
+from studio.stream.rotation import from_mrp, multiply
+from studio.stream.video import PlaneDecoder
+
+OPACITY_MARGIN = 1e-6
+"""Opacities are kept this far from 0 and 1, so that their logits are finite."""
+
+
+class GroupTables:
+    """What all frames of a group share: the side file, read, and where each number of a splat lies in the picture.
+
+    Args:
+        group: its entry in the manifest.
+        data: the side file.
+
+    Raises:
+        ValueError: the side file is not what the manifest promises.
+    """
+
+    def __init__(self, group: MotionGroup, data: bytes) -> None:
+        self.group = group
+        side = Side.parse(data, group)
+        self.state = MotionState(group.positions, group.blocks, side, np.float32)
+        self.gains = np.ldexp(np.float32(1), side.classes.astype(np.int32))
+        pixels = square_scan(group.tile, group.splats)
+        width = group.size[0]
+        rows, columns = np.divmod(pixels, group.tile)
+        first = [
+            (c // group.columns) * group.tile * width + (c % group.columns) * group.tile
+            for c in range(len(group.channels))
+        ]
+        self.pixels = rows * width + columns
+        self.first = first
+        escapes = side.escapes
+        order = np.argsort(escapes.frame, kind="stable")
+        self._escapes = (escapes.channel[order], escapes.splat[order], escapes.code[order].astype(np.float32))
+        self._starts = np.searchsorted(escapes.frame[order], np.arange(group.frame_count + 1))
+
+    def values(self, index: int, picture: np.ndarray) -> np.ndarray:
+        """(C, N) float32: the channels' values in frame `index` of the group, classes not yet applied."""
+        group = self.group
+        flat = picture.reshape(-1)
+        values = np.empty((len(group.channels), group.splats), dtype=np.float32)
+        for row, first in zip(values, self.first, strict=True):
+            row[:] = flat[first:].take(self.pixels)
+        begin, end = self._starts[index : index + 2]
+        if end > begin:
+            channel, splat, code = (part[begin:end] for part in self._escapes)
+            values[channel, splat] = code
+        for row, entry in zip(values, group.channels, strict=True):
+            row *= np.float32(entry.step)
+            row += np.float32(entry.offset - 128 * entry.step)
+        return values
+
+
+class MotionFrame(DecodedFrame):
+    """One frame's picture, (height, width) uint8, and its number within the group."""
+
+    def __init__(self, tables: GroupTables, index: int, picture: np.ndarray) -> None:
+        self._tables, self._index, self._picture = tables, index, picture
+
+    def gaussians(self) -> Gaussians:
+        """See `DecodedFrame.gaussians`."""
+        tables, index = self._tables, self._index
+        values = tables.values(index, self._picture)
+        means = tables.state.positions(index) + (values[:3] * tables.gains).T
+        quats = from_mrp(values[3:6].T)
+        turned = tables.state.rotations(index)
+        if turned is not None:
+            quats = multiply(turned[tables.state.labels], quats)
+        opacities = np.clip(values[9], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+        luma, orange, green = values[10::3].T, values[11::3].T, values[12::3].T  # (N, K) each
+        sh = np.stack([luma + orange - green, luma + green, luma - orange - green], axis=-1)
+        return Gaussians(
+            means=torch.from_numpy(means),
+            quats=torch.from_numpy(quats),
+            log_scales=torch.from_numpy(np.ascontiguousarray(values[6:9].T)),
+            logit_opacities=torch.from_numpy(np.log(opacities / (1 - opacities))),
+            sh=torch.from_numpy(sh),
+        )
+
+
+class MotionDecoder(GroupDecoder):
+    """Decodes one group of the profile `motion`.
+
+    Args:
+        group: its entry in the manifest.
+        files: content by path.
+        name: the stream, for messages.
+        codec: the manifest's.
+        threads: of the video decoder.
+
+    Raises:
+        StudioError: a file is not what the manifest promises.
+    """
+
+    def __init__(self, group: MotionGroup, files: Mapping[str, bytes], name: str, codec: str, threads: int) -> None:
+        super().__init__(group)
+        self._size = group.size
+        self._video = PlaneDecoder(files[group.video.path], f"{name}/{group.video.path}", group.size, codec, threads)
+        try:
+            self._tables = GroupTables(group, files[group.side.path])
+        except ValueError as error:
+            self.close()
+            raise StudioError(
+                f"{name}/{group.side.path}: the side file is damaged: {error}; bake or fetch it again."
+            ) from None
+
+    def _read(self, index: int) -> MotionFrame:
+        picture = np.empty(self._size[::-1], dtype=np.uint8)
+        self._video.read(picture)
+        return MotionFrame(self._tables, index, picture)
+
+    def close(self) -> None:
+        """Free the decoder."""
+        self._video.close()

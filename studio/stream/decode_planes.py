@@ -1,0 +1,86 @@
+"""Decoding of the profile `planes`: bytes to components to Gaussians, exactly the inverse of `bake_planes`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass
+
+import numpy as np
+
+from studio.gaussians import Gaussians
+from studio.stream.decoder import DecodedFrame, GroupDecoder
+from studio.stream.entries import PlanesGroup
+from studio.stream.layout import ComponentArrays
+from studio.stream.quantise import LEVELS_8, LEVELS_16, dequantise, join_bytes
+from studio.stream.video import PlaneDecoder
+
+
+@dataclass(frozen=True, eq=False)
+class PlanesFrame(DecodedFrame):
+    """One frame's planes.
+
+    Attributes:
+        group: ranges and layout.
+        planes: (P, side, side) uint8 in the order of `group.planes`.
+    """
+
+    group: PlanesGroup
+    planes: np.ndarray
+
+    def gaussians(self) -> Gaussians:
+        """See `DecodedFrame.gaussians`."""
+        group = self.group
+        flat = self.planes.reshape(len(self.planes), -1)[:, : group.splats]
+        arrays = ComponentArrays(group.splats, group.sh_degree)
+        index = 0
+        for row, entry in zip(arrays.rows, group.components, strict=True):
+            if len(entry.planes) == 1:
+                row[:] = dequantise(flat[index], entry.min, entry.max, LEVELS_8)
+            else:
+                codes = join_bytes(flat[index], flat[index + 1], mirrored=entry.planes[1].part == "low_mirrored")
+                row[:] = dequantise(codes, entry.min, entry.max, LEVELS_16)
+            index += len(entry.planes)
+        return arrays.gaussians()
+
+
+class PlanesDecoder(GroupDecoder):
+    """Decodes all planes of a frame at once on a few threads.
+
+    Args:
+        group: its entry in the manifest.
+        files: what `fetch_group` returned.
+        pool: threads to decode on.
+        name: the stream, for messages.
+    """
+
+    def __init__(self, group: PlanesGroup, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:
+        super().__init__(group)
+        self._planes_group = group
+        self._pool = pool
+        size = (group.side, group.side)
+        # Opening decodes each file's first picture to learn what it is, so it is worth the threads, too.
+        opening = [pool.submit(PlaneDecoder, files[plane.path], f"{name}/{plane.path}", size) for plane in group.planes]
+        wait(opening)
+        self._decoders = [future.result() for future in opening if future.exception() is None]
+        for future in opening:
+            if (error := future.exception()) is not None:
+                self.close()
+                raise error
+
+    def _read(self, index: int) -> PlanesFrame:
+        group = self._planes_group
+        planes = np.empty((len(self._decoders), group.side, group.side), dtype=np.uint8)
+        reading = [
+            self._pool.submit(decoder.read, plane) for decoder, plane in zip(self._decoders, planes, strict=True)
+        ]
+        wait(reading)  # all of them, before an error of one is raised: the caller may then close the decoders
+        for future in reading:
+            future.result()
+        return PlanesFrame(group, planes)
+
+    def close(self) -> None:
+        """Free the decoders."""
+        for decoder in self._decoders:
+            decoder.close()
+        self._decoders = []

@@ -1,0 +1,168 @@
+"""The side file of the profile `motion`: all that the video does not carry, the same for writer and reader."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from studio.stream.blocks import Blocks
+from studio.stream.entries import MAX_VALUE, BlockTable, Lattice, MotionGroup
+from studio.stream.morton import deinterleave
+from studio.stream.octree import decode_octree, encode_octree
+from studio.stream.rotation import from_mrp
+from studio.stream.sidefile import Cursor, deflate, inflate, split
+
+MAX_CLASS = 15
+"""Steps of residuals double from class to class; this many doublings at most."""
+
+MAX_BITS = 16
+"""Bits an axis of the keyframe's positions, at most."""
+
+_LABEL_BYTES = 2
+_MOTION_BYTES = 4
+_ESCAPE_BYTES = 4
+
+
+@dataclass(frozen=True)
+class Escapes:
+    """Numbers that the picture's 256 codes do not reach, sorted by channel, splat and frame.
+
+    Attributes:
+        channel, splat, frame: (E,) int64, where.
+        code: (E,) int64: the code, below 0 or above 255.
+    """
+
+    channel: np.ndarray
+    splat: np.ndarray
+    frame: np.ndarray
+    code: np.ndarray
+
+
+@dataclass(frozen=True)
+class Side:
+    """Content of a side file.
+
+    Attributes:
+        codes: (N,) uint64 Morton codes of the keyframe's cells, sorted; 3 * bits bits.
+        labels: (N,) int64 block of each splat.
+        classes: (N,) uint8: residual steps of this splat are 2^class times the channel's.
+        affine: (F - 1, 12, B) int64: frame f's affine motion of block b in units of `blocks.step`; number 3 i + k is
+            row i, column k of the 4 x 3 map.
+        rotation: (F - 1, 3, B) int64: its mean rotation since the keyframe as MRP, units of `blocks.rotation_step`.
+        escapes: what the video's codes do not reach.
+    """
+
+    codes: np.ndarray
+    labels: np.ndarray
+    classes: np.ndarray
+    affine: np.ndarray
+    rotation: np.ndarray
+    escapes: Escapes
+
+    def to_parts(self, bits: int) -> list[bytes]:
+        """Byte strings whose concatenation is the raw side file."""
+        escapes = self.escapes
+        order = np.lexsort((escapes.frame, escapes.splat, escapes.channel))
+        channel, splat, frame, code = (getattr(escapes, name)[order] for name in ("channel", "splat", "frame", "code"))
+        beyond = np.where(code < 0, code, code - 255)
+        return [
+            *encode_octree(self.codes, bits),
+            *split(np.diff(self.labels, prepend=0), _LABEL_BYTES),
+            self.classes.astype(np.uint8).tobytes(),
+            *split(_time_differences(self.affine), _MOTION_BYTES),
+            *split(_time_differences(self.rotation), _MOTION_BYTES),
+            *split(np.array([len(code)]), _ESCAPE_BYTES),
+            channel.astype(np.uint8).tobytes(),
+            *split(np.diff(splat, prepend=0), _ESCAPE_BYTES),
+            *split(np.diff(frame, prepend=0), _ESCAPE_BYTES),
+            *split(beyond, _ESCAPE_BYTES),
+        ]
+
+    @classmethod
+    def parse(cls, data: bytes, group: MotionGroup) -> Side:
+        """Inverse of `to_parts` and `deflate`.
+
+        Raises:
+            ValueError: the bytes are not what the manifest's group promises.
+        """
+        cursor = Cursor(inflate(data, group.side.raw_bytes))
+        splats, blocks, moved = group.splats, group.blocks.count, group.frame_count - 1
+        codes = decode_octree(cursor, group.positions.bits, splats)
+        labels = np.cumsum(cursor.integers(splats, _LABEL_BYTES))
+        if labels.min() < 0 or labels.max() >= blocks:
+            raise ValueError("a splat belongs to a block that is not there")
+        classes = cursor.take(splats)
+        if classes.max() > MAX_CLASS:
+            raise ValueError(f"a splat has the class {classes.max()}, above {MAX_CLASS}")
+        affine = _from_time_differences(cursor.integers(moved * 12 * blocks, _MOTION_BYTES), (moved, 12, blocks))
+        if np.abs(affine).max(initial=0) * group.blocks.step > MAX_VALUE:
+            raise ValueError(f"a block moves further than {MAX_VALUE:g}")
+        rotation = _from_time_differences(cursor.integers(moved * 3 * blocks, _MOTION_BYTES), (moved, 3, blocks))
+        count = int(cursor.integers(1, _ESCAPE_BYTES)[0])
+        if count < 0:
+            raise ValueError(f"there are {count} escapes")
+        channel = cursor.take(count).astype(np.int64)
+        splat = np.cumsum(cursor.integers(count, _ESCAPE_BYTES))
+        frame = np.cumsum(cursor.integers(count, _ESCAPE_BYTES))
+        beyond = cursor.integers(count, _ESCAPE_BYTES)
+        if len(cursor.rest):
+            raise ValueError(f"{len(cursor.rest)} bytes are left over")
+        for values, limit in ((channel, len(group.channels)), (splat, splats), (frame, moved + 1)):
+            if count and (values.min() < 0 or values.max() >= limit):
+                raise ValueError("an escape lies outside the group")
+        code = np.where(beyond < 0, beyond, beyond + 255)
+        return cls(codes, labels, classes, affine, rotation, Escapes(channel, splat, frame, code))
+
+
+def _time_differences(values: np.ndarray) -> np.ndarray:
+    """Second differences over the first axis, as if two zeros stood before it: motion is steady."""
+    return np.diff(values, n=2, axis=0, prepend=np.zeros((2, *values.shape[1:]), dtype=np.int64))
+
+
+def _from_time_differences(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    result: np.ndarray = np.cumsum(np.cumsum(values.reshape(shape), axis=0), axis=0)
+    return result
+
+
+def compress(side: Side, bits: int) -> tuple[bytes, int]:
+    """The side file, and its size once decompressed."""
+    parts = side.to_parts(bits)
+    return deflate(parts), sum(len(part) for part in parts)
+
+
+class MotionState:
+    """Where splats are by their blocks' motion alone, computed alike by writer and reader.
+
+    Args:
+        lattice, table: units, from the manifest.
+        side: content of the side file.
+        dtype: of what is computed.
+    """
+
+    def __init__(self, lattice: Lattice, table: BlockTable, side: Side, dtype: type = np.float64) -> None:
+        cells = deinterleave(side.codes)
+        self.keyframe: np.ndarray = (np.array(lattice.min) + (cells + 0.5) * lattice.step).astype(dtype)
+        self.labels = side.labels
+        self._side, self._table = side, table
+        self.blocks = Blocks.over(cells, side.labels, table.count, lattice.step, table.radius, dtype)
+
+    def positions(self, index: int) -> np.ndarray:
+        """(N, 3): the keyframe's positions moved by the blocks' affine motions to frame `index` of the group."""
+        if index == 0:
+            return self.keyframe
+        maps = (self._side.affine[index - 1].T * self._table.step).reshape(-1, 4, 3)
+        result: np.ndarray = self.keyframe + self.blocks.displace(maps.astype(self.keyframe.dtype))
+        return result
+
+    def rotations(self, index: int) -> np.ndarray | None:
+        """(B, 4) mean rotations since the keyframe; None where no block turns."""
+        if index == 0 or not self._side.rotation[index - 1].any():
+            return None
+        return from_mrp(self._side.rotation[index - 1].T * self._table.rotation_step).astype(self.keyframe.dtype)
+
+
+def keyframe_bits(extent: float, step: float) -> int:
+    """Fewest bits at which the keyframe's cells are no larger than `step`, 1 to 16."""
+    return min(max(math.ceil(math.log2(max(extent / step, 1))), 1), MAX_BITS) if step > 0 else MAX_BITS

@@ -1,0 +1,221 @@
+"""Runs followed: events gathered, child processes, crashes, logs that grow; and the workspace over a real take."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from gui.presenters.jobs import Job, LogFollower
+from gui.presenters.run_state import CURVE_POINTS, Curve, RunState
+from gui.presenters.workspace import Workspace
+from pipelines.events import Log, Metrics, Progress, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
+from pipelines.take import Take
+
+
+def progress(fraction: float, **figures: object) -> Progress:
+    return Progress(stage="train", fraction=fraction, seconds_left=90.0, label="frame 1", figures=dict(figures))
+
+
+def test_a_run_told_by_its_events() -> None:
+    run = RunState()
+    run.apply(RunStarted(take="t", stages=("train", "bake"), done=("calibrate",), pid=7, version="1"))
+    run.apply(StageStarted(stage="train", reason="never run"))
+    run.apply(progress(0.25, loss=0.5, psnr=20.0, splats=100))
+    assert (run.stage, run.stage_words()) == ("train", "25 %, 1 min 30 s left")
+    run.apply(progress(0.5, loss=0.4, psnr=21.0, splats=120))
+    assert run.curves["loss"].positions == [0.25, 0.5]
+    assert run.curves["splats"].values == [100.0, 120.0]
+    before = run.results
+    run.apply(Metrics(stage="train", values={"splats": 120}, group=0, frame=3))
+    run.apply(StageFinished(stage="train", seconds=2.0))
+    assert run.results == before + 2
+    assert (run.stage, run.finished) == ("", ["train"])
+    run.apply(StageFailed(stage="bake", message="The disk is full.", traceback=""))
+    run.apply(RunFinished(outcome="failed", seconds=3.0, message="The disk is full."))
+    assert (run.outcome, run.failed) == ("failed", {"bake": "The disk is full."})
+    assert [kind for kind, _ in run.lines].count("error") == 2
+    assert sum("disk is full" in text for _, text in run.lines) == 1, "said once"
+    following = run.followed()
+    assert following.outcome == ""
+    assert following.curves["psnr"].values == [20.0, 21.0]
+
+
+def test_curves_stay_small_and_begin_anew_with_another_training() -> None:
+    curve = Curve()
+    for number in range(3 * CURVE_POINTS):
+        curve.add(number / (3 * CURVE_POINTS), float(number))
+    assert len(curve.positions) == len(curve.values) <= CURVE_POINTS
+    assert curve.positions == sorted(curve.positions)
+    assert curve.values[-1] == 3 * CURVE_POINTS - 1
+    curve.add(0.1, 5.0)
+    assert curve.values == [5.0]
+
+
+def job_of(code: str, take: Take) -> Job:
+    return Job(take, (), program=(sys.executable, "-c", code))
+
+
+def finish(job: Job, seconds: float = 20.0) -> list[object]:
+    events: list[object] = []
+    end = time.monotonic() + seconds
+    while job.running and time.monotonic() < end:
+        events += job.poll()
+        time.sleep(0.01)
+    assert not job.running
+    return events
+
+
+def test_a_job_tells_its_events_and_what_is_none_is_passed_over(tmp_path: Path) -> None:
+    line = Log(stage="train", message="hello").to_json()
+    last = RunFinished(outcome="done", seconds=1.0).to_json()
+    job = job_of(f"print('some library speaks')\nprint({line!r})\nprint({last!r})", Take.create(tmp_path / "take"))
+    events = finish(job)
+    assert [type(event) for event in events] == [Log, RunFinished]
+    assert job.crash() is None
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
+        ("import sys; sys.stderr.write('boom\\n'); sys.exit(3)", "status 3: boom"),
+    ],
+)
+def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: str, said: str) -> None:
+    job = job_of(code, Take.create(tmp_path / "take"))
+    finish(job)
+    crash = job.crash()
+    assert crash is not None
+    assert said in crash[0]
+    run = RunState(stage="train")
+    run.apply(StageStarted(stage="train", reason=""))
+    run.crashed(*crash)
+    assert run.outcome == "failed"
+    assert said in run.failed["train"]
+
+
+def test_the_log_is_followed_line_by_line_and_a_new_one_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    follower = LogFollower(path)
+    assert follower.poll() == (False, [])
+    line = Log(message="one").to_json() + "\n"
+    path.write_text(line + line[:10])
+    anew, events = follower.poll()
+    assert (anew, [event.message for event in events]) == (True, ["one"])  # type: ignore[attr-defined]
+    with path.open("a") as file:
+        file.write(line[10:])
+    anew, events = follower.poll()
+    assert (anew, len(events)) == (False, 1)
+    assert follower.poll() == (False, [])
+    (tmp_path / "new").write_text(line)
+    os.replace(tmp_path / "new", path)
+    assert follower.poll()[0]
+
+
+@pytest.fixture
+def workspace() -> Iterator[Workspace]:
+    found = Workspace()
+    yield found
+    if found.job is not None:
+        found.job.cancel()
+    assert found.close()
+
+
+def wait(workspace: Workspace, what: str, accept: Callable[[], bool], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        workspace.poll()
+        if accept():
+            return
+        time.sleep(0.02)
+    pytest.fail(f"never {what}: {workspace.rows()}, {workspace.message}, {list(workspace.run.lines)[-5:]}")
+
+
+def states(workspace: Workspace) -> dict[str, str]:
+    return {row.key: row.state for row in workspace.rows()}
+
+
+ALL = ("capture", "calibrate", "initialise", "train", "bake", "review")
+
+
+def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace: Workspace, take_copy: Path) -> None:
+    workspace.open(Take.open(take_copy))
+    wait(workspace, "assessed", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
+    assert workspace.row("capture").words == "6 cameras, 5 frames"
+    assert "must be" in workspace.change_setting("bake.qp", 99)
+    assert workspace.change_setting("bake.qp", 33) == ""
+    wait(workspace, "stale", lambda: states(workspace)["bake"] == "stale")
+    assert states(workspace)["train"] == "done"
+    assert "bake.qp changed from 20 to 33" in workspace.row("bake").detail
+    assert workspace.start("review")
+    assert not workspace.start("all"), "one run at a time"
+    assert "cancel it" in workspace.change_setting("bake.qp", 34)
+    seen = set()
+
+    def over() -> bool:
+        seen.update((row.key, row.state) for row in workspace.rows())
+        return not workspace.busy
+
+    wait(workspace, "over", over)
+    assert ("bake", "running") in seen
+    assert ("review", "waiting") in seen
+    wait(workspace, "done again", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
+    assert workspace.run.outcome == "done"
+
+
+def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
+    workspace: Workspace, take_copy: Path, tmp_path: Path
+) -> None:
+    workspace.open(Take.open(take_copy))
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]),
+    }
+    terminal = subprocess.Popen(
+        [sys.executable, "-m", "pipelines.cli", "run", "--take", str(take_copy), "--json",
+         "--train.keyframe_iterations", "100000", "--train.check_footage", "false"],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment,
+    )  # fmt: skip
+    try:
+        wait(workspace, "seen to train", lambda: states(workspace)["train"] == "running" and bool(workspace.run.curves))
+        assert workspace.job is None
+        assert workspace.busy
+        workspace.cancel()
+        assert terminal.wait(10) == 130
+    finally:
+        terminal.kill()
+        terminal.wait()
+    wait(workspace, "over", lambda: not workspace.busy and workspace.run.outcome == "cancelled")
+    assert workspace.change_setting("train.keyframe_iterations", 20) == ""
+    assert workspace.start("train")
+    wait(workspace, "training", lambda: workspace.run.stage == "train")
+    assert workspace.job is not None
+    os.kill(workspace.job.pid, signal.SIGKILL)
+    wait(workspace, "crashed", lambda: not workspace.busy)
+    assert states(workspace)["train"] == "failed"
+    assert "SIGKILL" in workspace.row("train").detail
+
+
+def test_footage_that_is_gone_is_told_and_the_rest_still_stands(workspace: Workspace, take_copy: Path) -> None:
+    config = (take_copy / "config.yaml").read_text()
+    (take_copy / "config.yaml").write_text(config.replace("capture\n", "elsewhere\n", 1))
+    workspace.open(Take.open(take_copy))
+    wait(workspace, "assessed", lambda: workspace.assessed)
+    row = workspace.row("capture")
+    assert (row.state, "elsewhere" in row.detail) == ("failed", True)
+    assert states(workspace)["bake"] == "done"
+
+
+def test_damaged_settings_are_a_sentence(workspace: Workspace, take_copy: Path) -> None:
+    (take_copy / "config.yaml").write_text("train: {qp: [")
+    workspace.open(Take.open(take_copy))
+    assert "config.yaml" in workspace.message
+    assert workspace.row("capture").state == "failed"
+    assert not workspace.start("all")

@@ -1,0 +1,182 @@
+"""The review's presenters over a take that was really made: figures, ground truth, marks, strips."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.presenters.evaluation import Evaluation
+from gui.presenters.inspector import figures_picture, log_lines, review_blocks
+from gui.presenters.lens import Lens
+from gui.presenters.marks import Marks
+from gui.presenters.palette import ACCENT
+from gui.presenters.player import PlayerPresenter
+from gui.presenters.sources import trained_files
+from gui.presenters.strips import StripBoard, strips_of
+from pipelines.config import load_config
+from pipelines.frame_files import read_frame
+from pipelines.pictures import draw
+from pipelines.stages.base import Context
+from pipelines.take import Take
+from studio.errors import StudioError
+
+
+@pytest.fixture
+def player(finished_project: Path) -> Iterator[PlayerPresenter]:
+    presenter = PlayerPresenter()
+    assert presenter.open(finished_project / "take"), presenter.message
+    take = Take.open(finished_project / "take")
+    presenter.context = Context(take, load_config(take.config))
+    presenter.resize(256, 192)
+    yield presenter
+    assert presenter.close()
+
+
+def settle(player: PlayerPresenter, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        player.poll()
+        if player.settled and player.poll() is None and player.settled:
+            return
+        time.sleep(0.005)
+    pytest.fail("the picture never came")
+
+
+def image(player: PlayerPresenter) -> np.ndarray:
+    settle(player)
+    assert player.picture is not None, player.message
+    return player.picture.image
+
+
+def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(player: PlayerPresenter) -> None:
+    player.background = "black"
+    assert player.choose("truth")
+    assert player.camera == "cam4", "the held-out camera"
+    truth = image(player)
+    assert player.context is not None
+    assert player.opened is not None
+    assert player.opened.take is not None
+    footage = player.context.footage
+    filmed = footage.image("cam4", footage.frames[0]).astype(float) * (
+        footage.matte("cam4", footage.frames[0])[..., None] / 255
+    )
+    shrunk = truth.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown four times as large
+    assert np.abs(shrunk - filmed).mean() < 3.0
+    assert player.choose("trained")
+    trained = image(player)
+    assert player.camera == "cam4"
+    drawn = draw(read_frame(trained_files(player.opened.take)[0][0]), footage.rig["cam4"].resized(256, 192), (0, 0, 0))
+    assert np.abs(trained.astype(float) - drawn * 255).mean() < 1.0
+    player.choose_mode("difference")
+    assert player.reference == "truth"
+    assert image(player).max() > 0
+    player.choose_mode("wipe")
+    player.move_wipe(128 if player.picture is None else player.picture.box.x + 64)
+    assert player.wipe == pytest.approx(0.25)
+    assert image(player).shape == (192, 256, 3)
+    assert player.wipe_at(64)
+    assert not player.wipe_at(180)
+
+
+def test_comparing_without_a_camera_compares_decoded_with_trained(player: PlayerPresenter) -> None:
+    assert player.what == "decoded"
+    player.choose_mode("side by side")
+    assert (player.camera, player.reference) == ("", "trained")
+    picture = image(player)
+    left, right = picture[:, :126].astype(float), picture[:, 130:].astype(float)
+    assert np.abs(left[40:] - right[40:]).mean() < 4.0  # below the labels: nearly the same
+    player.look_through("cam2")
+    assert player.lens != Lens(), "the performer is brought near"
+    player.drag_orbit(10, 0)
+    assert player.camera == "", "turning leaves the camera"
+
+
+def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> None:
+    player.look_through("cam1")
+    player.wheel(5)
+    assert player.lens.zoom == pytest.approx(0.9**-5)
+    player.drag_pan(20, 0)
+    assert player.lens.u < 0.5
+    assert player.camera == "cam1"
+    player.reset_view()
+    assert player.lens == Lens()
+
+
+def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished_project: Path) -> None:
+    path = finished_project / "take" / "evaluation.json"
+    written = json.loads(path.read_text())
+    evaluation = Evaluation.read(path)
+    row = written["frames"][3]
+    player.transport.seek(3)
+    settle(player)
+    shown = {block.title: dict(block.rows) for block in review_blocks(player, evaluation, Marks(None), 1.0)}
+    quality = shown["Quality, mean of 1 camera"]
+    assert quality["PSNR trained"] == f"{row['psnr_trained']:.2f} dB"
+    assert quality["PSNR decoded"] == f"{row['psnr_decoded']:.2f} dB"
+    assert quality["SSIM decoded"] == f"{row['ssim_decoded']:.4f}"
+    assert quality["size"] == f"{row['bytes'] / 1000:.1f} KB"
+    assert shown["Speed"]["splats"] == f"{row['splats']:,}"
+    assert float(shown["Speed"]["decode"].split()[0]) > 0
+    assert evaluation.series("psnr_decoded", 7) == [*(one["psnr_decoded"] for one in written["frames"]), None, None]
+    figures, whose = evaluation.figures(3, "cam4")
+    assert (whose, figures["psnr_decoded"]) == ("cam4", row["cameras"]["cam4"]["psnr_decoded"])
+    assert evaluation.figures(99) == ({}, "")
+
+
+def test_damaged_evaluation_is_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "evaluation.json"
+    assert Evaluation.read(path).error == ""
+    for text in ("{", "[]", '{"frames": [{}], "summary": {}, "protocol": {}}'):
+        path.write_text(text)
+        assert "evaluation.json" in Evaluation.read(path).error
+
+
+def test_marks_stay_in_the_take(tmp_path: Path) -> None:
+    path = tmp_path / "marks.json"
+    marks = Marks(path)
+    marks.set(4, "  hand is blurred ")
+    marks.set(1, "")
+    marks.set(9, "flicker")
+    marks.remove(1)
+    again = Marks(path)
+    assert again.notes == {4: "hand is blurred", 9: "flicker"}
+    assert (again.next_after(4, 1), again.next_after(4, -1), again.next_after(9, -1)) == (9, None, 4)
+    path.write_text("[1, 2")
+    damaged = Marks(path)
+    assert damaged.notes == {}
+    with pytest.raises(StudioError, match=r"marks\.json"):
+        damaged.set(1, "x")
+    assert path.read_text() == "[1, 2", "left alone"
+    session = Marks(None)
+    session.set(2, "kept until closed")
+    assert not session.kept
+
+
+def test_strips_show_the_frame_and_clicks_find_it() -> None:
+    board = StripBoard(640, 120, 16.0, 20, (0, 10))
+    series: dict[str, list[float | None]] = {"psnr_trained": [30.0] * 20, "psnr_decoded": [20.0 + n for n in range(20)]}
+    strips = strips_of({**series, "bytes": []})
+    picture = board.picture(7, strips, marks=(3,))
+    assert picture.shape == (120, 640, 3)
+    first, last = board.timeline.span(7)
+    assert board.frame_at(board.left + (first + last) / 2) == 7
+    assert board.frame_at(0) == 0
+    assert board.frame_at(10_000) == 19
+    # higher values stand higher: count the accent's pixels of the decoded strip at the last frame and the first
+    high = board.picture(19, strips)[:, board.left + board.timeline.span(19)[0] + 1]
+    low = board.picture(0, strips)[:, board.left + 1]
+    rows = slice(37, 66)
+    assert (high[rows] == ACCENT).all(axis=1).sum() > (low[rows] == ACCENT).all(axis=1).sum() > 0
+
+
+def test_long_log_lines_are_broken_and_nothing_is_lost() -> None:
+    text = "a_long_path_without_any_break_" * 20
+    lines = log_lines([("", text), ("error", "short")], 200, 16.0)
+    assert "".join(part for kind, part in lines if kind == "") == text
+    assert lines[-1] == ("error", "short")
+    assert figures_picture([], 100, 50, 16.0).shape == (50, 100, 3)

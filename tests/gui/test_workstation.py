@@ -1,0 +1,218 @@
+"""The whole way in the window alone, with real mouse and keyboard events: from a folder of footage to a wipe."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+STAGES = ("capture", "calibrate", "initialise", "train", "bake", "review")
+
+
+def done(state: dict[str, Any]) -> bool:
+    return all(state["stages"][stage][0] == "done" for stage in STAGES)
+
+
+def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tmp_path: Path, artefacts: Path) -> None:
+    window = open_window()
+    window.wait_for("an empty window", lambda s: "New take" in s["message"] or "new take" in s["message"])
+    time.sleep(1.0)
+    window.menu("File", 0)
+    window.wait_for("the dialog", lambda s: s["dialog"] == "new take")
+    time.sleep(1.0)
+    window.click("dialog footage")
+    window.type(str(footage_project / "capture"))
+    window.click("dialog settings")
+    window.type(str(footage_project / "ball.yaml"))
+    window.click("dialog take")
+    window.type(str(tmp_path / "take"))
+    window.key("Return")
+    time.sleep(1.0)
+    window.screenshot(artefacts / "workstation_1_new_take.png")
+    window.click("dialog create")
+    window.wait_for("the footage", lambda s: s["stages"]["capture"][0] == "done" and s["stage"] == "capture")
+    assert (tmp_path / "take" / "config.yaml").is_file()
+    window.wait_for("thumbnails", lambda s: s["settled"])
+    window.screenshot(artefacts / "workstation_2_capture.png")
+
+    # a setting that is refused, and one that is taken; letters typed into a field are no shortcuts
+    window.stage("bake")
+    window.retype("setting bake.qp", "77w")
+    state = window.wait_for("a refusal", lambda s: "bake.qp" in s["error"])
+    assert state["compare"] == "single"
+    time.sleep(1.5)  # the sentence has pushed the fields down
+    window.retype("setting bake.qp", "24")
+    window.wait_for("no refusal", lambda s: s["error"] == "")
+    assert "qp: 24" in (tmp_path / "take" / "config.yaml").read_text()
+
+    window.click("all")
+    window.wait_for("a run", lambda s: s["busy"])
+    window.stage("train")
+    state = window.wait_for("all done", lambda s: done(s) and not s["busy"], 150)
+    for stage in STAGES[1:5]:
+        window.stage(stage)
+        time.sleep(1.5)
+        window.screenshot(artefacts / f"workstation_{3 + STAGES.index(stage)}_{stage}.png")
+
+    window.key("3")  # to the review
+    window.wait_for("the decoded stream", lambda s: s["stage"] == "review" and s["what"] == "decoded")
+    window.key("Home")
+    window.key("w")
+    window.wait_for("a reason, or a wipe", lambda s: s["compare"] == "wipe")
+    window.key("c")
+    before = window.wait_for("a camera", lambda s: s["camera"] == "cam4" and s["settled"] and s["shown"] == 0)
+    window.drag("viewport", (before["wipe"], 0.6), (0.3, 0.6))
+    moved = window.wait_for("a moved line", lambda s: abs(s["wipe"] - 0.3) < 0.05 and s["settled"])
+    assert moved["camera"] == "cam4", "dragging the line does not turn the view"
+    window.screenshot(artefacts / "workstation_8_wipe.png")
+    window.key("d")
+    window.wait_for("the difference", lambda s: s["compare"] == "difference" and s["settled"])
+    time.sleep(1.0)
+    window.screenshot(artefacts / "workstation_9_difference.png")
+
+    # a mark with a note
+    window.key("m")
+    window.wait_for("the question", lambda s: s["dialog"] == "mark")
+    time.sleep(0.7)
+    window.click("dialog line")
+    window.type("here it is worst")
+    window.click("dialog save")
+    window.wait_for("the mark", lambda s: s["marks"] == {"0": "here it is worst"})
+    marks = json.loads((tmp_path / "take" / "marks.json").read_text())
+    assert marks == {"marks": [{"frame": 0, "note": "here it is worst"}]}
+    window.key("f")
+    full = window.wait_for("fullscreen", lambda s: s["fullscreen"] and s["widgets"]["viewport"][2] > 1200)
+    assert full["widgets"]["viewport"][3] > 700
+    window.key("Escape")
+    window.wait_for("the panels again", lambda s: not s["fullscreen"] and s["widgets"]["viewport"][2] < 1000)
+    assert window.process.poll() is None, "Escape does not close the window"
+    window.key("question")
+    window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
+    time.sleep(2.5)
+    window.screenshot(artefacts / "workstation_10_shortcuts.png")
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+
+
+def test_a_job_outlives_the_window_and_is_found_again(open_window: Callable, take_copy: Path) -> None:
+    config = take_copy / "config.yaml"
+    config.write_text(config.read_text().replace("keyframe_iterations: 25", "keyframe_iterations: 200000"))
+    window = open_window(str(take_copy))
+    window.wait_for("a stale training", lambda s: s["stages"]["train"][0] not in ("done", "missing"))
+    window.stage("train")
+    window.click("run")
+    window.wait_for("training", lambda s: s["stages"]["train"][0] == "running" and "%" in s["stages"]["train"][1])
+    window.menu("File", 7, separators=2)  # Quit
+    window.wait_for("the question", lambda s: s["dialog"] == "ask")
+    time.sleep(0.7)
+    window.click("dialog leave")
+    assert window.process.wait(20) == 0
+    time.sleep(0.5)
+    lock = json.loads((take_copy / ".v3studio" / "lock").read_text())
+    try:
+        os.kill(lock["pid"], 0)  # it lives
+        again = open_window(str(take_copy))
+        again.wait_for("the job, found again", lambda s: s["busy"] and s["stages"]["train"][0] == "running")
+        again.stage("train")
+        again.click("cancel")
+        again.wait_for("its end", lambda s: not s["busy"])
+        assert again.close() == 0
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(lock["pid"], signal.SIGKILL)
+
+
+def break_settings(take: Path) -> None:
+    (take / "config.yaml").write_text("train: [")
+
+
+def break_manifest(take: Path) -> None:
+    (take / "stream" / "manifest.json").write_text("{")
+
+
+def break_plane(take: Path) -> None:
+    victim = sorted((take / "stream" / "group_000").glob("*"))[0]
+    victim.write_bytes(victim.read_bytes()[:-20])
+
+
+def break_rig(take: Path) -> None:
+    (take / "calibrate" / "rig.json").write_text("[]")
+
+
+def break_frame(take: Path) -> None:
+    (take / "train" / "group_000" / "frame_000000.safetensors").write_bytes(b"x")
+
+
+def break_evaluation(take: Path) -> None:
+    (take / "evaluation.json").write_text("null")
+
+
+def break_format(take: Path) -> None:
+    (take / "take.json").write_text('{"format": 99}')
+
+
+BROKEN: tuple[tuple[Callable[[Path], None], str], ...] = (
+    (break_format, "format 99"),
+    (break_settings, "config.yaml"),
+    (break_manifest, "manifest.json"),
+    (break_plane, "group_000"),
+    (break_rig, "rig.json"),
+    (break_frame, ""),
+    (break_evaluation, ""),
+)
+
+
+def test_broken_takes_are_sentences(open_window: Callable, finished_project: Path, tmp_path: Path) -> None:
+    """One window, one broken take after another by the recent list's way in; it never goes down."""
+    for number, (damage, _) in enumerate(BROKEN):
+        take = Path(shutil.copytree(finished_project / "take", tmp_path / f"take{number}"))
+        damage(take)
+    names = [str(tmp_path / f"take{number}") for number in range(len(BROKEN))]
+    settings = tmp_path / "config" / "v3studio"
+    settings.mkdir(parents=True)
+    (settings / "window.json").write_text(json.dumps({"recent": names}))
+    window = open_window()
+    window.wait_for("a window", lambda s: s["dialog"] == "")
+    time.sleep(1.0)
+    for number, (damage, said) in enumerate(BROKEN):
+        window.menu("File", 2)
+        state = window.wait_for("the list", lambda s: s["dialog"] == "recent")
+        shown = json.loads((settings / "window.json").read_text())["recent"]
+        assert len(state["widgets"]) > len(shown)
+        window.click(f"dialog choice{shown.index(names[number])}")
+        state = window.wait_for(damage.__name__, lambda s: s["dialog"] == "" and s["opening"] == "")
+        if said:
+            window.wait_for(f"{damage.__name__}: {said}", lambda s, said=said: said in s["message"])
+        else:
+            window.wait_for(damage.__name__, lambda s: s["shown"] is not None and s["settled"])
+        for stage in ("train", "bake", "calibrate", "review"):
+            window.stage(stage)
+        assert window.process.poll() is None
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+
+
+def test_pixels_do_not_overlap_at_1280x800(open_window: Callable, finished_project: Path, artefacts: Path) -> None:
+    """No two widgets of the layout share a place."""
+    window = open_window(str(finished_project / "take"))
+    state = window.wait_for("a picture", lambda s: s["shown"] is not None and done(s))
+    frames = {name: np.array(frame) for name, frame in state["widgets"].items() if not name.startswith("dialog")}
+    frames = {name: frame for name, frame in frames.items() if not name.startswith("setting") and frame[2] > 0}
+    for one, a in frames.items():
+        assert a[0] >= 0
+        assert a[0] + a[2] <= 1280
+        assert a[1] + a[3] <= 830
+        for other, b in frames.items():
+            if one < other:
+                across = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
+                down = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
+                assert across <= 0 or down <= 0, f"{one} {a} lies over {other} {b}"
+    window.key("space")
+    window.screenshot(artefacts / "workstation_0_review.png")
+    assert window.close() == 0

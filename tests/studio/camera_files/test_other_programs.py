@@ -1,0 +1,495 @@
+"""Camera files of other programs: as they write them (or as their published form says), then broken in every way."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from studio.camera_files import read_rig, write_rig
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+
+POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (50, 3))
+
+
+def looking_at_origin(angle: float, height: float) -> np.ndarray:
+    center = np.array([3 * np.cos(angle), 3 * np.sin(angle), height])
+    forward = -center / np.linalg.norm(center)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
+    return pose
+
+
+def rig_with(*lenses: list[float]) -> Rig:
+    cameras = []
+    for index, lens in enumerate(lenses):
+        K = np.array([[510.0 + index, 0, 331.25], [0, 505.5, 177.75 - index], [0, 0, 1]])
+        pose = looking_at_origin(0.4 + index * 1.3, 0.4 * index)
+        cameras.append(Camera(f"cam{index:02d}", 640, 360, K, pose, np.array(lens)))
+    return Rig(tuple(cameras))
+
+
+BENT = rig_with([], [-0.1, 0.05, 0.001, -0.002], [-0.2, 0.1, 0.001, 0.002, -0.03])
+STRAIGHT = rig_with([], [], [])
+
+
+def assert_same_images(found: Rig, wanted: Rig, within: float = 1e-6) -> None:
+    assert set(found.names) == set(wanted.names)
+    for camera in wanted:
+        twin = found[camera.name]
+        assert (twin.width, twin.height) == (camera.width, camera.height)
+        np.testing.assert_allclose(twin.project(POINTS)[0], camera.project(POINTS)[0], atol=within)
+
+
+# What the programs themselves compute ---------------------------------------------------------------------------------
+
+
+def easymocap(folder: Path) -> dict[str, np.ndarray]:
+    """Written by OpenCV's FileStorage, as EasyMocap does; what cv2.projectPoints then says, in OpenCV's pixels."""
+    lens = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
+    pose = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
+    expected = {}
+    for storage in (lens, pose):
+        storage.startWriteStruct("names", cv2.FileNode_SEQ)
+        for name in ("01", "cam_b"):
+            storage.write("", name)
+        storage.endWriteStruct()
+    for index, name in enumerate(("01", "cam_b")):
+        K = np.array([[900.0 + index, 0, 311.5], [0, 905.0, 170.25], [0, 0, 1]])
+        distortion = np.array([[-0.2, 0.1, 0.001, 0.002, -0.03]]) * index
+        world = looking_at_origin(1.0 + index, 0.3)
+        vector = cv2.Rodrigues(world[:3, :3])[0]
+        lens.write(f"K_{name}", K)
+        lens.write(f"dist_{name}", distortion)
+        pose.write(f"R_{name}", vector)
+        pose.write(f"Rot_{name}", world[:3, :3])
+        pose.write(f"T_{name}", world[:3, 3:])
+        expected[name] = cv2.projectPoints(POINTS, vector, world[:3, 3], K, distortion)[0].reshape(-1, 2) + 0.5
+        (folder / "images" / name).mkdir(parents=True)
+        Image.new("RGB", (640, 360)).save(folder / "images" / name / "000000.jpg")
+    lens.release()
+    pose.release()
+    return expected
+
+
+def test_easymocap_as_opencv_writes_it(tmp_path: Path) -> None:
+    expected = easymocap(tmp_path)
+    for path in (tmp_path / "intri.yml", tmp_path / "extri.yml", tmp_path):
+        rig = read_rig(path)
+        assert rig.names == ("01", "cam_b")
+        for camera in rig:
+            assert (camera.width, camera.height) == (640, 360)
+            np.testing.assert_allclose(camera.project(POINTS)[0], expected[camera.name], atol=1e-6)
+
+
+def test_what_we_write_opencv_reads(tmp_path: Path) -> None:
+    write_rig(BENT, tmp_path / "intri.yml")
+    lens = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_READ)
+    pose = cv2.FileStorage(str(tmp_path / "extri.yml"), cv2.FILE_STORAGE_READ)
+    for camera in BENT:
+        pixels, _ = cv2.projectPoints(
+            POINTS,
+            pose.getNode(f"R_{camera.name}").mat(),
+            pose.getNode(f"T_{camera.name}").mat(),
+            lens.getNode(f"K_{camera.name}").mat(),
+            lens.getNode(f"dist_{camera.name}").mat(),
+        )
+        np.testing.assert_allclose(pixels.reshape(-1, 2) + 0.5, camera.project(POINTS)[0], atol=1e-6)
+
+
+# Two cameras of the calibration that comes with Pose2Sim's demonstration, as the program wrote it (BSD-3-Clause)
+POSE2SIM = """[cam_01]
+name = "cam_01"
+size = [ 1088.0, 1920.0]
+matrix = [ [ 1681.244873046875, 0.0, 532.97369384375], [ 0.0, 1681.075439453125, 948.137390140625], [ 0.0, 0.0, 1.0]]
+distortions = [ -0.000721609375, 0.002187234375, 9.5e-06, 1.078125e-05]
+rotation = [ 1.6882754799999993, 1.0483220499999997, -0.41955852000000016]
+translation = [ 0.3211048899999996, 0.9563320600000009, 2.8907130499999996]
+fisheye = false
+
+[cam_03]
+name = "cam_03"
+size = [ 1088.0, 1920.0]
+matrix = [ [ 1681.598388671875, 0.0, 513.20837403125], [ 0.0, 1681.509887703125, 955.005126953125], [ 0.0, 0.0, 1.0]]
+distortions = [ -0.000729765625, 0.00215034375, -8.46875e-06, -8.078125e-06]
+rotation = [ 0.8109654899999995, -2.1972129299999996, 1.3760277799999996]
+translation = [ -0.7934803899999995, 0.32283594000000126, 4.353514870000001]
+fisheye = false
+
+[metadata]
+adjusted = false
+error = 0.0
+"""
+
+# Two cameras of a sample session of Caliscope, as the program wrote it (BSD-2-Clause)
+CALISCOPE = """[cameras.0]
+cam_id =0
+rotation_count = 0
+error = 0.541
+exposure = -7
+grid_count = 39
+ignore = false
+size = [1280, 720]
+matrix = [[903.550124089999, 0.0, 618.3086297620227], [0.0, 907.8788668762852, 394.213230569746], [0.0, 0.0, 1.0]]
+distortions = [-0.3320992998866297, 0.04641968621160267, -0.004295771569519648, 0.004113240100199701, 0.0665682301495769]
+translation = [0.17125994082321383, -0.03234536459937444, 1.208386461814154]
+rotation = [[-0.7070716153979968, 0.5639880775931625, -0.42657611165094056], [0.2085224389078015, -0.4101235314731174, -0.8878722213268985], [-0.6756982486068828, -0.716739936981879, 0.17238253845677978]]
+
+[cameras.2]
+cam_id =2
+ignore = false
+size = [1280, 720]
+matrix = [[650.801908585405, 0.0, 647.3391995946636], [0.0, 654.4652152401134, 392.19105369229516], [0.0, 0.0, 1.0]]
+distortions = [0.18039827881295703, -0.25603810782846814, 0.003209768150056599, 0.0022377311012611876, 0.12402327219756225]
+translation = [-0.23847883889454596, 0.18461082840729343, 1.1682943900670697]
+rotation = [[-0.23474520574867236, 0.8701987696136831, -0.43318447541531985], [0.39180150339004355, -0.32313146123239816, -0.861439284397407], [-0.8895989379036572, -0.3719410707688081, -0.26509162483193865]]
+
+[cameras.3]
+ignore = true
+"""  # noqa: E501
+
+
+@pytest.mark.parametrize(("text", "names"), [(POSE2SIM, ("cam_01", "cam_03")), (CALISCOPE, ("cam_0", "cam_2"))])
+def test_toml_projects_as_the_programs_do(tmp_path: Path, text: str, names: tuple[str, ...]) -> None:
+    """Both hand the numbers to cv2.projectPoints, whose pixels are half a pixel less than ours."""
+    import tomllib
+
+    path = tmp_path / "Calib_scene.toml"
+    path.write_text(text)
+    rig = read_rig(path)
+    assert rig.names == names
+    tables = tomllib.loads(text)
+    tables = tables.get("cameras", tables)
+    used = [table for table in tables.values() if "matrix" in table]
+    for camera, table in zip(rig, used, strict=True):
+        vector = np.array(table["rotation"])
+        vector = cv2.Rodrigues(vector)[0] if vector.shape == (3, 3) else vector
+        arguments = (np.array(table[key]) for key in ("translation", "matrix", "distortions"))
+        pixels, _ = cv2.projectPoints(0.3 * POINTS, vector, *arguments)
+        np.testing.assert_allclose(camera.project(0.3 * POINTS)[0], pixels.reshape(-1, 2) + 0.5, atol=1e-6)
+
+
+# The program's own sample of a RealityScan export (a row of it), and what its importers make of the angles
+REALITYSCAN = """#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2
+a.jpg,{c0!r},{c1!r},{c2!r},{heading!r},{pitch!r},{roll!r},{f!r},{px!r},{py!r},{k1!r},{k2!r},{k3!r},{k4!r},0,0
+"""
+
+
+@pytest.mark.parametrize("k4", [0.0, 0.01])
+def test_realityscan(tmp_path: Path, k4: float) -> None:
+    """The published camera model, applied by hand to the points."""
+    heading, pitch, roll, f = 170.35, 85.19, -22.75, 24.0
+    center = np.array([0.4, 3.1, 0.2])
+    k = np.array([0.003, -0.02, 0.004, k4])
+    px, py = -9.48e-4, 2.4e-3
+    text = REALITYSCAN.format(
+        c0=0.4, c1=3.1, c2=0.2, heading=heading, pitch=pitch, roll=roll, f=f, px=px, py=py,
+        k1=0.003, k2=-0.02, k3=0.004, k4=k4,
+    )  # fmt: skip
+    (tmp_path / "export.csv").write_text(text)
+    Image.new("RGB", (800, 600)).save(tmp_path / "a.jpg")
+    # heading turns clockwise about the up axis, pitch lifts the view from straight down, roll turns about the view
+    turns = [
+        cv2.Rodrigues(np.radians(angle) * axis)[0]
+        for angle, axis in zip((-heading, pitch, roll), np.eye(3)[[2, 0, 1]], strict=True)
+    ]
+    local = (POINTS - center) @ (turns[0] @ turns[1] @ turns[2])
+    x, y = local[:, 0] / -local[:, 2], -local[:, 1] / -local[:, 2]  # x right, y up, looking along -z
+    s = x * x + y * y
+    factor = 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
+    expected = np.column_stack([x * factor, y * factor]) * f * 800 / 36 + [400 + px * 800, 300 + py * 800]
+    camera = read_rig(tmp_path / "export.csv")["a"]
+    inside = (local[:, 2] < -1) & ((expected > 0) & (expected < [800, 600])).all(1)
+    assert inside.sum() > 30
+    np.testing.assert_allclose(camera.project(POINTS)[0][inside], expected[inside], atol=0.05 if k4 else 1e-6)
+
+
+METASHAPE = """<?xml version="1.0" encoding="UTF-8"?>
+<document version="2.0.0">
+  <chunk label="Chunk 1" enabled="true">
+    <sensors next_id="1">
+      <sensor id="0" label="M3M (12.29mm)" type="frame">
+        <resolution width="5280" height="3956"/>
+        <property name="pixel_width" value="0.00335820"/>
+        <property name="focal_length" value="12.28999999"/>
+        <calibration type="frame" class="adjusted">
+          <resolution width="5280" height="3956"/>
+          <f>3705.4728792737214</f>
+          <cx>11.6738523909</cx>
+          <cy>-27.7497969199</cy>
+          <b1>0.5262024073</b1>
+          <k1>-0.0919367147</k1>
+          <k2>-0.0762807468</k2>
+          <k3>0.1162639394</k3>
+          {k4}
+          <p1>-0.0003134847</p1>
+          <p2>0.0001164035</p2>
+        </calibration>
+      </sensor>
+    </sensors>
+    <components next_id="1" active_id="0">
+      <component id="0" label="Component 1">
+        <transform>
+          <rotation locked="true">0.8710699454 0.3070967021 -0.3833128821 -0.4909742007 0.5658364395 -0.6623997719 0.0134716110 0.7651932691 0.6436596744</rotation>
+          <translation locked="true">-24.4 -42.5 40.2</translation>
+          <scale locked="true">12.354192447331316</scale>
+        </transform>
+      </component>
+    </components>
+    <cameras next_id="816" next_group_id="2">
+      <group id="0" label="Group 1" type="folder">
+        <camera id="0" sensor_id="0" component_id="0" label="nadir/000001-01_00001.JPG">
+          <transform>-0.99988146 -0.00872749 0.01268391 7.04224697 -0.00842932 0.99969124 0.02337453 7.05403071 -0.01288400 0.02326485 -0.99964631 0.43561421 0 0 0 1</transform>
+          <orientation>1</orientation>
+        </camera>
+        <camera id="1" sensor_id="0" label="not aligned"/>
+      </group>
+    </cameras>
+  </chunk>
+</document>
+"""  # noqa: E501
+
+
+@pytest.mark.parametrize("k4", [0.0, -0.0761413904])
+def test_metashape(tmp_path: Path, k4: float) -> None:
+    """A file that the program wrote (shortened); the manual's equations, applied by hand."""
+    path = tmp_path / "cameras.xml"
+    path.write_text(METASHAPE.format(k4=f"<k4>{k4}</k4>" if k4 else ""))
+    rig = read_rig(path)
+    assert rig.names == ("000001-01_00001",)
+    camera = rig["000001-01_00001"]
+    places = METASHAPE.split("<components")[1]
+    found = [re.search(rf"<{tag}[^>]*>([-\d. e]+)</", places) for tag in ("rotation", "translation", "transform")]
+    words = [np.array(part[1].split(), float) for part in found if part is not None]
+    turn, shift, pose = words[0].reshape(3, 3), words[1], words[2].reshape(4, 4)
+    rng = np.random.default_rng(0)
+    local = np.column_stack([rng.uniform(-0.7, 0.7, (200, 1)), rng.uniform(-0.5, 0.5, (200, 1)), np.ones(200)]) * 6
+    chunk = local @ pose[:3, :3].T + pose[:3, 3]
+    world = 12.354192447331316 * chunk @ turn.T + shift
+    x, y = local[:, 0] / 6, local[:, 1] / 6
+    s = x * x + y * y
+    k = (-0.0919367147, -0.0762807468, 0.1162639394, k4)
+    p1, p2 = -0.0003134847, 0.0001164035
+    factor = 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
+    bent_x = x * factor + p1 * (s + 2 * x * x) + 2 * p2 * x * y
+    bent_y = y * factor + p2 * (s + 2 * y * y) + 2 * p1 * x * y
+    f, b1 = 3705.4728792737214, 0.5262024073
+    expected = np.column_stack([5280 / 2 + 11.6738523909 + bent_x * (f + b1), 3956 / 2 - 27.7497969199 + bent_y * f])
+    # the file's rotations have eight digits
+    np.testing.assert_allclose(camera.project(world)[0], expected, atol=0.2 if k4 else 5e-4)
+
+
+def test_actorshq(tmp_path: Path) -> None:
+    """By the data set's own equations: camera to world by a rotation vector, parts of width and height."""
+    text = "name,w,h,rx,ry,rz,tx,ty,tz,fx,fy,px,py\n"
+    expected = {}
+    for index in range(2):
+        pose = np.linalg.inv(looking_at_origin(0.7 + index, 0.2))
+        vector = cv2.Rodrigues(pose[:3, :3])[0].ravel().tolist()
+        values = [*vector, *pose[:3, 3].tolist(), 1.25, 0.9, 0.51, 0.48]
+        text += ",".join([f"Cam{index:03d}", "3008", "4096", *map(repr, values)]) + "\n"
+        matrix = np.array([[1.25 * 3008, 0, 0.51 * 3008], [0, 0.9 * 4096, 0.48 * 4096], [0, 0, 1]])
+        homogeneous = (POINTS - pose[:3, 3]) @ pose[:3, :3] @ matrix.T
+        expected[f"Cam{index:03d}"] = homogeneous[:, :2] / homogeneous[:, 2:]
+    (tmp_path / "calibration.csv").write_text(text)
+    rig = read_rig(tmp_path / "calibration.csv")
+    for camera in rig:
+        np.testing.assert_allclose(camera.project(POINTS)[0], expected[camera.name], atol=1e-6)
+
+
+def rerf(folder: Path) -> dict[str, np.ndarray]:
+    poses, lenses, expected = "", "", {}
+    (folder / "image" / "0").mkdir(parents=True)
+    for index in range(3):
+        pose = np.linalg.inv(looking_at_origin(0.5 + index, 0.3))
+        poses += " ".join(repr(float(v)) for v in (*pose[:3, 2], *pose[:3, 0], *pose[:3, 1], *pose[:3, 3])) + "\n"
+        lenses += f"{index}\n500.5 0 320.25\n0 510.5 178.5\n0 0 1\n\n"
+        local = (POINTS - pose[:3, 3]) @ pose[:3, :3]
+        pixels = np.column_stack(
+            [500.5 * local[:, 0] / local[:, 2] + 320.25, 510.5 * local[:, 1] / local[:, 2] + 178.5]
+        )
+        expected[f"{index:04d}"] = pixels + 0.5
+        Image.new("RGB", (640, 360)).save(folder / "image" / "0" / f"img_{index:04d}.png")
+    (folder / "CamPose.inf").write_text(poses)
+    (folder / "Intrinsic.inf").write_text(lenses)
+    return expected
+
+
+def test_rerf(tmp_path: Path) -> None:
+    expected = rerf(tmp_path)
+    rig = read_rig(tmp_path)
+    assert set(rig.names) == set(expected)
+    for camera in rig:
+        np.testing.assert_allclose(camera.project(POINTS)[0], expected[camera.name], atol=1e-6)
+
+
+def test_folders_of_frames_with_transforms(tmp_path: Path) -> None:
+    """VideoGS: 0/transforms.json, 1/transforms.json ...; the first frame's cameras are the capture's."""
+    for frame in (0, 1, 10):
+        write_rig(STRAIGHT, tmp_path / str(frame) / "transforms.json")
+    assert_same_images(read_rig(tmp_path), STRAIGHT)
+
+
+@pytest.mark.parametrize(
+    ("name", "rig"),
+    [("Calib_scene.toml", BENT), ("camera_array.toml", BENT), ("intri.yml", BENT), ("calibration.csv", STRAIGHT)],
+)
+def test_what_is_written_is_read_again(tmp_path: Path, name: str, rig: Rig) -> None:
+    write_rig(rig, tmp_path / name)
+    assert_same_images(read_rig(tmp_path / name), rig)
+    assert not [path for path in tmp_path.rglob("*") if ".tmp" in path.name]
+
+
+def test_actorshq_cannot_say_distortion(tmp_path: Path) -> None:
+    with pytest.raises(StudioError, match=r"'cam01': calibration\.csv holds neither distortion"):
+        write_rig(BENT, tmp_path / "calibration.csv")
+
+
+# Broken files ---------------------------------------------------------------------------------------------------------
+
+
+def metashape_file(folder: Path) -> Path:
+    (folder / "cameras.xml").write_text(METASHAPE.format(k4=""))
+    return folder / "cameras.xml"
+
+
+def realityscan_file(folder: Path) -> Path:
+    values = {
+        "c0": 0.5,
+        "c1": 1.5,
+        "c2": 2.5,
+        "heading": 7.5,
+        "pitch": 8.5,
+        "roll": 9.5,
+        "f": 24.5,
+        "px": 0.5,
+        "py": 0.25,
+        "k1": 0.125,
+        "k2": 0.0,
+        "k3": 0.0,
+        "k4": 0.0,
+    }
+    (folder / "export.csv").write_text(REALITYSCAN.format(**values))
+    Image.new("RGB", (80, 60)).save(folder / "a.jpg")
+    return folder / "export.csv"
+
+
+def written(name: str, rig: Rig) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        write_rig(rig, folder / name)
+        return folder / name
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("make", "old", "new", "file", "said"),
+    [
+        (written("Calib.toml", BENT), "330.75", "nan", "Calib.toml", r"Camera 'cam00': matrix\[0\]\[2\] is nan"),
+        (written("Calib.toml", BENT), "translation", "x", "Calib.toml", "'cam00': the key 'translation' is missing"),
+        (written("Calib.toml", BENT), '["cam01"]', '["cam00"]', "Calib.toml", "cam00.*two cameras may have one name"),
+        (written("Calib.toml", BENT), 'name = "cam01"', 'name = "cam00"', "Calib.toml", "Two cameras are named"),
+        (written("Calib.toml", BENT), "fisheye = false", "fisheye = true", "Calib.toml", "Camera 'cam00': fisheye"),
+        (written("Calib.toml", BENT), "size = [640.0, 360.0]", "size = [640.0]", "Calib.toml", "'size' has shape"),
+        (written("intri.yml", BENT), "330.75", ".Nan", "intri.yml", r"Camera 'cam00': K_cam00\[0\]\[2\] is nan"),
+        (written("intri.yml", BENT), "K_cam01", "x", "intri.yml", "Camera 'cam01': the key 'K_cam01' is missing"),
+        (written("intri.yml", BENT), '"cam01"', '"cam00"', "intri.yml", "Two cameras are named 'cam00'"),
+        (written("intri.yml", BENT), "names:", "x:", "intri.yml", "the list 'names' is missing"),
+        (written("intri.yml", BENT), "W_cam02: 640", "", "intri.yml", "Camera 'cam02': .*how large the images are"),
+        (written("calibration.csv", STRAIGHT), "fx,", "gx,", "calibration.csv", "the column 'fx' is missing"),
+        (written("calibration.csv", STRAIGHT), "cam01", "cam00", "calibration.csv", "Two cameras are named 'cam00'"),
+        (written("calibration.csv", STRAIGHT), ",640,", ",many,", "calibration.csv", "Camera 'cam00': 'w' is 'many'"),
+        (metashape_file, "3705.4728792737214", "nan", "cameras.xml", r"'000001-01_00001': <f> is nan"),
+        (metashape_file, "<cx>11.6738523909</cx>", "<cx/>", "cameras.xml", "the element <cx> is missing"),
+        (metashape_file, "7.04224697", "", "cameras.xml", "<transform> has 15 numbers; 16 are needed"),
+        (metashape_file, 'sensor_id="0" component', 'sensor_id="7" component', "cameras.xml", "its sensor '7' is not"),
+        (metashape_file, 'type="frame">\n        <res', 'type="fisheye">\n        <res', "cameras.xml", "is 'fisheye'"),
+        (metashape_file, "</cameras>", "", "cameras.xml", "not whole XML"),
+        (realityscan_file, "24.5", "nan", "export.csv", "Camera 'a': 'f' is nan"),
+        (realityscan_file, "heading", "h", "export.csv", "the column 'heading' is missing"),
+        (realityscan_file, "0.0,0,0\n", "0.0,0\n", "export.csv", r"row 1 \('a\.jpg'\) has 15 values"),
+        (realityscan_file, "a.jpg", "b.jpg", "export.csv", r"Camera 'b': .*'b\.jpg' is not beside it"),
+        (realityscan_file, "0.0,0,0\n", "0.0,0.1,0\n", "export.csv", "Camera 'a': t1 and t2"),
+    ],
+)  # fmt: skip
+def test_broken_files_name_file_camera_and_value(
+    tmp_path: Path, make: Callable[[Path], Path], old: str, new: str, file: str, said: str
+) -> None:
+    path = make(tmp_path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(StudioError, match=said) as caught:
+        read_rig(path)
+    assert str(tmp_path / file) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_broken_extrinsics_of_easymocap(tmp_path: Path) -> None:
+    write_rig(BENT, tmp_path / "intri.yml")
+    path = tmp_path / "extri.yml"
+    whole = path.read_text()
+    path.write_text(whole.replace("T_cam01", "x"))
+    with pytest.raises(StudioError, match=r"extri\.yml: Camera 'cam01': the key 'T_cam01' is missing"):
+        read_rig(tmp_path)
+    path.write_text(whole.replace("R_cam02", "x").replace("Rot_cam02", "y"))
+    with pytest.raises(StudioError, match=r"extri\.yml: Camera 'cam02': neither 'R_cam02' nor 'Rot_cam02'"):
+        read_rig(tmp_path)
+    path.unlink()
+    with pytest.raises(StudioError, match=r"extri\.yml: is missing"):
+        read_rig(tmp_path)
+
+
+def test_broken_rerf(tmp_path: Path) -> None:
+    rerf(tmp_path)
+    poses, lenses = (tmp_path / "CamPose.inf").read_text(), (tmp_path / "Intrinsic.inf").read_text()
+    (tmp_path / "CamPose.inf").write_text(poses.replace(poses.split()[13], "nan", 1))
+    with pytest.raises(StudioError, match=r"CamPose\.inf: Camera '1': line 2\[1\] is nan"):
+        read_rig(tmp_path)
+    (tmp_path / "CamPose.inf").write_text(poses.splitlines()[0])
+    with pytest.raises(StudioError, match=r"Intrinsic\.inf: has 3 cameras, CamPose\.inf beside it has 1"):
+        read_rig(tmp_path)
+    (tmp_path / "CamPose.inf").write_text(poses)
+    (tmp_path / "Intrinsic.inf").write_text(lenses.rsplit("0 0 1", 1)[0])
+    with pytest.raises(StudioError, match=r"Intrinsic\.inf: K is not three lines"):
+        read_rig(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["Calib.toml", "intri.yml", "calibration.csv"])
+def test_cut_short_anywhere(tmp_path: Path, name: str) -> None:
+    """A cut may leave a shorter list of whole cameras; what is read is then right, and nothing else is raised."""
+    write_rig(STRAIGHT, tmp_path / name)
+    path = tmp_path / name
+    whole = path.read_text()
+    for length in range(0, len(whole), max(1, len(whole) // 60)):
+        path.write_text(whole[:length])
+        try:
+            names = read_rig(path).names
+        except StudioError:
+            continue
+        assert set(names) <= set(STRAIGHT.names)
+
+
+def test_a_nan_in_cameras_json_is_named(tmp_path: Path) -> None:
+    """Not the whole matrix: the entry."""
+    import json
+
+    camera = BENT["cam01"]
+    entry = {"name": "cam01", "width": 640, "height": 360, "K": camera.K.tolist(), "R": camera.rotation.tolist()}
+    for key, change, said in (
+        ("t", [0.0, float("nan"), 1.0], r"'cam01': t\[1\] is nan"),
+        ("R", [[1.0, 0, 0], [0, 1, 0], [0, 0, float("nan")]], r"'cam01': R\[2\]\[2\] is nan"),
+        ("distortion", [0.1, float("inf"), 0, 0], r"'cam01': distortion\[1\] is inf"),
+    ):
+        (tmp_path / "cameras.json").write_text(json.dumps({"cameras": [{**entry, "t": [0, 0, 1.0], key: change}]}))
+        with pytest.raises(StudioError, match=rf"cameras\.json: Camera {said}, which is not a finite number"):
+            read_rig(tmp_path / "cameras.json")

@@ -1,0 +1,118 @@
+"""Offsets between cameras: known ones, put into motion and sound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from studio.capture import CaptureSpec, open_footage
+from studio.capture.sync import check_sync, offsets_of, sound_signal
+from studio.errors import StudioError
+
+FPS = 20
+LATE = {"a": 0, "b": 3, "c": -2, "d": 0}
+
+
+def pace(time: np.ndarray) -> np.ndarray:
+    """How far something that moves in fits and starts has come (seconds to 0..1)."""
+    rng = np.random.default_rng(5)
+    steps = rng.gamma(0.6, 1.0, 400)
+    way = np.concatenate([[0], np.cumsum(steps)])
+    return np.interp(time, np.arange(401) / FPS * 1.5, way) % 20 / 20
+
+
+def film(folder: Path, frames: int = 60) -> None:
+    """A ball that each camera sees from elsewhere and, by LATE, earlier or later; with sensor noise."""
+    rng = np.random.default_rng(1)
+    for number, (name, late) in enumerate(LATE.items()):
+        (folder / "images" / name).mkdir(parents=True)
+        background = rng.integers(60, 120, (90, 120, 3)).astype(np.float32)
+        for frame in range(frames):
+            at = pace(np.array((frame - late + 10) / FPS))
+            image = background.copy()
+            place = (int(20 + 80 * (at if number % 2 else 1 - at)), int(30 + 8 * number + 20 * at))
+            cv2.circle(image, place, 8 + number, (250.0, 240.0, 200.0), -1)
+            image += rng.normal(0, 3, image.shape)
+            file = folder / "images" / name / f"{frame:04d}.png"
+            cv2.imwrite(str(file), np.clip(image, 0, 255).astype(np.uint8))
+
+
+def test_motion_tells_offsets_and_they_can_be_applied(tmp_path: Path) -> None:
+    film(tmp_path)
+    footage = open_footage(CaptureSpec(tmp_path, masks="none", fps=FPS))
+    report = check_sync(footage)
+    assert report.method == "motion"
+    assert report.whole == {"b": 3, "c": -2}
+    assert report.unsure == ()
+    assert any("Camera 'b' is 3 frames late by its motion" in sentence for sentence in report.sentences())
+    put_right = open_footage(CaptureSpec(tmp_path, masks="none", fps=FPS, offsets=report.whole))
+    assert put_right.frames == tuple(range(2, 57))  # what all cameras have
+    assert check_sync(put_right).whole == {}
+    np.testing.assert_array_equal(put_right.raw_image("b", 10), footage.raw_image("b", 13))
+    with pytest.raises(StudioError, match="The setting offsets names camera 'e'"):
+        open_footage(CaptureSpec(tmp_path, masks="none", offsets={"e": 1}))
+
+
+def clap(path: Path, seconds: float, offset: float, rate: int = 16000) -> None:
+    """A video of a still picture with noise bursts that begin `offset` seconds late."""
+    rng = np.random.default_rng(7)
+    time = np.arange(int(seconds * rate)) / rate - offset
+    sound = 0.003 * np.random.default_rng(int(1000 * offset) + 50).normal(size=len(time))
+    for at in (0.41, 0.93, 1.38, 2.2):
+        burst = (time >= at) & (time < at + 0.08)
+        sound[burst] += rng.normal(0, 0.3, burst.sum()) * np.exp(-(time[burst] - at) / 0.03)
+    with av.open(str(path), "w") as container:
+        video = container.add_stream("libx264", rate=FPS)
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        audio = container.add_stream("aac", rate=rate)
+        audio.layout = "mono"
+        for _ in range(int(seconds * FPS)):
+            picture = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), format="rgb24")
+            container.mux(video.encode(picture))
+        container.mux(video.encode())
+        frame = av.AudioFrame.from_ndarray(sound.astype(np.float32)[None], format="fltp", layout="mono")
+        frame.sample_rate = rate
+        container.mux(audio.encode(frame))
+        container.mux(audio.encode())
+
+
+def test_sound_tells_offsets(tmp_path: Path) -> None:
+    (tmp_path / "videos").mkdir()
+    for name, offset in (("a", 0.0), ("b", 0.25), ("c", 0.0)):
+        clap(tmp_path / "videos" / f"{name}.mp4", 3.0, offset)
+    footage = open_footage(CaptureSpec(tmp_path, masks="none"))
+    report = check_sync(footage)
+    assert report.method == "sound"
+    assert report.offsets["b"] == pytest.approx(0.25 * FPS, abs=0.3)
+    assert report.whole == {"b": 5}
+    signal = sound_signal(tmp_path / "videos" / "a.mp4")
+    assert signal is not None
+    assert abs(len(signal) / 500 - 3.0) < 0.15
+
+
+def test_signals_that_have_nothing_in_common_are_said_so() -> None:
+    rng = np.random.default_rng(0)
+    shared = rng.gamma(0.5, 1, 120)
+    signals = {"a": shared[5:105], "b": shared[2:102], "c": rng.gamma(0.5, 1, 100)}
+    lags, best = offsets_of(signals, 10)
+    assert lags["b"] - lags["a"] == pytest.approx(3, abs=0.2)
+    assert np.isnan(lags["c"])
+    assert best["a"] > 0.9 > 0.35 > best["c"]
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / "images" / name).mkdir(parents=True)
+        for frame in range(3):
+            cv2.imwrite(str(tmp_path / "images" / name / f"{frame}.png"), np.zeros((20, 20, 3), np.uint8))
+    footage = open_footage(CaptureSpec(tmp_path, masks="none"))
+    with pytest.raises(StudioError, match="12 frames or more; the footage has 3"):
+        check_sync(footage)
+    with pytest.raises(StudioError, match="Camera 'a' has no sound"):
+        check_sync(footage, method="sound")
+    with pytest.raises(StudioError, match="there is only one"):
+        check_sync(open_footage(CaptureSpec(tmp_path, masks="none", cameras=("a",))))

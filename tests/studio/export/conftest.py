@@ -1,0 +1,48 @@
+"""A small moving Gaussian video for the tests of exports."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from studio.gaussians import Gaussians
+from studio.splat_video import SplatVideo
+
+
+def cloud(frame: int, splats: int, degree: int, seed: int) -> Gaussians:
+    """Splats of a body about 1 unit high that drifts and turns a little from frame to frame."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def noise(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    means = noise(splats, 3) * torch.tensor([0.15, 0.15, 0.4])
+    quats, log_scales, logits = noise(splats, 4), noise(splats, 3) * 0.4 - 3, noise(splats) * 1.5 + 1
+    sh = 0.4 * noise(splats, (degree + 1) ** 2, 3)
+    return Gaussians(
+        means=means + 0.02 * frame * noise(splats, 3).clamp(-1, 1),
+        quats=quats + 0.03 * frame * noise(splats, 4),
+        log_scales=log_scales + 0.01 * frame,
+        logit_opacities=logits,
+        sh=sh,
+    )
+
+
+@pytest.fixture
+def make_video() -> Callable[..., SplatVideo]:
+    """`make_video(lengths, splats, degree)`: groups of these lengths, each with splats of its own number; 20 fps."""
+
+    def make(lengths: tuple[int, ...] = (4, 3), splats: int = 150, degree: int = 0) -> SplatVideo:
+        frames = [
+            cloud(index, splats + 7 * group, degree, seed=group)
+            for group, length in enumerate(lengths)
+            for index in range(length)
+        ]
+        starts = np.cumsum([0, *lengths])[:-1]
+        return SplatVideo(
+            "test", 20.0, len(frames), tuple(int(start) for start in starts), frames.__getitem__,
+            up=np.array([0.0, 0.0, 1.0]),
+        )  # fmt: skip
+
+    return make

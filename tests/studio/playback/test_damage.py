@@ -1,0 +1,189 @@
+"""Groups that are damaged or missing are left out, playing goes on, and it is said."""
+
+import json
+
+import pytest
+
+from studio.errors import StudioError
+from studio.playback import Player, play_headless
+from studio.stream import SourceUnavailable, StreamReader
+
+
+def number(played) -> int:
+    return round(played.gaussians.means[0, 0].item())
+
+
+def break_late(stream, reader, group: int) -> None:
+    """Cut the pictures of one file of a group short but keep checksums right: decoding fails in its middle."""
+    entry = reader.manifest.groups[group]
+    path = stream / entry.planes[-1].path
+    data = bytearray(path.read_bytes())
+    middle = data.rindex(b"mdat") + (len(data) - data.rindex(b"mdat")) // 2
+    data[middle:] = bytes(len(data) - middle)
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+@pytest.mark.parametrize("damage", ["missing", "other bytes", "shorter"])
+def test_goes_on_with_the_next_intact_group(stream, realtime, damage):
+    path = stream / "group_001" / "quat_w.mp4"
+    if damage == "missing":
+        path.unlink()
+    elif damage == "shorter":
+        path.write_bytes(path.read_bytes()[:-1])
+    else:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+    seen = []
+    report = play_headless(stream, realtime=realtime, on_frame=lambda played: seen.append(number(played)))
+    intact = [0, 1, 2, 3, 4, *range(9, 16)]
+    assert set(seen) <= set(intact)
+    assert seen == sorted(seen)
+    assert seen[-1] == 15
+    assert report.shown + report.dropped == len(intact)
+    if not realtime:
+        assert seen == intact
+    (skipped,) = report.skipped
+    assert (skipped.group, skipped.first_frame, skipped.frame_count) == (1, 5, 4)
+    assert "group_001/quat_w.mp4" in skipped.reason
+    assert "frames 5 to 8" in str(skipped)
+    assert json.loads(json.dumps(report.to_dict()))["skipped"][0]["group"] == 1
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+def test_damage_at_both_ends(stream, realtime):
+    for group in ("group_000", "group_003"):
+        (stream / group / "opacity.mp4").write_bytes(b"?")
+    seen = []
+    report = play_headless(stream, realtime=realtime, on_frame=lambda played: seen.append(number(played)))
+    assert seen[-1] == 9
+    assert [skipped.group for skipped in report.skipped] == [0, 3]
+    if not realtime:
+        assert seen == [5, 6, 7, 8, 9]
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
+    for group in range(4):
+        (stream / f"group_{group:03d}" / "opacity.mp4").unlink()
+    with pytest.raises(StudioError, match=r"Nothing of the stream can be played.*group_000/opacity\.mp4: the file is"):
+        play_headless(stream, realtime=realtime)
+    with Player(stream, loop=True) as player:  # not round and round for ever
+        player.play()
+
+        def look_for_ever():
+            while True:
+                player.frame()
+
+        with pytest.raises(StudioError, match="Nothing of the stream"):
+            look_for_ever()
+
+
+def test_from_a_frame_on_nothing_is_intact(stream):
+    (stream / "group_003" / "opacity.mp4").unlink()
+    with pytest.raises(StudioError, match="Nothing can be played from frame 11 on"):
+        play_headless(stream, start_frame=11)
+
+
+def test_only_what_was_to_be_played_is_reported(stream):
+    (stream / "group_001" / "opacity.mp4").unlink()
+    assert play_headless(stream, frame_limit=5).skipped == ()
+    assert play_headless(stream, frame_limit=6).skipped != ()
+    assert play_headless(stream, start_frame=9).skipped == ()
+
+
+def test_a_picture_that_cannot_be_decoded(stream, gate):
+    """The files fit their checksums here: the source hands out damaged bytes under a manifest that is made to fit."""
+    import hashlib
+
+    from studio.stream.manifest import parse_manifest, seal
+
+    with StreamReader.open(stream) as reader:
+        break_late(stream, reader, 3)
+        values = reader.manifest.model_dump(mode="json")
+    plane = values["groups"][3]["components"][-1]["planes"][-1]
+    plane["sha256"] = hashlib.sha256((stream / plane["path"]).read_bytes()).hexdigest()
+    manifest = type(reader.manifest).model_validate_json(json.dumps(values))
+    sealed, data = seal(manifest)
+    assert parse_manifest(data, "test") == sealed
+    (stream / "manifest.json").write_bytes(data)
+    seen = []
+    report = play_headless(stream, on_frame=lambda played: seen.append(number(played)))
+    assert seen == list(range(len(seen)))
+    assert 10 <= len(seen) < 16
+    (skipped,) = report.skipped
+    assert skipped.first_frame == len(seen)
+    assert skipped.first_frame + skipped.frame_count == 16
+    assert "quat_z.mp4" in skipped.reason
+
+
+def test_the_frame_before_stays_up_and_seeking_jumps_over(stream, gated, clock, until):
+    (stream / "group_001" / "quat_w.mp4").write_bytes(b"?")
+    with Player(gated, now=clock) as player:
+        player.play()
+        until(lambda: player.frame() is not None)
+        clock.forward(4)
+        until(lambda: number(player.frame()) == 4)
+        until(lambda: player.skipped, "the note of the damage")
+        clock.forward(3)
+        assert number(player.frame()) == 4
+        clock.forward(2)
+        until(lambda: number(player.frame()) == 9)
+        player.pause()
+        player.seek(6)
+        until(lambda: number(player.frame()) == 9 and not player.buffering, "the next intact frame")
+        assert player.position == 9
+        player.seek(2)
+        until(lambda: number(player.frame()) == 2)
+    assert [skipped.group for skipped in player.skipped] == [1]
+
+
+def test_a_slow_fetch_is_waited_for_and_nothing_is_dropped(long_stream, gate, clock, until):
+    source = gate(long_stream)
+    with Player(source, now=clock) as player:
+        player.play()
+        until(lambda: player.frame() is not None)
+        until(lambda: source.groups_read() == ["group_000", "group_001", "group_002"])
+        source.gate.clear()
+        clock.forward(30)
+        until(lambda: number(player.frame()) == 30)  # what was fetched goes on playing; group 3 is held back
+        clock.forward(100)
+        until(lambda: player.frame() and player.buffering, "waiting for the network")
+        before = player.dropped
+        until(lambda: number(player.frame()) == 41, "the last frame that is there")
+        assert player.position == 42
+        source.gate.set()
+        until(lambda: number(player.frame()) == 42, "the first frame after the wait")
+        clock.forward(1)
+        until(lambda: number(player.frame()) == 43)
+        assert player.dropped <= before + 11  # of what was there before the wait
+
+
+class Dead:
+    """A source whose server goes away after its manifest."""
+
+    name = "http://dead"
+
+    def __init__(self, folder, last_group: str) -> None:
+        self.folder = folder
+        self.last_group = last_group
+        self.tried: list[str] = []
+
+    def read(self, path: str, limit: int) -> bytes:
+        group = path.split("/")[0]
+        if "/" in path and group not in self.tried:
+            self.tried.append(group)
+        if "/" in path and group > self.last_group:
+            raise SourceUnavailable(f"{self.name}/{path}: the server refuses the connection; check it.")
+        return (self.folder / path).read_bytes()
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+def test_a_server_that_stays_away_ends_it(long_stream, realtime):
+    source = Dead(long_stream, "group_001")
+    seen = []
+    with pytest.raises(SourceUnavailable, match="refuses the connection"):
+        play_headless(source, realtime=realtime, on_frame=lambda played: seen.append(number(played)))
+    assert seen[-1] == 27
+    assert source.tried == ["group_000", "group_001", "group_002", "group_003"]

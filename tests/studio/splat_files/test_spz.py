@@ -1,0 +1,147 @@
+"""SPZ: files that other programs wrote, a reader of plain bytes beside ours, and errors within the format's steps."""
+
+import gzip
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.splat_files import read_splats, splats_size, write_splats
+
+DATA = Path(__file__).parents[2] / "data" / "splats"
+
+
+@pytest.mark.parametrize(
+    ("name", "z", "dc", "quat"),
+    [
+        ("minimal-raw.spz", -1, 1.1111, 0.0039),
+        ("minimal-v2.spz", -1, 1.1111, 0.0039),
+        ("minimal-v3.spz", 1, 0.5882, 0.0),
+    ],
+)
+def test_files_of_other_programs(name, z, dc, quat):
+    """Values as splat-transform 3.7 reads them (it turns y and z to PLY's axes; here they stand as in the file)."""
+    assert splats_size(DATA / name) == (4, 0)
+    splats = read_splats(DATA / name)
+    expected = [[-1, 0, z], [0, 0, z], [-1, 0, 0], [0, 0, 0]]
+    assert splats.means.tolist() == expected
+    assert torch.allclose(splats.scales, torch.tensor(0.0990), atol=1e-4)
+    assert torch.allclose(splats.opacities, torch.tensor(0.9020), atol=1e-4)
+    assert torch.allclose(splats.quats, torch.tensor([1, quat, quat, quat]), atol=1e-4)
+    signs = torch.tensor([[-1, -1], [1, -1], [-1, 1], [1, 1]])
+    assert torch.allclose(splats.sh[:, 0, :2], dc * signs, atol=1e-4)
+    assert torch.allclose(splats.sh[:, 0, 2], torch.tensor(0.0131), atol=1e-4)
+
+
+def by_the_description(data: bytes) -> dict[str, np.ndarray]:
+    """Every splat by itself, as the format's README describes version 3."""
+    data = gzip.decompress(data)
+    magic, version, count, degree, bits, flags, reserved = struct.unpack_from("<IIIBBBB", data)
+    assert (magic, version, flags, reserved) == (0x5053474E, 3, 0, 0)
+    rest = (degree + 1) ** 2 - 1
+    starts = np.cumsum([16, 9 * count, count, 3 * count, 3 * count, 4 * count])
+    assert len(data) == starts[-1] + 3 * rest * count
+    out = {name: [] for name in ("means", "opacities", "dc", "log_scales", "quats", "sh")}
+    for i in range(count):
+        at = data[starts[0] + 9 * i :]
+        out["means"].append([int.from_bytes(at[3 * k : 3 * k + 3], "little", signed=True) / 2**bits for k in range(3)])
+        out["opacities"].append(data[starts[1] + i] / 255)
+        out["dc"].append([(data[starts[2] + 3 * i + k] / 255 - 0.5) / 0.15 for k in range(3)])
+        out["log_scales"].append([data[starts[3] + 3 * i + k] / 16 - 10 for k in range(3)])
+        word = int.from_bytes(data[starts[4] + 4 * i :][:4], "little")
+        largest = word >> 30
+        xyzw, shift = [0.0] * 4, 20
+        for k in range(4):
+            if k != largest:
+                part = word >> shift & 0x3FF
+                xyzw[k] = (-1 if part & 512 else 1) * (part & 511) / 511 / math.sqrt(2)
+                shift -= 10
+        xyzw[largest] = math.sqrt(1 - sum(value * value for value in xyzw))
+        out["quats"].append([xyzw[3], *xyzw[:3]])
+        values = data[starts[5] + 3 * rest * i :][: 3 * rest]
+        out["sh"].append([[(values[3 * k + c] - 128) / 128 for c in range(3)] for k in range(rest)])
+    return {name: np.array(values) for name, values in out.items()}
+
+
+@pytest.mark.parametrize("degree", [0, 1, 3])
+def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree):
+    splats = make_splats(120, degree)
+    path = tmp_path / "a.spz"
+    write_splats(path, splats)
+    found = by_the_description(path.read_bytes())
+    np.testing.assert_allclose(found["means"], splats.means, atol=0.5 / 2**14 + 1e-7)
+    np.testing.assert_allclose(found["opacities"], splats.opacities, atol=0.5 / 255 + 1e-6)
+    np.testing.assert_allclose(found["dc"], splats.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-6)
+    np.testing.assert_allclose(found["log_scales"], splats.log_scales, atol=1 / 32 + 1e-6)
+    theirs = Rotation.from_quat(found["quats"], scalar_first=True)
+    turned = theirs.inv() * Rotation.from_quat(splats.quats.numpy(), scalar_first=True)
+    assert np.degrees(turned.magnitude()).max() < 0.25
+    if degree:
+        np.testing.assert_allclose(found["sh"][:, :3], splats.sh[:, 1:4], atol=4.5 / 128 + 1e-6)
+        np.testing.assert_allclose(found["sh"][:, 3:], splats.sh[:, 4:], atol=8.5 / 128 + 1e-6)
+    assert splats_size(path) == (120, degree)
+    mine = read_splats(path)
+    np.testing.assert_allclose(mine.means, found["means"], atol=1e-6)
+    np.testing.assert_allclose(mine.quats, found["quats"], atol=1e-6)
+    np.testing.assert_allclose(mine.opacities, found["opacities"], atol=1e-6)
+    np.testing.assert_allclose(mine.log_scales, found["log_scales"], atol=1e-6)
+    np.testing.assert_allclose(mine.sh[:, 1:], found["sh"].reshape(120, -1, 3), atol=1e-6)
+
+
+def test_equal_splats_give_equal_bytes(tmp_path, make_splats):
+    for name in ("a.spz", "b.spz"):
+        write_splats(tmp_path / name, make_splats())
+    assert (tmp_path / "a.spz").read_bytes() == (tmp_path / "b.spz").read_bytes()
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 300.0, 1e6])
+def test_positions_of_any_size(tmp_path, make_splats, size):
+    splats = make_splats(50)
+    scaled = Gaussians(**{**dict(splats.items()), "means": splats.means * size})
+    write_splats(tmp_path / "a.spz", scaled)
+    error = (read_splats(tmp_path / "a.spz").means - scaled.means).abs().max()
+    farthest, extent = scaled.means.abs().max(), (scaled.means.max(0).values - scaled.means.min(0).values).max()
+    step = max(min(extent / 2**16, 2**-12), 2**-20, 2 * farthest / 2**23)
+    assert error <= 0.5 * step + 1e-7 * size
+
+
+def test_too_far_out(tmp_path, make_splats):
+    splats = make_splats(5)
+    far = Gaussians(**{**dict(splats.items()), "means": splats.means + 1e8})
+    with pytest.raises(StudioError, match="units from the origin"):
+        write_splats(tmp_path / "a.spz", far)
+
+
+def test_damage(tmp_path, make_splats):
+    path = tmp_path / "a.spz"
+    write_splats(path, make_splats(64))
+    good = path.read_bytes()
+    plain = gzip.decompress(good)
+
+    def with_head(**changes) -> bytes:
+        names = ("magic", "version", "count", "degree", "bits", "flags", "reserved")
+        values = dict(zip(names, struct.unpack_from("<IIIBBBB", plain), strict=True))
+        return gzip.compress(struct.pack("<IIIBBBB", *{**values, **changes}.values()) + plain[16:])
+
+    cases = [
+        (good[:-200], "ends after|damaged"),
+        (good[:30] + bytes([good[30] ^ 255]) + good[31:], "damaged|ends after|not an SPZ"),
+        (b"", "not an SPZ file"),
+        (b"hello, this is text", "not an SPZ file"),
+        (with_head(version=4), "SPZ version 4 found"),
+        (with_head(count=65), "ends after"),
+        (with_head(count=0), "0 splats"),
+        (with_head(count=4_000_000_000), "4000000000 splats"),
+        (with_head(degree=4), "SH degree 4"),
+        (with_head(flags=2), "extensions"),
+    ]
+    for data, message in cases:
+        path.write_bytes(data)
+        with pytest.raises(StudioError, match=message):
+            read_splats(path)

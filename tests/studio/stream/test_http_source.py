@@ -1,0 +1,413 @@
+"""Reading over HTTP from a real server on this machine that stalls, breaks off, lies and comes back."""
+
+import hashlib
+import threading
+import time
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+import torch
+
+from studio.errors import StudioError
+from studio.stream import SourceUnavailable, StreamReader
+from studio.stream.http_source import HttpSource
+
+CONTENT = bytes(range(256)) * 800  # 204,800 bytes
+
+
+class Server:
+    """Serves `files`; a `fault` of a path, a function of the handler and the bytes, replaces the answer while it lasts.
+
+    Attributes:
+        requests: (path, Range header or None), in order.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        self.files: dict[str, bytes] = {"/s/file": CONTENT}
+        self.faults: dict[str, Callable] = {}
+        self.requests: list[tuple[str, str | None]] = []
+        self.etag = True
+        self.stop_stalling = threading.Event()
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def do_GET(self) -> None:
+                path = self.path.split("?")[0]
+                outer.requests.append((self.path, self.headers.get("Range")))
+                data = outer.files.get(path)
+                fault = outer.faults.get(path)
+                if fault is not None:
+                    fault(self, data)
+                elif data is None:
+                    self.send_error(404)
+                else:
+                    self.answer(data)
+
+            def answer(self, data: bytes, say: int | None = None, send: int | None = None) -> None:
+                """The file or the range asked for; `say` another length, `send` only so many bytes and close."""
+                start = 0
+                tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
+                asked = self.headers.get("Range")
+                if asked == f"bytes={len(data)}-":
+                    return self.send_error(416)
+                if asked is not None and self.headers.get("If-Range") in (None, tag):
+                    start = int(asked.removeprefix("bytes=").removesuffix("-"))
+                    self.send_response(206)
+                    self.send_header("Content-Range", f"bytes {start}-{len(data) - 1}/{len(data)}")
+                else:
+                    self.send_response(200)
+                body = data[start:]
+                self.send_header("Content-Length", str(len(body) if say is None else say))
+                if outer.etag:
+                    self.send_header("ETag", tag)
+                self.end_headers()
+                self.wfile.write(body[:send])
+                if send is not None or say is not None:
+                    self.close_connection = True
+                return None
+
+            def log_message(self, *arguments: object) -> None:
+                pass
+
+        self.server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        self.server.daemon_threads = True
+        self.port = self.server.server_address[1]
+        self.url = f"http://127.0.0.1:{self.port}/s"
+        threading.Thread(target=self.server.serve_forever, args=(0.01,), daemon=True).start()
+
+    def close(self) -> None:
+        self.stop_stalling.set()
+        self.server.shutdown()
+        self.server.server_close()
+
+
+@pytest.fixture
+def server():
+    server = Server()
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def source(server):
+    source = HttpSource(server.url, stall=0.3, patience=1.5, first_patience=0.5)
+    yield source
+    source.close()
+
+
+def test_a_file(server, source):
+    assert source.read("file", len(CONTENT)) == CONTENT
+    assert source.read("file", 10**9) == CONTENT
+    assert source.name == server.url
+    assert server.requests == [("/s/file", None)] * 2
+
+
+@pytest.mark.parametrize("tail", ["", "/", "/manifest.json"])
+def test_the_addresses_forms(server, tail):
+    source = HttpSource(server.url + tail + "?token=a%20b")
+    assert source.read("file", 10**6) == CONTENT
+    assert server.requests == [("/s/file?token=a%20b", None)]
+    assert "token" not in source.name
+
+
+def test_name_and_password_go_into_a_header_only(server):
+    seen = []
+    server.faults["/s/file"] = lambda handler, data: (
+        seen.append(handler.headers["Authorization"]),
+        handler.answer(data),
+    )
+    source = HttpSource(server.url.replace("http://", "http://me:se%3Acret@"))
+    assert source.read("file", 10**6) == CONTENT
+    assert seen == ["Basic bWU6c2U6Y3JldA=="]
+    assert "secret" not in source.name
+    assert "se%3Acret" not in source.name
+
+
+@pytest.mark.parametrize("address", ["ftp://host/x", "http://", "http://host:port/", "host/x"])
+def test_no_address(address):
+    with pytest.raises(StudioError, match="address"):
+        HttpSource(address)
+
+
+def test_broken_connections_go_on_where_they_ended(server, source):
+    cuts = iter([50_000, 100, 90_000])
+    server.faults["/s/file"] = lambda handler, data: handler.answer(data, send=next(cuts, None))
+    assert source.read("file", len(CONTENT)) == CONTENT
+    assert [asked for _, asked in server.requests] == [None, "bytes=50000-", "bytes=50100-", "bytes=140100-"]
+
+
+def test_a_file_that_changes_meanwhile_is_never_mixed(server, source):
+    new = CONTENT[::-1]
+
+    def cut_then_change(handler, data):
+        handler.answer(data, send=70_000)
+        server.files["/s/file"] = new
+        del server.faults["/s/file"]
+
+    server.faults["/s/file"] = cut_then_change
+    assert source.read("file", len(CONTENT)) == new
+
+
+def test_a_server_without_ranges_starts_again(server, source):
+    def cut_then_whole(handler, data):
+        handler.answer(data, send=70_000)
+        server.faults["/s/file"] = whole
+
+    def whole(handler, data):
+        handler.headers.replace_header("Range", None)
+        del handler.headers["Range"]
+        handler.answer(data)
+
+    server.faults["/s/file"] = cut_then_whole
+    assert source.read("file", len(CONTENT)) == CONTENT
+
+
+def test_a_stalling_server(server, source):
+    def stall(handler, data):
+        handler.send_response(200)
+        handler.send_header("Content-Length", str(len(data)))
+        handler.end_headers()
+        handler.wfile.write(data[:1000])
+        handler.wfile.flush()
+        server.stop_stalling.wait(10)
+
+    server.faults["/s/file"] = stall
+    began = time.monotonic()
+    with pytest.raises(SourceUnavailable, match=r"/s/file: the server stopped sending \(\d+ attempts"):
+        source.read("file", len(CONTENT))
+    assert time.monotonic() - began < 4
+
+
+def test_a_server_that_says_nothing(server, source):
+    server.faults["/s/file"] = lambda handler, data: server.stop_stalling.wait(10)
+    began = time.monotonic()
+    with pytest.raises(SourceUnavailable, match="the server stopped sending"):
+        source.read("file", len(CONTENT))
+    assert time.monotonic() - began < 4
+
+
+def test_a_trickle_is_no_stream(server, source):
+    def trickle(handler, data):
+        handler.send_response(200)
+        handler.send_header("Content-Length", str(len(data)))
+        handler.end_headers()
+        for byte in range(100):
+            if server.stop_stalling.wait(0.05):
+                return
+            handler.wfile.write(data[byte : byte + 1])
+
+    server.faults["/s/file"] = trickle
+    began = time.monotonic()
+    with pytest.raises(SourceUnavailable, match="less than 16000 bytes a second"):
+        source.read("file", len(CONTENT))
+    assert time.monotonic() - began < 4
+
+
+def test_a_length_above_the_limit_is_refused_before_anything_is_read(server, source):
+    server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=10**12)
+    with pytest.raises(StudioError, match=r"the server has 1000000000000 bytes, at most 5 are expected"):
+        source.read("file", 5)
+    assert len(server.requests) == 1
+
+
+def test_more_than_the_limit_without_a_length(server, source):
+    def endless(handler, data):
+        handler.send_response(200)
+        handler.send_header("Connection", "close")
+        handler.end_headers()
+        handler.close_connection = True
+        try:
+            while not server.stop_stalling.is_set():
+                handler.wfile.write(data)
+        except OSError:
+            server.stop_stalling.set()  # the client hung up
+
+    server.faults["/s/file"] = endless
+    with pytest.raises(StudioError, match="longer than 1000 bytes"):
+        source.read("file", 1000)
+    assert server.stop_stalling.wait(5)
+
+
+def test_a_length_that_is_too_long_or_too_short(server, source):
+    server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=len(data) + 5)
+    with pytest.raises(SourceUnavailable, match=r"closed the connection|connection broke|changed on the server"):
+        source.read("file", len(CONTENT) + 5)
+    server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=len(data) - 5)
+    assert source.read("file", len(CONTENT)) == CONTENT[:-5]  # the reader then sees that 5 bytes are missing
+
+
+@pytest.mark.parametrize(
+    ("status", "message"),
+    [(404, "missing there"), (403, "may not be read"), (400, "answers 400"), (304, "answers 304")],
+)
+def test_answers_that_do_not_pass(server, source, status, message):
+    server.faults["/s/file"] = lambda handler, data: handler.send_error(status)
+    with pytest.raises(StudioError, match=message):
+        source.read("file", 10)
+    assert len(server.requests) == 1
+
+
+@pytest.mark.parametrize("status", [500, 503, 429])
+def test_answers_that_pass(server, source, status):
+    def later(handler, data):
+        if len(server.requests) == 3:
+            server.faults.clear()
+        handler.send_response(status)
+        handler.send_header("Retry-After", "0")
+        handler.send_header("Content-Length", "0")
+        handler.end_headers()
+
+    server.faults["/s/file"] = later
+    assert source.read("file", len(CONTENT)) == CONTENT
+    assert len(server.requests) == 4
+
+
+def test_a_retry_after_beyond_the_patience_is_not_waited_for(server, source):
+    def later(handler, data):
+        handler.send_response(503)
+        handler.send_header("Retry-After", "3600")
+        handler.send_header("Content-Length", "0")
+        handler.end_headers()
+
+    server.faults["/s/file"] = later
+    began = time.monotonic()
+    with pytest.raises(SourceUnavailable, match="answers 503"):
+        source.read("file", 10)
+    assert time.monotonic() - began < 1
+
+
+def test_compression_is_refused(server, source):
+    def squeezed(handler, data):
+        handler.send_response(200)
+        handler.send_header("Content-Encoding", "gzip")
+        handler.send_header("Content-Length", "3")
+        handler.end_headers()
+        handler.wfile.write(b"abc")
+
+    server.faults["/s/file"] = squeezed
+    with pytest.raises(StudioError, match=r"compressed \(gzip\)"):
+        source.read("file", 10)
+
+
+def test_redirections_are_followed_but_not_in_circles(server, source):
+    def elsewhere(handler, data):
+        handler.send_response(302)
+        handler.send_header("Location", handler.path.replace("moved", "file"))
+        handler.send_header("Content-Length", "0")
+        handler.end_headers()
+
+    server.faults["/s/moved"] = elsewhere
+    assert source.read("moved", len(CONTENT)) == CONTENT
+    server.faults["/s/file"] = elsewhere
+    with pytest.raises(StudioError, match="circles"):
+        source.read("file", 10)
+
+
+def test_nobody_there(server):
+    server.close()
+    began = time.monotonic()
+    with pytest.raises(SourceUnavailable, match="refuses the connection"):
+        HttpSource(server.url, first_patience=0.4).read("file", 10)
+    assert time.monotonic() - began < 5
+
+
+def test_restarted_in_the_middle(server):
+    source = HttpSource(server.url, patience=20)
+    assert source.read("file", len(CONTENT)) == CONTENT
+    cut = threading.Event()
+
+    def cut_and_die(handler, data):
+        handler.answer(data, send=60_000)
+        cut.set()
+
+    server.faults["/s/file"] = cut_and_die
+    result = []
+    thread = threading.Thread(target=lambda: result.append(source.read("file", len(CONTENT))))
+    thread.start()
+    assert cut.wait(10)
+    server.close()
+    time.sleep(0.4)
+    assert thread.is_alive()
+    again = Server(server.port)
+    try:
+        thread.join(10)
+        assert result == [CONTENT]
+        assert again.requests[0] == ("/s/file", "bytes=60000-")
+    finally:
+        again.close()
+        source.close()
+
+
+def test_close_ends_a_read_that_waits(server):
+    def stall(handler, data):
+        handler.send_response(200)
+        handler.send_header("Content-Length", str(len(data)))
+        handler.end_headers()
+        handler.wfile.write(data[:10])
+        stalled.set()
+        server.stop_stalling.wait(20)
+
+    stalled = threading.Event()
+    server.faults["/s/file"] = stall
+    source = HttpSource(server.url)
+    problems = []
+
+    def read():
+        try:
+            source.read("file", len(CONTENT))
+        except StudioError as error:
+            problems.append(str(error))
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    assert stalled.wait(10)
+    time.sleep(0.1)
+    source.close()
+    thread.join(2)
+    assert not thread.is_alive()
+    assert "closed while it was being read" in problems[0]
+
+
+def upload(server, folder) -> None:
+    for path in folder.rglob("*"):
+        if path.is_file():
+            server.files["/s/" + path.relative_to(folder).as_posix()] = path.read_bytes()
+
+
+def test_a_stream_is_the_same_as_from_its_folder(server, make_stream):
+    folder, _ = make_stream((3, 2), splats=90)
+    upload(server, folder)
+    with StreamReader.open(folder) as local, StreamReader.open(server.url) as remote:
+        assert remote.manifest == local.manifest
+        for mine, theirs in zip(local.iterate(), remote.iterate(), strict=True):
+            assert all(torch.equal(a, b) for (_, a), (_, b) in zip(mine.items(), theirs.items(), strict=True))
+        remote.verify()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data[:-1] + bytes([data[-1] ^ 1]), "do not fit their SHA-256"),
+        (lambda data: data[:-1], "bytes found, the manifest says"),
+        (lambda data: data + b"x", "at most"),
+    ],
+)
+def test_other_bytes_than_the_manifest_promises(server, make_stream, change, message):
+    folder, _ = make_stream((2, 2), splats=64)
+    upload(server, folder)
+    path = "/s/group_001/opacity.mp4"
+    server.files[path] = change(server.files[path])
+    with StreamReader.open(server.url) as reader:
+        assert len(reader.gaussians(1)) == 64
+        with pytest.raises(StudioError, match=rf"group_001/opacity\.mp4: .*{message}"):
+            reader.gaussians(2)
+
+
+def test_no_stream_at_the_address(server):
+    with pytest.raises(StudioError, match=r"/s/manifest\.json: the server answers 404"):
+        StreamReader.open(server.url)
+    with pytest.raises(StudioError, match=r"http:// or https://"):
+        StreamReader.open("ftp://somewhere/x")

@@ -1,0 +1,228 @@
+"""Damage to streams of the profile `motion`: a sentence that names the file, in little time and memory, or frames."""
+
+import hashlib
+import json
+import time
+import zlib
+
+import pytest
+import torch
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from studio.errors import StudioError
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream.sidefile import deflate
+
+QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.fixture
+def stream(make_stream):
+    return make_stream((4, 3), splats=80, settings=BakeSettings(qp=24, preset="ultrafast"))[0]
+
+
+def set_(path, value):
+    def change(values):
+        for key in path[:-1]:
+            values = values[key]
+        values[path[-1]] = value
+
+    return change
+
+
+def swap_entries(values):
+    group = values["groups"][0]
+    for key in ("path", "bytes", "sha256"):
+        group["side"][key], group["video"][key] = group["video"][key], group["side"][key]
+
+
+def swap_groups(values):
+    first, second = values["groups"]
+    first["side"], second["side"] = second["side"], first["side"]
+    for group in (first, second):
+        group["bytes"] = group["side"]["bytes"] + group["video"]["bytes"]
+
+
+GROUP = ("groups", 0)
+DAMAGE = {
+    "newer version": (set_(("version",), 3), "version 3.*update"),
+    "older version": (set_(("version",), 1), "version"),
+    "the other profile": (set_(("profile",), "planes"), "scan"),
+    "other codec": (set_(("codec", "name"), "mjpeg"), "codec"),
+    "path outside": (set_((*GROUP, "side", "path"), "../secret.bin"), "path"),
+    "one file twice": (set_((*GROUP, "side", "path"), "group_000/video.mp4"), "used twice"),
+    "a billion splats": (set_((*GROUP, "splats"), 10**9), "splats"),
+    "more splats than tiles hold": (set_((*GROUP, "splats"), 257), "tile 16"),
+    "a billion frames": (set_((*GROUP, "frame_count"), 10**9), "frame_count"),
+    "a tile of another size": (set_((*GROUP, "tile"), 4096), "tile"),
+    "too few tiles": (set_((*GROUP, "rows"), 1), "tiles do not hold"),
+    "a million columns": (set_((*GROUP, "columns"), 10**6), "columns"),
+    "a petabyte once decompressed": (set_((*GROUP, "side", "raw_bytes"), 10**15), "raw_bytes"),
+    "more blocks than splats": (set_((*GROUP, "blocks", "count"), 81), "81 blocks for 80 splats"),
+    "no blocks": (set_((*GROUP, "blocks", "count"), 0), "count"),
+    "40 bits": (set_((*GROUP, "positions", "bits"), 40), "bits"),
+    "a step of nothing": (set_((*GROUP, "channels", 3, "step"), 0.0), "step"),
+    "a step that is no number": (set_((*GROUP, "channels", 3, "step"), float("nan")), "step"),
+    "an offset without end": (set_((*GROUP, "channels", 3, "offset"), float("inf")), "offset"),
+    "a channel of another name": (set_((*GROUP, "channels", 3, "name"), "mean_x"), "channels"),
+    "a position far away": (set_((*GROUP, "positions", "step"), 1e9), "positions reach"),
+    "bytes that do not add up": (set_((*GROUP, "bytes"), 12), "bytes is 12"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_damaged_manifest_is_refused(stream, edit_manifest, kind):
+    change, message = DAMAGE[kind]
+    edit_manifest(stream, change)
+    began = time.perf_counter()
+    with pytest.raises(StudioError, match=message) as caught:
+        StreamReader.open(stream)
+    assert time.perf_counter() - began < 1
+    assert str(stream) in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), [(swap_entries, r"motion\.bin: this is not a readable MP4"), (swap_groups, "side file")]
+)
+def test_swapped_files(stream, edit_manifest, change, message):
+    edit_manifest(stream, change)
+    with StreamReader.open(stream) as reader, pytest.raises(StudioError, match=message):
+        list(reader.iterate())
+
+
+@pytest.mark.parametrize("name", ["motion.bin", "video.mp4"])
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "missing"])
+def test_damaged_files_leave_the_other_group(stream, name, damage):
+    file = stream / "group_001" / name
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 4
+    if damage == "missing":
+        file.unlink()
+    else:
+        file.write_bytes(bytes(data) if damage == "flipped" else bytes(data[:-9]))
+    with StreamReader.open(stream) as reader:
+        reader.gaussians(0)
+        with pytest.raises(StudioError, match=rf"group_001/{name}"):
+            reader.gaussians(5)
+        assert len(list(reader.iterate(1, 4))) == 3
+
+
+def sign(stream, edit_manifest, key, data, raw_bytes=None):
+    """Put other bytes in and sign them: what a faulty or hostile writer would do."""
+
+    def change(values):
+        group = values["groups"][0]
+        entry = group[key]
+        (stream / entry["path"]).write_bytes(data)
+        group["bytes"] += len(data) - entry["bytes"]
+        entry["bytes"], entry["sha256"] = len(data), hashlib.sha256(data).hexdigest()
+        if raw_bytes is not None:
+            entry["raw_bytes"] = raw_bytes
+
+    edit_manifest(stream, change)
+
+
+def outcome(stream):
+    """Frames that were read, or the sentence; the second group is intact whatever happened to the first."""
+    began = time.perf_counter()
+    with StreamReader.open(stream) as reader:
+        try:
+            frames = list(reader.iterate(0, 4))
+        except StudioError as error:
+            message, frames = str(error), []
+        assert len(list(reader.iterate(4))) == 3
+    assert frames or "group_000/" in message
+    assert time.perf_counter() - began < 5
+    for frame in frames:
+        assert len(frame) == 80
+        assert all(torch.isfinite(tensor).all() for _, tensor in frame.items())
+
+
+@QUICK
+@given(data=st.data())
+def test_signed_changes_of_the_side_files_content(stream, edit_manifest, data):
+    """Any bytes put in at any place of what the side file holds once decompressed."""
+    manifest = (stream / "manifest.json").read_bytes()
+    file = stream / "group_000" / "motion.bin"
+    original = file.read_bytes()
+    raw = bytearray(zlib.decompress(original, wbits=-15))
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(raw) - 1))
+        raw[at : at + 1] = data.draw(st.binary(max_size=3))
+    try:
+        sign(stream, edit_manifest, "side", deflate([bytes(raw)]), len(raw))
+        outcome(stream)
+    finally:
+        file.write_bytes(original)
+        (stream / "manifest.json").write_bytes(manifest)
+
+
+@QUICK
+@given(data=st.data(), key=st.sampled_from(["side", "video"]))
+def test_signed_changes_of_the_files(stream, edit_manifest, data, key):
+    manifest = (stream / "manifest.json").read_bytes()
+    file = stream / "group_000" / {"side": "motion.bin", "video": "video.mp4"}[key]
+    original = file.read_bytes()
+    broken = bytearray(original)
+    at = data.draw(st.integers(0, len(broken) - 1))
+    broken[at : at + data.draw(st.integers(0, 20))] = data.draw(st.binary(max_size=20))
+    assume(broken)
+    try:
+        sign(stream, edit_manifest, key, bytes(broken))
+        outcome(stream)
+    finally:
+        file.write_bytes(original)
+        (stream / "manifest.json").write_bytes(manifest)
+
+
+@QUICK
+@given(data=st.data())
+def test_any_value_anywhere_in_the_manifest(stream, edit_manifest, data):
+    path = stream / "manifest.json"
+    original = path.read_bytes()
+    at = json.loads(original)
+    keys = []
+    while True:
+        keys.append(data.draw(st.sampled_from(list(at) if isinstance(at, dict) else list(range(len(at))))))
+        if not isinstance(at[keys[-1]], dict | list) or not at[keys[-1]] or data.draw(st.booleans()):
+            break
+        at = at[keys[-1]]
+    value = data.draw(
+        st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.just([]), st.just({}))
+    )
+    began, message = time.perf_counter(), None
+    try:
+        edit_manifest(stream, set_(keys, value))
+        with StreamReader.open(stream) as reader:
+            assert len(list(reader.iterate())) == 7
+    except StudioError as error:
+        message = str(error)
+    except (TypeError, KeyError):
+        assume(False)  # no groups left whose sizes could be added up
+    finally:
+        path.write_bytes(original)
+    assert message is None or str(stream) in message
+    assert time.perf_counter() - began < 5
+
+
+def test_a_bomb_is_not_unpacked(stream, edit_manifest):
+    bomb = deflate([bytes(20_000_000)])
+    sign(stream, edit_manifest, "side", bomb)
+    began = time.perf_counter()
+    with (
+        StreamReader.open(stream) as reader,
+        pytest.raises(StudioError, match=r"motion\.bin: the side file is damaged"),
+    ):
+        reader.gaussians(0)
+    assert time.perf_counter() - began < 1
+
+
+def test_motion_without_bounds_is_refused(tmp_path, turning_bodies, edit_manifest):
+    """Numbers that would carry splats past all bounds are found when the group is opened."""
+    baking = BakeSettings(preset="ultrafast")
+    write_manifest(tmp_path, [bake_group(turning_bodies(3, 200), tmp_path, 0, 0, baking)], 25, baking)
+    edit_manifest(tmp_path, set_(("groups", 0, "blocks", "step"), 1e9))
+    with StreamReader.open(tmp_path) as reader, pytest.raises(StudioError, match=r"motion\.bin: .* moves further than"):
+        reader.gaussians(0)

@@ -1,0 +1,86 @@
+"""Octree, side file's bytes and the pictures' scan against plain definitions."""
+
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from studio.stream.morton import deinterleave, interleave, square_scan
+from studio.stream.octree import decode_octree, encode_octree
+from studio.stream.sidefile import Cursor, deflate, inflate, split
+
+CELLS = st.lists(st.tuples(*[st.integers(0, 255)] * 3), min_size=1, max_size=60)
+
+
+@settings(max_examples=60, deadline=None)
+@given(cells=CELLS, copies=st.integers(1, 300))
+def test_octree_gives_the_codes_back(cells, copies):
+    codes = np.sort(np.repeat(interleave(np.array(cells)), copies))
+    data = b"".join(encode_octree(codes, 8))
+    cursor = Cursor(np.frombuffer(data, np.uint8))
+    assert np.array_equal(decode_octree(cursor, 8, len(codes)), codes)
+    assert len(cursor.rest) == 0
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.binary(max_size=80), bits=st.integers(1, 16), splats=st.integers(1, 50))
+def test_any_bytes_as_an_octree_end(data, bits, splats):
+    try:
+        codes = decode_octree(Cursor(np.frombuffer(data, np.uint8)), bits, splats)
+    except ValueError:
+        return
+    assert len(codes) == splats
+    assert (np.diff(codes.astype(np.int64)) >= 0).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(values=st.lists(st.integers(-(2**31), 2**31 - 1), max_size=40))
+def test_integers_come_back(values):
+    raw = b"".join(split(np.array(values, dtype=np.int64), 4))
+    assert Cursor(np.frombuffer(raw, np.uint8)).integers(len(values), 4).tolist() == values
+
+
+def test_zigzag_as_described():
+    assert split(np.array([0, -1, 1, -2, 2, 300]), 2) == [bytes([0, 1, 2, 3, 4, 88]), bytes([0, 0, 0, 0, 0, 2])]
+    with pytest.raises(ValueError, match="fit"):
+        split(np.array([128]), 1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(parts=st.lists(st.binary(max_size=200), max_size=5))
+def test_deflate_is_one_stream_for_any_zlib(parts):
+    raw = b"".join(parts)
+    data = deflate(parts)
+    assert zlib.decompress(data, wbits=-15) == raw
+    assert inflate(data, len(raw)).tobytes() == raw
+
+
+def test_inflate_stops_at_the_promised_size():
+    bomb = deflate([bytes(50_000_000)])
+    assert len(bomb) < 100_000
+    for size in (10, 49_999_999, 50_000_001):
+        with pytest.raises(ValueError, match="decompress to"):
+            inflate(bomb, size)
+    with pytest.raises(ValueError, match="decompress"):
+        inflate(deflate([b"abc"])[:-3], 3)
+    with pytest.raises(ValueError, match="decompress"):
+        inflate(b"\xff" * 20, 3)
+
+
+def test_deinterleave_is_the_inverse():
+    cells = np.random.default_rng(0).integers(0, 1 << 21, (500, 3))
+    assert np.array_equal(deinterleave(interleave(cells)), cells)
+
+
+@pytest.mark.parametrize("side", [16, 48])
+def test_square_scan_is_a_z_curve_over_all_pixels(side):
+    scan = square_scan(side, side * side)
+    assert np.array_equal(np.sort(scan), np.arange(side * side))
+    rows, columns = np.divmod(scan, side)
+    assert [(int(r), int(c)) for r, c in zip(rows[:8], columns[:8], strict=True)] == [
+        (0, 0), (0, 1), (1, 0), (1, 1), (0, 2), (0, 3), (1, 2), (1, 3)
+    ]  # fmt: skip
+    block = (rows // 16) * side + columns // 16  # a codec's block holds splats that follow each other
+    assert (np.diff(block) != 0).sum() == (side // 16) ** 2 - 1

@@ -1,0 +1,94 @@
+"""Relocation: splats that share a place look like the one that stood there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from studio.cameras import Camera
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.training.relocate import Relocation, add_noise, grow, relocate_dead, shared_opacity_and_scale
+from studio.training.settings import LearningRates, TrainSettings
+from studio.training.splat_optimizer import SplatOptimizer
+
+CAMERA = Camera("a", 64, 64, np.array([[60.0, 0, 32], [0, 60.0, 32], [0, 0, 1]]), np.eye(4))
+
+
+def splats(opacities: list[float]) -> Gaussians:
+    count = len(opacities)
+    means = torch.stack([torch.linspace(-0.6, 0.6, count), torch.zeros(count), torch.full((count,), 2.0)], 1)
+    quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1)
+    return Gaussians(
+        means, quats, torch.full((count, 3), -1.6), torch.logit(torch.tensor(opacities)), torch.ones(count, 1, 3)
+    )
+
+
+# not so many copies that each falls under the alpha of 1/255 at which a splat is no longer drawn
+@pytest.mark.parametrize(("opacity", "copies"), [(0.2, 1), (0.2, 3), (0.6, 2), (0.6, 5), (0.95, 17)])
+def test_copies_at_one_place_draw_what_the_one_drew(copies: int, opacity: float) -> None:
+    one = splats([opacity])
+    new, factor = shared_opacity_and_scale(torch.tensor([opacity]), torch.tensor([copies]))
+    # N copies on top of each other let through what the one let through
+    assert float((1 - new) ** copies) == pytest.approx(1 - opacity, rel=1e-5)
+    many = one[torch.zeros(copies, dtype=torch.long)]
+    many = Gaussians(many.means, many.quats, many.log_scales + factor.log(), torch.logit(new).repeat(copies), many.sh)
+    before, after = rasterize(one, CAMERA).alpha, rasterize(many, CAMERA).alpha
+    # equation 9 keeps the integral along the middle row (one dimension), not each pixel
+    assert float(after[32].sum()) == pytest.approx(float(before[32].sum()), rel=0.05)
+    assert float(after.max()) == pytest.approx(float(before.max()), rel=0.02)
+
+
+def test_dead_splats_go_to_live_ones() -> None:
+    optimizer = SplatOptimizer(splats([0.001, 0.5, 0.002, 0.9, 0.001]), LearningRates(), 1.0)
+    places = optimizer.gaussians.means.detach().clone()
+    assert relocate_dead(optimizer, torch.Generator().manual_seed(0)) == 3
+    after = optimizer.gaussians.detach()
+    assert len(after) == 5
+    assert float(after.opacities.min()) > 0.005
+    live = places[[1, 3]]
+    distance = torch.cdist(after.means, live).amin(1)
+    assert float(distance.max()) == 0
+    assert relocate_dead(optimizer, torch.Generator()) == 0, "nobody is dead now"
+
+
+def test_growth_ends_at_the_budget_and_new_splats_train() -> None:
+    optimizer = SplatOptimizer(splats([0.5] * 100), LearningRates(), 1.0)
+    optimizer.gaussians.opacities.sum().backward()
+    optimizer.step()
+    generator = torch.Generator().manual_seed(1)
+    assert grow(optimizer, 1000, generator) == 5
+    assert grow(optimizer, 107, generator) == 2
+    assert grow(optimizer, 107, generator) == 0
+    assert len(optimizer) == 107
+    optimizer.gaussians.opacities.sum().backward()
+    optimizer.step()
+    assert torch.isfinite(optimizer.gaussians.logit_opacities).all()
+
+
+def test_noise_moves_only_what_is_nearly_transparent_and_along_its_own_shape() -> None:
+    start = splats([0.001, 0.9] * 50)
+    start.log_scales = torch.log(torch.tensor([0.5, 0.01, 0.01])).repeat(100, 1)
+    half = torch.tensor([0.5**0.5, 0.0, 0.0, 0.5**0.5])  # a quarter turn about z: the long axis points along y
+    start.quats = half.repeat(100, 1)
+    optimizer = SplatOptimizer(start, LearningRates(means=1e-6), 1.0)
+    add_noise(optimizer, 1.0, torch.Generator().manual_seed(2))
+    moved = (optimizer.gaussians.means.detach() - start.means).abs()
+    assert float(moved[1::2].max()) < 1e-6
+    spread = moved[::2].mean(0)
+    assert float(spread[1]) > 100 * float(spread[0])
+    assert float(spread[1]) > 0.01
+
+
+def test_schedule() -> None:
+    settings = TrainSettings(
+        density="mcmc", densify_from=1, densify_until=5, densify_every=2, densify_max_splats=200, mcmc_noise=0.0
+    )
+    optimizer = SplatOptimizer(splats([0.5] * 100), LearningRates(), 1.0)
+    control = Relocation(settings)
+    counts = []
+    for iteration in range(1, 8):
+        control.after_step(iteration, optimizer, torch.Generator().manual_seed(iteration))
+        counts.append(len(optimizer))
+    assert counts == [100, 105, 105, 110, 110, 110, 110]
