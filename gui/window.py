@@ -106,7 +106,7 @@ class MainWindow:
         self.timeline = TimelinePanel(self.player, em, changed)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen)
-        self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, self.workspace.cancel, changed)
+        self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, changed)
         self.inspector = InspectorPanel(em, changed)
         self._message = gui.Label("")
         self._message.background_color = colour(GROUND)
@@ -420,6 +420,7 @@ class MainWindow:
             "widgets": {
                 name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
                 for name, widget in widgets.items()
+                if widget.visible
             },
         }
 

@@ -112,7 +112,7 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
             version=program_version(),
         )
     )
-    _limit_threads(context.config.run.threads)
+    _limit_threads(context.threads)
     weights = {name: stage_named(name).weight for name in todo}
     reporter: StageReporter | None = None
     for position, name in enumerate(todo):
@@ -173,4 +173,4 @@ def _try_to_note_failure(context: Context, stage: str, message: str) -> None:
 def _limit_threads(threads: int) -> None:
     import torch
 
-    torch.set_num_threads(threads or len(os.sched_getaffinity(0)))
+    torch.set_num_threads(threads)

@@ -22,7 +22,6 @@ class StagesPanel:
         em: font size, pixels.
         select: called with a stage's key.
         run: called with a stage's key and whether to run it once more; "all" for all stages.
-        cancel: called to stop what runs.
         changed: called whenever something here was touched.
     """
 
@@ -32,11 +31,10 @@ class StagesPanel:
         em: float,
         select: Callable[[str], None],
         run: Callable[[str, bool], None],
-        cancel: Callable[[], None],
         changed: Callable[[], None],
     ) -> None:
         self._workspace, self._em = workspace, em
-        self._select, self._run, self._cancel, self._changed = select, run, cancel, changed
+        self._select, self._run, self._changed = select, run, changed
         self.selected = "review"
         self._drawn: object = None
         self.list = PictureWidget(self._on_mouse)
@@ -47,7 +45,10 @@ class StagesPanel:
         self.row.background_color = colour(PANEL)
         self._button("run", "Run", "Do what is needed until this stage is done", self._run_clicked)
         self._button("all", "Run all", "Bring every stage up to date", lambda: run("all", False))
-        self._button("cancel", "Cancel", "Stop; what is finished is kept, and a later run goes on from there", cancel)
+        words = "Halt the run where it stands; it keeps its memory and goes on when you resume it"
+        self._button("pause", "Pause", words, workspace.pause)
+        words = "Stop; what is finished is kept, and a later run goes on from there"
+        self._button("cancel", "Cancel", words, workspace.cancel)
         self.row.add_stretch()
         self.error = gui.Label("")
         self.error.text_color = colour(BAD)
@@ -167,14 +168,15 @@ class StagesPanel:
         if self.buttons["run"].text != text:
             self.buttons["run"].text = text
             changed = True
-        wanted = {
-            "run": there and not busy,
-            "all": there and not busy,
-            "cancel": busy and not self._workspace.cancelling,
-        }
-        for key, enabled in wanted.items():
-            if self.buttons[key].enabled != enabled:
-                self.buttons[key].enabled = enabled
+        text = "Resume" if self._workspace.paused else "Pause"
+        if self.buttons["pause"].text != text:
+            self.buttons["pause"].text = text
+            changed = True
+        stoppable = busy and not self._workspace.cancelling
+        for key, enabled in {"run": there, "all": there, "pause": stoppable, "cancel": stoppable}.items():
+            button, shown = self.buttons[key], busy == (key in ("pause", "cancel"))
+            if (button.enabled, button.visible) != (enabled, shown):
+                button.enabled, button.visible = enabled, shown
                 changed = True
         return changed
 

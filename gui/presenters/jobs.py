@@ -16,6 +16,8 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
+import psutil
+
 from pipelines.events import Event, RunFinished, parse_event
 from pipelines.take import Take
 from studio.errors import StudioError
@@ -97,7 +99,7 @@ class ChildProcess:
     def cancel(self) -> None:
         """Ask it to stop (SIGTERM); it does so within two seconds and keeps what is finished."""
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGTERM)
+            stop_process(self._process.pid)
 
 
 class Job(ChildProcess):
@@ -169,9 +171,28 @@ class LogFollower:
 
 
 def stop_process(pid: int) -> bool:
-    """SIGTERM to a run that was started elsewhere; False where it is gone or not ours."""
+    """SIGTERM to a run, which wakes it if it is paused; False where it is gone or not ours."""
     try:
         os.kill(pid, signal.SIGTERM)
     except OSError:
         return False
+    return pause_process(pid, False)
+
+
+def pause_process(pid: int, pause: bool) -> bool:
+    """Halt a run and its children where they stand, or let them go on; False where it is gone or not ours."""
+    try:
+        process = psutil.Process(pid)
+        for one in (process, *process.children(recursive=True)):
+            one.suspend() if pause else one.resume()
+    except psutil.Error:
+        return False
     return True
+
+
+def is_paused(pid: int) -> bool:
+    """Whether a process is halted, by `pause_process` or by Ctrl-Z in a terminal."""
+    try:
+        return bool(psutil.Process(pid).status() == psutil.STATUS_STOPPED)
+    except psutil.Error:
+        return False

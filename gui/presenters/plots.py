@@ -34,8 +34,7 @@ def curve(
     canvas: Canvas,
     area: tuple[float, float, float, float],
     title: str,
-    xs: Sequence[float],
-    ys: Sequence[float],
+    series: Sequence[tuple[Sequence[float], Sequence[float]]],
     colour: RGB,
     em: float,
     x_limits: tuple[float, float] = (0.0, 1.0),
@@ -46,6 +45,7 @@ def curve(
 
     Args:
         area: x, y, width, height in the canvas.
+        series: positions and values of each line.
         x_words: under the left and the right end of the axis.
     """
     x, y, width, height = area
@@ -55,13 +55,17 @@ def curve(
     left, top = x + 3.6 * em, y + 1.6 * em
     wide, high = width - 3.6 * em, height - 1.6 * em - 1.5 * size
     canvas.rect(left, top, wide, high, PANEL)
-    known = [(a, b) for a, b in zip(xs, ys, strict=True) if math.isfinite(a) and math.isfinite(b)]
+    lines = [
+        np.array([(a, b) for a, b in zip(xs, ys, strict=True) if math.isfinite(a) and math.isfinite(b)])
+        for xs, ys in series
+    ]
+    lines = [line for line in lines if len(line)]
     canvas.text(left, top + high + 3, x_words[0], size, FAINT)
     canvas.text(left + wide, top + high + 3, x_words[1], size, FAINT, align="right")
-    if not known:
+    if not lines:
         canvas.text(left + wide / 2, top + high / 2 - size / 2, "none in the last run", size, FAINT, align="middle")
         return
-    points = np.array(known)
+    points = np.concatenate(lines)
     low, high_value = float(points[:, 1].min()), float(points[:, 1].max())
     pad = 0.06 * (high_value - low) or 0.05 * abs(high_value) or 1.0
     low, high_value = low - pad, high_value + pad
@@ -70,11 +74,8 @@ def curve(
         canvas.rect(left, row, wide, 1, LINE)
         canvas.text(left - 6, row - 0.62 * size, number(tick), size, DIM, align="right")
     span = max(x_limits[1] - x_limits[0], 1e-12)
-    places = np.column_stack(
-        [
-            left + wide * (points[:, 0] - x_limits[0]) / span,
-            top + high * (1 - (points[:, 1] - low) / (high_value - low)),
-        ]
-    )
-    canvas.line(places, colour, 2)
-    canvas.dot(places[-1, 0], places[-1, 1], 3, colour)
+    for line in lines:
+        across = left + wide * (line[:, 0] - x_limits[0]) / span
+        down = top + high * (1 - (line[:, 1] - low) / (high_value - low))
+        canvas.line(np.column_stack([across, down]), colour, 2)
+        canvas.dot(across[-1], down[-1], 3, colour)

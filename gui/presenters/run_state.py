@@ -38,10 +38,7 @@ class Curve:
     values: list[float] = field(default_factory=list)
 
     def add(self, position: float, value: float) -> None:
-        """Append; a position before the last one starts the curve anew (training was run again)."""
-        if self.positions and position < self.positions[-1]:
-            self.positions.clear()
-            self.values.clear()
+        """Append."""
         self.positions.append(position)
         self.values.append(value)
         if len(self.positions) > CURVE_POINTS:
@@ -61,7 +58,7 @@ class RunState:
         outcome: "" while it runs, then "done", "failed" or "cancelled".
         message: what came with the outcome.
         lines: the log, newest last: (kind, text), kind one of "", "warning", "error".
-        curves: loss, psnr, splats over the training's progress.
+        curves: loss, psnr, splats over the training's progress, a curve a group: groups train side by side.
         previews: newest picture by camera.
         changes: grows with every event: who shows this knows when to look again.
     """
@@ -74,19 +71,26 @@ class RunState:
     outcome: str = ""
     message: str = ""
     lines: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
-    curves: dict[str, Curve] = field(default_factory=dict)
+    curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
     previews: dict[str, Preview] = field(default_factory=dict)
     frame_metrics: dict[int, dict[str, Any]] = field(default_factory=dict)
     pid: int = 0
     started: float = 0.0
     changes: int = 0
+    _trained: float = 0.0
     results: int = 0
     """Grows when something new stands in the take: a frame, a group, a stage."""
 
     def followed(self) -> RunState:
         """The state of the run after this one: empty, but for the training's curves and pictures, which a run that
         trains replaces."""
-        return RunState(curves=self.curves, previews=self.previews, changes=self.changes + 1, results=self.results + 1)
+        return RunState(
+            curves=self.curves,
+            previews=self.previews,
+            changes=self.changes + 1,
+            results=self.results + 1,
+            _trained=self._trained,
+        )
 
     def apply(self, event: Event) -> None:
         """Take in one event."""
@@ -153,10 +157,14 @@ class RunState:
         self._say(f"{event.stage}: {where if event.group is not None else 'all'}: {figures}")
 
     def _train_figures(self, event: Progress) -> None:
+        if event.fraction < self._trained:  # training was run again
+            self.curves.clear()
+        self._trained = event.fraction
         for name in ("loss", "psnr", "splats"):
             value = event.figures.get(name)
             if isinstance(value, int | float) and not isinstance(value, bool):
-                self.curves.setdefault(name, Curve()).add(event.fraction, float(value))
+                group = int(event.figures.get("group", 0))
+                self.curves.setdefault(name, {}).setdefault(group, Curve()).add(event.fraction, float(value))
 
     def stage_words(self) -> str:
         """ "42 %, 3 min 05 s left" of the stage that runs; "" where none does."""

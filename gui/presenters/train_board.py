@@ -37,7 +37,7 @@ class TrainBoard(Board):
         """What the run has told, and which frames are there."""
         run, take = self.workspace.run, self.workspace.take
         preview = max((event.time for event in run.previews.values()), default=0.0)
-        points = sum(len(values.positions) for values in run.curves.values())
+        points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         frames = len(trained_files(take)[0]) if take is not None else 0
         return (take, frames, preview, points, run.stage, run.outcome, self.em)
 
@@ -49,13 +49,13 @@ class TrainBoard(Board):
         each = (size[0] - 4 * em) / 3
         colours = (SECOND, ACCENT, SECOND)
         for number, ((name, title, form), colour) in enumerate(zip(CURVES, colours, strict=True)):
-            found = run.curves.get(name, Curve())
-            newest = form.format(found.values[-1]) if found.values else ""
+            lines = list(run.curves.get(name, {}).values())
+            last = max((line for line in lines if line.values), key=lambda line: line.positions[-1], default=None)
+            newest = form.format(last.values[-1]) if last is not None else ""
             area = (em + number * (each + em), 0.7 * em, each, share - em)
             short = title if each > 15 * em else title.split(" of ")[0]
-            xs, ys = list(found.positions), list(found.values)
-            count = min(len(xs), len(ys))  # the window's thread may be adding one
-            curve(canvas, area, short, xs[:count], ys[:count], colour, em, (0.0, 1.0), ("0 %", "100 %"), newest)
+            series = [snapshot(line) for line in lines]
+            curve(canvas, area, short, series, colour, em, (0.0, 1.0), ("0 %", "100 %"), newest)
         self._pictures(canvas, share)
         return canvas.pixels
 
@@ -127,6 +127,13 @@ class TrainBoard(Board):
         """What the training does now."""
         progress = self.workspace.run.progress
         return progress.label if progress is not None and progress.stage == "train" else ""
+
+
+def snapshot(line: Curve) -> tuple[list[float], list[float]]:
+    """Positions and values, as many of each; the window's thread may be adding one."""
+    xs, ys = list(line.positions), list(line.values)
+    count = min(len(xs), len(ys))
+    return xs[:count], ys[:count]
 
 
 def _kind(camera: str, held_out: tuple[str, ...]) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gui.presenters.jobs import Job, LogFollower, stop_process
+from gui.presenters.jobs import Job, LogFollower, is_paused, pause_process, stop_process
 from gui.presenters.run_state import RunState
 from gui.presenters.worker import LatestWorker
 from pipelines.assess import StageStatus
@@ -114,6 +114,7 @@ class Workspace:
         self.holder: dict[str, object] | None = None
         self.message = ""
         self.cancelling = False
+        self.paused = False
         self._follower: LogFollower | None = None
         self._next_look = 0.0
         self._next_assess = 0.0
@@ -150,7 +151,7 @@ class Workspace:
         """Take in what has happened; returns whether something changed that is shown."""
         if self.take is None:
             return False
-        before = (self.run.changes, self.assessment, self.holder, self.message, self.assessed)
+        before = self._shown()
         if self.job is not None:
             for event in self.job.poll():
                 self.run.apply(event)
@@ -169,11 +170,14 @@ class Workspace:
                 self.assessment = done.result
             else:
                 self.message = f"The take cannot be assessed: {done.error}"
-        return before != (self.run.changes, self.assessment, self.holder, self.message, self.assessed)
+        return before != self._shown()
+
+    def _shown(self) -> tuple[object, ...]:
+        return self.run.changes, self.assessment, self.holder, self.message, self.assessed, self.paused
 
     def _job_over(self) -> None:
         assert self.take is not None
-        self.job, self.cancelling = None, False
+        self.job, self.cancelling, self.paused = None, False, False
         self._follower = LogFollower(self.take.log)
         self._follower.poll()  # what the job told is known already
         self.holder = None
@@ -183,6 +187,7 @@ class Workspace:
         """Has anything changed on disk?"""
         assert self.take is not None
         assert self._follower is not None
+        self.paused = self.pid is not None and is_paused(self.pid)
         if self.job is None:
             anew, events = self._follower.poll()
             if anew and events:
@@ -235,7 +240,7 @@ class Workspace:
         name = pipeline_name(key)
         if self.busy:
             if self.run.stage == name:
-                words = "stopping" if self.cancelling else self.run.stage_words()
+                words = "stopping" if self.cancelling else "paused" if self.paused else self.run.stage_words()
                 return StageRow(key, "running", words, "", self.run.progress.fraction if self.run.progress else 0.0)
             if name in self.run.planned and name not in self.run.finished and name not in self.run.failed:
                 return StageRow(key, "waiting", "waiting")
@@ -295,11 +300,29 @@ class Workspace:
             self.job.cancel()
             self.cancelling = True
         elif self.holder is not None:
-            pid = self.holder.get("pid")
-            if isinstance(pid, int) and stop_process(pid):
+            pid = self.pid
+            if pid is not None and stop_process(pid):
                 self.cancelling = True
             else:
                 self.message = f"The run (process {pid}) could not be stopped from here; stop it where it was started."
+
+    def pause(self) -> None:
+        """Halt the run, whoever started it, or let it go on if it is halted. It keeps its memory; a machine that is
+        switched off meanwhile costs what is not finished."""
+        pid = self.pid
+        if pid is None:
+            return
+        if not pause_process(pid, not self.paused):
+            self.message = f"The run (process {pid}) could not be paused from here; do it where it was started."
+        self.paused = is_paused(pid)
+
+    @property
+    def pid(self) -> int | None:
+        """Process of the run that works on the take; None where none does."""
+        if self.job is not None:
+            return self.job.pid
+        pid = self.holder.get("pid") if self.holder is not None else None
+        return pid if isinstance(pid, int) else None
 
     def change_setting(self, name: str, value: Any) -> str:
         """Write a setting into the take's config.yaml; returns "" or what is wrong with it."""

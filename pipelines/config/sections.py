@@ -366,6 +366,9 @@ class TrainSection(Section):
     motion_iterations: int = Field(default=500, ge=0)
     """Steps of the motion network a frame. The paper takes 500."""
 
+    motion_first_iterations: int | None = Field(default=None, ge=0)
+    """Steps of it for the frame after each keyframe, which has no velocity to start from; null: as the others."""
+
     motion_learning_rate: float = Field(default=1e-3, gt=0)
     """Adam, network weights; the hash grid takes ten times that."""
 
@@ -500,6 +503,10 @@ class RunSection(Section):
 
     threads: int = Field(default=0, ge=0, le=1024)
     """CPU threads; 0 takes all cores."""
+
+    groups_at_once: int | None = Field(default=None, ge=1, le=64)
+    """Groups that are trained side by side, sharing the CPU threads; null: on a CPU as many as there are threads and
+    memory for, 8 at most; on a GPU one."""
 
     preview_seconds: float = Field(default=20.0, ge=0)
     """Least time between two preview pictures while training; 0 draws none."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from pipelines.cancel import Cancellation
 from pipelines.config import Config
-from pipelines.events import Emit, Log, Metrics, Preview, Progress, Warned
+from pipelines.events import Emit, Event, Log, Metrics, Preview, Progress, Warned
 from pipelines.files import digest_of
 from pipelines.groups import Group, cut_into_groups
 from pipelines.take import Take
@@ -77,6 +79,11 @@ class Context:
         """The take's frames, cut into groups."""
         return cut_into_groups(self.raw_footage.frames, self.config.train.group_size)
 
+    @property
+    def threads(self) -> int:
+        """CPU threads that the run may use."""
+        return self.config.run.threads or len(os.sched_getaffinity(0))
+
     @cached_property
     def device(self) -> str:
         """Where training and drawing run: "cpu", "cuda" or "cuda:1"."""
@@ -92,6 +99,7 @@ class Context:
 @dataclass
 class StageReporter:
     """How a stage talks: progress with time left, figures, pictures, warnings. Checks for cancellation each time.
+    Thread safe.
 
     Attributes:
         stage: its name.
@@ -112,16 +120,19 @@ class StageReporter:
         self._began = self._clock = time.monotonic()
         self._last = -_LEAST_PAUSE
         self._fraction = 0.0
-        self._figures: dict[str, Any] = {}
+        self._lock = threading.Lock()
 
     def progress(self, fraction: float, label: str = "", **figures: Any) -> None:
-        """Tell how far the stage is, 0 to 1. Figures given once are kept until they are given again.
+        """Tell how far the stage is, 0 to 1. Calls that follow each other quickly are not passed on.
 
         Raises:
             Cancelled: the run was asked to stop.
         """
         self.context.cancellation.check()
-        self._figures.update(figures)
+        with self._lock:
+            self._progress(fraction, label, figures)
+
+    def _progress(self, fraction: float, label: str, figures: dict[str, Any]) -> None:
         # estimates of what is left may grow; what is behind stays behind
         fraction = self._fraction = max(self._fraction, fraction)
         now = time.monotonic()
@@ -142,17 +153,13 @@ class StageReporter:
                 seconds_left=left,
                 total_seconds_left=total_left,
                 label=label,
-                figures=dict(self._figures),
+                figures=figures,
             )
         )
 
     def start_clock(self) -> None:
         """What went before (checks, warming up) says nothing about how long the rest takes."""
         self._clock = time.monotonic()
-
-    def forget_figures(self) -> None:
-        """Figures told so far are of something that is finished (a frame)."""
-        self._figures.clear()
 
     def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
         """A callback for library functions that fills the stretch from `start` to `stop` of this stage."""
@@ -163,21 +170,25 @@ class StageReporter:
 
         return tell
 
+    def _emit(self, event: Event) -> None:
+        with self._lock:
+            self.context.emit(event)
+
     def metrics(self, values: dict[str, Any], group: int | None = None, frame: int | None = None) -> None:
         """Figures that are final for a frame, a group or the stage."""
-        self.context.emit(Metrics(stage=self.stage, values=values, group=group, frame=frame))
+        self._emit(Metrics(stage=self.stage, values=values, group=group, frame=frame))
 
     def preview(self, path: Path, caption: str, **where: Any) -> None:
         """A picture that now stands at `path`; `where` as in `Preview`."""
-        self.context.emit(Preview(stage=self.stage, path=str(path), caption=caption, **where))
+        self._emit(Preview(stage=self.stage, path=str(path), caption=caption, **where))
 
     def log(self, message: str) -> None:
         """A line for those who want to know more."""
-        self.context.emit(Log(stage=self.stage, message=message))
+        self._emit(Log(stage=self.stage, message=message))
 
     def warn(self, message: str) -> None:
         """Something the user should look at."""
-        self.context.emit(Warned(stage=self.stage, message=message))
+        self._emit(Warned(stage=self.stage, message=message))
 
 
 def _seconds_left(elapsed: float, fraction: float) -> float | None:

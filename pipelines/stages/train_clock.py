@@ -24,25 +24,26 @@ class TrainClock:
             False: settings.motion_iterations + settings.finetune_iterations,
         }
         self._seconds: dict[bool, list[float]] = {True: [], False: []}
-        self._current: bool | None = None
+        self._current: dict[int, tuple[bool, float]] = {}
 
-    def start(self, group: Group, position: int) -> None:
-        """Frame `position` of the group begins."""
-        self._current = position == 0
+    def reached(self, group: Group, position: int, share: float) -> None:
+        """`share` of the group's frame `position` is done."""
+        self._current[group.index] = (position == 0, share)
 
     def finished(self, group: Group, position: int, seconds: float) -> None:
         """Frame `position` of the group took that long."""
         kind = position == 0
         self._seconds[kind].append(seconds)
         self._left[kind] -= 1
-        self._current = None
+        self._current.pop(group.index, None)
 
-    def fraction(self, share: float) -> float:
-        """0 to 1, when `share` of the current frame is done."""
+    @property
+    def fraction(self) -> float:
+        """0 to 1."""
         behind = sum(len(self._seconds[kind]) * self._weight(kind) for kind in (True, False))
         ahead = sum(self._left[kind] * self._weight(kind) for kind in (True, False))
-        if self._current is not None:
-            part = share * self._weight(self._current)
+        for kind, share in self._current.values():
+            part = share * self._weight(kind)
             behind, ahead = behind + part, ahead - part
         return min(1.0, behind / (behind + ahead)) if behind + ahead > 0 else 1.0
 

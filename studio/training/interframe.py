@@ -43,9 +43,9 @@ class InterframeResult:
     motion: dict[str, Tensor]
 
 
-def interframe_steps(settings: TrainSettings) -> int:
-    """Training steps of one frame after the keyframe."""
-    return settings.motion_iterations + settings.finetune_iterations
+def interframe_steps(settings: TrainSettings, first: bool = False) -> int:
+    """Training steps of one frame after the keyframe; `first`: the one right after it."""
+    return settings.motion_steps(first) + settings.finetune_iterations
 
 
 def train_interframe(
@@ -65,7 +65,8 @@ def train_interframe(
         previous: splats of frame t-1, as trained.
         views: training cameras at frame t.
         settings: see `TrainSettings`.
-        before_previous: splats of frame t-2 of the same group; used when `settings.motion_velocity` is on.
+        before_previous: splats of frame t-2 of the same group, None where t-1 is the keyframe; the velocity is taken
+            from them when `settings.motion_velocity` is on.
         warm_start: `InterframeResult.motion` of frame t-1; used when `settings.motion_warm_start` is on.
         seed: the same seed and input give the same splats.
         progress: told steps done and total, with `phase` ("motion" or "fine-tune"), `loss`, `psnr` and `splats`.
@@ -76,7 +77,8 @@ def train_interframe(
         Cancelled: from `progress`.
     """
     generator = torch.Generator().manual_seed(seed)
-    steps = interframe_steps(settings)
+    first = before_previous is None
+    motion_steps, steps = settings.motion_steps(first), interframe_steps(settings, first)
 
     def tell(step: int, what: str) -> ProgressFn:
         def inner(done: int, total: int, **figures: Any) -> None:
@@ -90,10 +92,15 @@ def train_interframe(
     else:
         warm_start = None
     warped, motion = _move(
-        previous, before_previous, warm_start, views, settings, generator, tell(0, "motion"), snapshot
+        previous, before_previous, warm_start, views, settings, motion_steps, generator, tell(0, "motion"), snapshot
     )
+
+    def snapshot_after_motion(step: int, gaussians: Gaussians) -> None:
+        if snapshot is not None:
+            snapshot(motion_steps + step, gaussians)
+
     tuned = _fine_tune(
-        previous, warped, views, settings, generator, tell(settings.motion_iterations, "fine-tune"), snapshot
+        previous, warped, views, settings, generator, tell(motion_steps, "fine-tune"), snapshot_after_motion
     )
     return InterframeResult(tuned, warped, motion)
 
@@ -104,6 +111,7 @@ def _move(
     warm_start: dict[str, Tensor] | None,
     views: Sequence[TrainView],
     settings: TrainSettings,
+    iterations: int,
     generator: torch.Generator,
     progress: ProgressFn,
     snapshot: SnapshotFn | None,
@@ -115,14 +123,14 @@ def _move(
     start = previous.means
     if settings.motion_velocity and before_previous is not None:
         start = 2 * previous.means - before_previous.means
-    if settings.motion_iterations == 0:
+    if iterations == 0:
         return replace(previous, means=start.clone()), {}
     low, high = performer_box(previous.means)
     field = MotionField(low, high, settings, generator).to(start.device)
     if warm_start is not None:
         field.load_weights(warm_start)
     optimizer = field.optimizer(settings.motion_learning_rate)
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step / settings.motion_iterations))
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step / iterations))
     corners = field.corners(previous.means)
     stepper = Stepper(views, settings, generator)
     near = neighbours(previous.means, settings.motion_neighbours) if settings.motion_neighbours else None
@@ -133,7 +141,7 @@ def _move(
         return multiply(local_rotations(previous.means, means.detach(), near), previous.quats)
 
     quats = turned(start)
-    for iteration in range(1, settings.motion_iterations + 1):
+    for iteration in range(1, iterations + 1):
         moved = replace(previous, means=start + field(corners), quats=quats)
         if iteration % _TURN_EVERY == 0:
             quats = turned(moved.means)
@@ -164,7 +172,7 @@ def _fine_tune(
     settings: TrainSettings,
     generator: torch.Generator,
     progress: ProgressFn,
-    snapshot: SnapshotFn | None,
+    snapshot: SnapshotFn,
 ) -> Gaussians:
     """Stage 2, equation 13: the other attributes learn, held to frame t-1 by entropy and temporal losses."""
     extent = scene_extent(torch.stack(performer_box(warped.means)))
@@ -201,8 +209,8 @@ def _fine_tune(
         entropy_adam.step()
         entropy_adam.zero_grad(set_to_none=True)
         _report(iteration, step, len(previous), "Fine-tuning", progress, **figures)
-        if snapshot is not None and iteration % settings.snapshot_every == 0:
-            snapshot(settings.motion_iterations + iteration, optimizer.gaussians.detach())
+        if iteration % settings.snapshot_every == 0:
+            snapshot(iteration, optimizer.gaussians.detach())
     return optimizer.gaussians.clone()
 
 

@@ -61,6 +61,8 @@ class TrainSettings:
         max_splats: cap after pruning.
         prune_finetune_iterations: steps after each pruning round, without densification.
         motion_iterations: steps of the motion network a frame (section 5: 500).
+        motion_first_iterations: steps of it for the frame after the keyframe, which has no velocity to start from;
+            None: as many as the others.
         motion_learning_rate: Adam, MLP weights; the hash table takes ten times that.
         motion_views: cameras that each step of the motion network looks at; drawing is cheap beside the network, and
             several views make each step surer.
@@ -107,6 +109,7 @@ class TrainSettings:
     max_splats: int = 100_000
     prune_finetune_iterations: int = 2_000
     motion_iterations: int = 500
+    motion_first_iterations: int | None = None
     motion_learning_rate: float = 1e-3
     motion_views: int = 4
     motion_velocity: bool = True
@@ -129,6 +132,12 @@ class TrainSettings:
     snapshot_every: int = 500
     checkpoint_every: int = 500
 
+    def motion_steps(self, first: bool) -> int:
+        """Steps of the motion network for a frame; `first`: no frame of its group but the keyframe is before it."""
+        if first and self.motion_first_iterations is not None:
+            return self.motion_first_iterations
+        return self.motion_iterations
+
     def __post_init__(self) -> None:
         """Raises StudioError on values that no training could use."""
         if self.sh_degree not in (0, 1, 2, 3):
@@ -146,9 +155,9 @@ class TrainSettings:
 
 
 AFTER_KEYFRAME = (
-    "motion_iterations", "motion_learning_rate", "motion_views", "motion_velocity", "motion_warm_start",
-    "motion_neighbours", "hash_levels", "hash_features", "hash_log2_size", "hash_base_resolution", "hash_growth",
-    "mlp_width", "mlp_layers", "finetune_iterations", "finetune_means", "entropy_weight", "temporal_weight",
-    "temporal_huber", "simulate_quantisation", "rates.means_finetune",
+    "motion_iterations", "motion_first_iterations", "motion_learning_rate", "motion_views", "motion_velocity",
+    "motion_warm_start", "motion_neighbours", "hash_levels", "hash_features", "hash_log2_size",
+    "hash_base_resolution", "hash_growth", "mlp_width", "mlp_layers", "finetune_iterations", "finetune_means",
+    "entropy_weight", "temporal_weight", "temporal_huber", "simulate_quantisation", "rates.means_finetune",
 )  # fmt: skip
 """Settings that only the frames after the keyframe are trained by: changing them leaves keyframes as they are."""

@@ -208,7 +208,9 @@ class RunningWindow:
         """Click a stage in the list."""
         names = ["capture", "calibrate", "initialise", "train", "bake", "review"]
         self.click("stages", 0.3, (names.index(name) + 0.5) / len(names))
-        self.wait_for(name, lambda s: s["stage"] == name and s["settled"])
+        at = self.wait_for(name, lambda s: s["stage"] == name)["pictures"]
+        # while it plays there is always another picture to make
+        self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)
         time.sleep(0.8)  # what stands below the list may move
 
     def menu(self, title: str, row: int, separators: int = 0) -> None:

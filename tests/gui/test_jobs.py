@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from gui.presenters.jobs import Job, LogFollower
@@ -30,8 +31,10 @@ def test_a_run_told_by_its_events() -> None:
     run.apply(progress(0.25, loss=0.5, psnr=20.0, splats=100))
     assert (run.stage, run.stage_words()) == ("train", "25 %, 1 min 30 s left")
     run.apply(progress(0.5, loss=0.4, psnr=21.0, splats=120))
-    assert run.curves["loss"].positions == [0.25, 0.5]
-    assert run.curves["splats"].values == [100.0, 120.0]
+    run.apply(progress(0.6, loss=0.9, psnr=15.0, splats=80, group=1))
+    assert run.curves["loss"][0].positions == [0.25, 0.5]
+    assert run.curves["splats"][0].values == [100.0, 120.0]
+    assert run.curves["loss"][1].values == [0.9], "groups that train side by side have curves of their own"
     before = run.results
     run.apply(Metrics(stage="train", values={"splats": 120}, group=0, frame=3))
     run.apply(StageFinished(stage="train", seconds=2.0))
@@ -44,18 +47,19 @@ def test_a_run_told_by_its_events() -> None:
     assert sum("disk is full" in text for _, text in run.lines) == 1, "said once"
     following = run.followed()
     assert following.outcome == ""
-    assert following.curves["psnr"].values == [20.0, 21.0]
+    assert following.curves["psnr"][0].values == [20.0, 21.0]
+    following.apply(progress(0.1, loss=0.7))
+    assert following.curves["loss"][0].values == [0.7], "another training begins anew"
+    assert "psnr" not in following.curves
 
 
-def test_curves_stay_small_and_begin_anew_with_another_training() -> None:
+def test_curves_stay_small() -> None:
     curve = Curve()
     for number in range(3 * CURVE_POINTS):
         curve.add(number / (3 * CURVE_POINTS), float(number))
     assert len(curve.positions) == len(curve.values) <= CURVE_POINTS
     assert curve.positions == sorted(curve.positions)
     assert curve.values[-1] == 3 * CURVE_POINTS - 1
-    curve.add(0.1, 5.0)
-    assert curve.values == [5.0]
 
 
 def job_of(code: str, take: Take) -> Job:
@@ -187,7 +191,19 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         wait(workspace, "seen to train", lambda: states(workspace)["train"] == "running" and bool(workspace.run.curves))
         assert workspace.job is None
         assert workspace.busy
-        workspace.cancel()
+        workspace.pause()
+        assert (workspace.paused, workspace.row("train").words) == (True, "paused")
+        time.sleep(0.3)  # what it had written is read
+        workspace.poll()
+        halted = psutil.Process(terminal.pid).cpu_times()
+        time.sleep(0.5)
+        assert psutil.Process(terminal.pid).cpu_times() == halted
+        workspace.pause()
+        assert not workspace.paused
+        steps = workspace.run.changes
+        wait(workspace, "going on", lambda: workspace.run.changes > steps)
+        workspace.pause()
+        workspace.cancel()  # a run that is paused stops as well
         assert terminal.wait(10) == 130
     finally:
         terminal.kill()

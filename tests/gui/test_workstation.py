@@ -191,7 +191,7 @@ def test_broken_takes_are_sentences(open_window: Callable, finished_project: Pat
         if said:
             window.wait_for(f"{damage.__name__}: {said}", lambda s, said=said: said in s["message"])
         else:
-            window.wait_for(damage.__name__, lambda s: s["shown"] is not None and s["settled"])
+            window.wait_for(damage.__name__, lambda s: s["shown"] is not None and (s["playing"] or s["settled"]))
         for stage in ("train", "bake", "calibrate", "review"):
             window.stage(stage)
         assert window.process.poll() is None

@@ -110,6 +110,26 @@ def test_velocity_starts_from_the_last_motion(after: list[TrainView]) -> None:
     assert torch.allclose(moved, previous.means + SHIFT, atol=1e-6)
 
 
+def test_the_frame_after_the_keyframe_has_steps_of_its_own(after: list[TrainView]) -> None:
+    settings = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 3, "motion_first_iterations": 9})
+
+    def phases(older: Gaussians | None) -> tuple[int, int]:
+        seen: list[object] = []
+        train_interframe(
+            ball(torch.zeros(3)),
+            after,
+            settings,
+            before_previous=older,
+            progress=lambda done, total, **figures: seen.append((figures["phase"], total)),
+        )
+        totals = {total for _, total in seen}  # type: ignore[misc]
+        assert totals == {len(seen)}
+        return sum(phase == "motion" for phase, _ in seen), len(seen)  # type: ignore[misc]
+
+    assert phases(None) == (9, 9 + settings.finetune_iterations)
+    assert phases(ball(-SHIFT)) == (3, 3 + settings.finetune_iterations)
+
+
 def test_temporal_and_entropy_losses_hold_attributes_still(after: list[TrainView]) -> None:
     truth = ball(torch.zeros(3))
     free = train_interframe(

@@ -1,0 +1,133 @@
+"""How smoothly the window plays: pictures a second while the view turns, decoded from disk.
+
+    python benchmarks/playback_window.py TAKE [--splats 60000] [--seconds 10]
+
+Bakes the take's trained frames, enlarged to so many splats, into a temporary stream (a stream's folder is played as it
+is), opens the real window on it and turns the view at each tick. Nothing is kept from one round of the stream to the
+next, so every frame is decoded. Needs a display: `xvfb-run -s "-screen 0 1400x900x24"` where there is none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from gui.app import check_display
+from studio.errors import StudioError
+
+TURN = 6.0
+"""Pixels of an orbiting drag at each tick."""
+
+
+def bake(take: Path, splats: int, folder: Path) -> None:
+    """The take's first groups, enlarged, as a stream of 30 frames a second."""
+    from rate_distortion import enlarged
+
+    from pipelines.frame_files import read_frame
+    from pipelines.take import Take
+    from studio.stream import BakeSettings, bake_group, write_manifest
+
+    opened = Take.open(take)
+    settings, entries, first = BakeSettings(), [], 0
+    while opened.train_group(len(entries)).is_dir() and len(entries) < 3:
+        group = len(entries)
+        files = sorted(opened.train_group(group).glob("frame_*.safetensors"))
+        frames = enlarged([read_frame(file) for file in files], splats)
+        entries.append(bake_group(frames, folder, group, first, settings))
+        first += len(frames)
+    if not entries:
+        raise StudioError(f"{take}: nothing is trained in this take.")
+    write_manifest(folder, entries, 30.0, settings, {})
+
+
+def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> None:
+    """Open the window, play and turn, and print the rates."""
+    from open3d.visualization import gui
+
+    from gui.presenters.sources import FrameCache, StreamSource
+    from gui.window import MainWindow
+
+    application = gui.Application.instance
+    application.initialize()
+    window = MainWindow(size, None, device, device.endswith("(software)"))
+    window.open(str(place))
+    until = time.monotonic() + 60
+    while window.player.picture is None:
+        application.run_one_tick()
+        if time.monotonic() > until:
+            raise StudioError(f"No picture after a minute: {window.player.message}")
+    player = window.player
+    source = player.opened.sources["decoded"] if player.opened else None
+    assert isinstance(source, StreamSource)
+    source._cache = FrameCache(0)  # keeps the few frames ahead only
+    player.transport.play()
+    frames: list[int] = []
+    draws: list[float] = []
+    loads: list[float] = []
+    ticks: list[float] = []
+    shown = player.picture
+    pictures = window._pictures
+    window._drawn_times.clear()
+    cpu, start = time.process_time(), time.monotonic()
+    last = start
+    while time.monotonic() < start + seconds:
+        player.drag_orbit(TURN, 0.0)
+        application.run_one_tick()
+        now = time.monotonic()
+        ticks.append(now - last)
+        last = now
+        if player.picture is not shown and player.picture is not None:
+            shown = player.picture
+            frames.append(shown.frame)
+            draws.append(shown.draw_seconds)
+            loads.append(source.load_ms(shown.frame) or np.nan)
+    elapsed, cpu = time.monotonic() - start, time.process_time() - cpu
+    count = source.frame_count
+    steps = np.diff(frames) % count
+    backwards = int((steps > count // 2).sum())
+    made = window._pictures - pictures
+    print(f"{device}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; {shown.splats:,} splats, {count} frames,")
+    print(f"  picture {player.size[0]}x{player.size[1]} in a window of {size[0]}x{size[1]}, turning at each tick")
+    print(f"  handed over {made / elapsed:.1f} pictures/s; {backwards} of {len(steps)} steps between frames backwards")
+    drawn = len(window._drawn_times)
+    print(f"  window drawn {drawn / elapsed:.1f} times/s (at most the last {window._drawn_times.maxlen} are counted)")
+    print(f"  decode {np.nanmedian(loads):.1f} ms, draw {1e3 * np.median(draws):.1f} ms (medians, by the clock)")
+    print(f"  CPU {cpu / elapsed:.2f} cores, {1e3 * cpu / max(made, 1):.0f} ms a picture; longest tick "
+          f"{1e3 * max(ticks):.0f} ms, 95 % below {1e3 * np.percentile(ticks, 95):.0f} ms")  # fmt: skip
+    window.close()
+    while application.run_one_tick():
+        pass
+    window.closed()
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("path", type=Path, metavar="TAKE|STREAM")
+    parser.add_argument("--splats", type=int, default=60_000, help="of a take's enlarged frames (default %(default)s)")
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--size", default="1280x800", metavar="WxH")
+    options = parser.parse_args()
+    width, _, height = options.size.partition("x")
+    try:
+        device = check_display()
+        with tempfile.TemporaryDirectory() as folder:
+            place = options.path
+            if (place / "take.json").is_file():
+                place = Path(folder) / "stream"
+                bake(options.path, options.splats, place)
+            play(place, options.seconds, (int(width), int(height)), device)
+    except StudioError as error:
+        print(f"playback_window: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
