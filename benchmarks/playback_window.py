@@ -90,7 +90,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     elapsed, cpu = time.monotonic() - start, time.process_time() - cpu
     count = source.frame_count
     steps = np.diff(frames) % count
-    backwards = int((steps > count // 2).sum())
+    backwards = int((steps > count - 6).sum())
     made = window._pictures - pictures
     print(f"{device}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; {shown.splats:,} splats, {count} frames,")
     print(f"  picture {player.size[0]}x{player.size[1]} in a window of {size[0]}x{size[1]}, turning at each tick")

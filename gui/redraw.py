@@ -19,7 +19,7 @@ class Redraws:
 
     def __init__(self, now: Callable[[], float] = time.monotonic, pause: float = 0.0) -> None:
         self._now = now
-        self._pause = pause
+        self.pause = pause
         self._times: list[float] = []
         self._last = -float("inf")
 
@@ -30,11 +30,16 @@ class Redraws:
         first = min(start, *self._times[:1]) if self._times else start
         self._times = [first, *(start + delay for delay in AGAIN_SECONDS)]
 
+    @property
+    def pausing(self) -> bool:
+        """Whether the last drawing was so recent that there is none now."""
+        return self._now() < self._last + self.pause
+
     def due(self) -> bool:
         """Whether to draw now; call at each tick."""
-        now = self._now()
-        if now < self._last + self._pause:
+        if self.pausing:
             return False
+        now = self._now()
         waiting = [moment for moment in self._times if moment > now]
         due = len(waiting) < len(self._times)
         self._times = waiting

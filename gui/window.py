@@ -38,8 +38,9 @@ from studio.gaussians import Gaussians
 CLOSE_WAIT = 0.4
 """Seconds to wait whether a request to close was Escape."""
 
-SOFTWARE_PAUSE = 1 / 10
-"""Least seconds between two drawings of the window where the processor draws it: it then has time for the pictures."""
+SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
+"""Least seconds between two drawings of the window where the processor draws it, which takes 90 ms of a core: it then
+has time for the pictures. The longer one holds while they fall behind the rate at which the stream plays."""
 
 Loaded = tuple[Opened, Gaussians | None] | str
 
@@ -71,7 +72,8 @@ class MainWindow:
         self.opening = ""
         self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
         self._evaluation_of: object = None
-        self._redraws = Redraws(pause=SOFTWARE_PAUSE if software else 0.0)
+        self._software = software
+        self._redraws = Redraws()
         self._log: TextIO | None = log.open("a", encoding="utf-8") if log else None
         self._logged: dict[str, Any] = {}
         self._pictures = 0
@@ -97,11 +99,10 @@ class MainWindow:
 
     def _build(self) -> None:
         em, changed = self.em, self.changed
-        self._ground = gui.Vert()  # lies under all others: without it what they leave free stays black
-        self._ground.background_color = colour(GROUND)
-        self._left, self._bottom = gui.Vert(), gui.Vert()
-        for side in (self._left, self._bottom):
-            side.background_color = colour(PANEL)
+        # What the panels leave free. One ground under everything would cost a software driver 30 ms a drawing.
+        self._fills = [gui.Vert() for _ in range(7)]
+        for number, fill in enumerate(self._fills):
+            fill.background_color = colour(GROUND if number < 3 else PANEL)
         self.viewport = Viewport(lambda: self.views, changed)
         self.timeline = TimelinePanel(self.player, em, changed)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
@@ -115,9 +116,7 @@ class MainWindow:
         self._status.text_color = colour(DIM)
         self._status.background_color = colour(PANEL)
         for widget in (
-            self._ground,
-            self._left,
-            self._bottom,
+            *self._fills,
             self.viewport.picture.widget,
             *self.modes.rows.values(),
             self.timeline.picture.widget,
@@ -218,7 +217,7 @@ class MainWindow:
         """The viewport alone, or with all panels."""
         self.fullscreen = on
         self.window.show_menu(not on)
-        for widget in (self._left, self._bottom, self._status, self.controls.widget, self.timeline.picture.widget,
+        for widget in (*self._fills, self._status, self.controls.widget, self.timeline.picture.widget,
                        *self.inspector.widgets, *self.stages.widgets):  # fmt: skip
             widget.visible = not on
         if on:
@@ -276,15 +275,18 @@ class MainWindow:
             self.viewport.show(pixels)
             self._pictures += 1
             changed = True
-        changed |= self.timeline.update()
-        if not self.fullscreen:
-            changed |= self._update_panels()
+        if not self._redraws.pausing:  # nobody sees what changes between two drawings
+            changed |= self.timeline.update()
+            if not self.fullscreen:
+                changed |= self._update_panels()
         message = self.workspace.message or self.views.message
         changed |= self._set_text(self._message, message)
         self._message.visible = bool(message)  # even an empty label keeps the mouse from the viewport
         if changed:
             self.changed()
         self._write_log()
+        if self._software:
+            self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
         due = self._redraws.due()
         if due:
             self._drawn_times.append(time.monotonic())
@@ -339,7 +341,6 @@ class MainWindow:
 
     def _on_layout(self, context: gui.LayoutContext) -> None:
         area, em = self.window.content_rect, self.em
-        self._ground.frame = area
         x, y, width, height = area.x, area.y, area.width, area.height
         if self.fullscreen:
             self.viewport.picture.place(x, y, width, height)
@@ -348,22 +349,33 @@ class MainWindow:
         left, right = min(round(18 * em), width // 3), min(round(17 * em), width // 4)
         bottom_height = round(11.2 * em)
         bottom = y + height - bottom_height
-        self._left.frame = gui.Rect(x, y, left, height)
         self.stages.place(x, y, left, height, context)
-        inner = x + left + round(0.3 * em)
-        inner_width = width - left - round(0.3 * em)
-        self._bottom.frame = gui.Rect(inner, bottom, inner_width, bottom_height)
+        gap = round(0.3 * em)
+        inner = x + left + gap
+        inner_width = width - left - gap
         pad = round(0.5 * em)
         self._status.frame = gui.Rect(inner + pad, y + height - round(1.5 * em), inner_width - 2 * pad, round(1.4 * em))
         self.controls.widget.frame = gui.Rect(
             inner + pad, y + height - round(3.4 * em), inner_width - 2 * pad, round(1.8 * em)
         )
         self.timeline.picture.place(inner + pad, bottom + pad, inner_width - 2 * pad, bottom_height - 3.6 * em - pad)
-        view_width = inner_width - right - round(0.3 * em)
+        view_width = inner_width - right - gap
         row = round(2.0 * em)
         self.modes.place(inner + pad, y + 0.25 * em, view_width - pad, 1.5 * em)
         self.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
-        self.inspector.place(inner + view_width + round(0.3 * em), y, right, bottom - y)
+        self.inspector.place(inner + view_width + gap, y, right, bottom - y)
+        below = bottom + bottom_height - round(3.6 * em)
+        frames = (
+            (x + left, y, gap, height),
+            (inner, y, view_width, row),
+            (inner + view_width, y, gap, bottom - y),
+            (inner, bottom, inner_width, pad),
+            (inner, bottom + pad, pad, below - bottom - pad),
+            (inner + inner_width - pad, bottom + pad, pad, below - bottom - pad),
+            (inner, below, inner_width, y + height - below),
+        )
+        for fill, frame in zip(self._fills, frames, strict=True):
+            fill.frame = gui.Rect(*frame)
         self._place_message(context, inner, y + row, view_width, bottom - y - row)
 
     def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:

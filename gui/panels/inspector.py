@@ -45,7 +45,7 @@ class InspectorPanel:
     def place(self, x: float, y: float, width: float, height: float) -> None:
         """Take this rectangle of the window (pixels)."""
         share = round(0.72 * height)
-        self.figures.place(x, y, width, share - 4)
+        self.figures.place(x, y, width, share)
         self.log.place(x, y + share, width, height - share)
 
     def update(

@@ -38,6 +38,8 @@ class StagesPanel:
         self.selected = "review"
         self._drawn: object = None
         self.list = PictureWidget(self._on_mouse)
+        self.ground = gui.Vert()  # behind what has no background of its own
+        self.ground.background_color = colour(PANEL)
         self.detail = gui.Label("")
         self.detail.text_color = colour(DIM)
         self.buttons: dict[str, gui.Button] = {}
@@ -59,7 +61,7 @@ class StagesPanel:
     def widgets(self) -> list[gui.Widget]:
         """All that the window must hold."""
         lists = [panel.widget for panel in self.settings.values()]
-        return [self.list.widget, self.detail, self.row, self.error, *lists]
+        return [self.list.widget, self.ground, self.detail, self.row, self.error, *lists]
 
     def _button(self, key: str, text: str, tooltip: str, action: Callable[[], None]) -> None:
         button = gui.Button(text)
@@ -126,6 +128,8 @@ class StagesPanel:
             top += wanted + 0.3 * em
         for panel in self.settings.values():
             panel.widget.frame = gui.Rect(int(x), int(top), int(width), max(int(y + height - top), 1))
+        end = top if self._workspace.config is not None else y + height
+        self.ground.frame = gui.Rect(int(x), int(y + list_height), int(width), int(end - y - list_height))
 
     def update(self) -> tuple[bool, bool]:
         """Bring everything in line with the workspace; returns (whether something changed, whether to lay out anew)."""

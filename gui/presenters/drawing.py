@@ -30,5 +30,5 @@ def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, f
         moved = gaussians.to(device)
         colour = torch.tensor(background, dtype=moved.means.dtype, device=device)
         image = rasterize(moved, camera, colour).image
-        pixels = image.clamp(0.0, 1.0).mul(255.0).add(0.5).to(torch.uint8)
+        pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: the picture is ours alone
     return np.ascontiguousarray(pixels.cpu().numpy())

@@ -379,6 +379,12 @@ class PlayerPresenter:
         return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
 
     @property
+    def behind(self) -> bool:
+        """Whether it plays and pictures come more slowly than the frames that are due."""
+        transport = self.transport
+        return transport.playing and self.rate < 0.95 * transport.fps * transport.speed
+
+    @property
     def status(self) -> str:
         """One line of figures on the newest picture."""
         if self.picture is None or self.source is None:

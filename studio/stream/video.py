@@ -148,6 +148,11 @@ class PlaneEncoder:
             self._out.close()
 
 
+_NO_PROBING = [{"skip_frame": "all"}]
+"""FFmpeg decodes the first picture to learn what the manifest tells already, half of the time that opening took. It
+holds for that probing only; `PlaneDecoder` checks each picture."""
+
+
 class PlaneDecoder:
     """Decodes one plane's file, held in memory, frame by frame in order.
 
@@ -171,7 +176,7 @@ class PlaneDecoder:
         self._lock = threading.Lock()  # FFmpeg crashes if a file is closed while it is decoded
         self._container: InputContainer | None = None
         try:
-            container = self._container = av.open(io.BytesIO(data), "r", format="mp4")
+            container = self._container = av.open(io.BytesIO(data), "r", format="mp4", stream_options=_NO_PROBING)
             stream = container.streams.video[0]
             context = stream.codec_context
             if context is None:  # a codec that FFmpeg does not know
