@@ -33,7 +33,13 @@ class Group:
 
 def cut_into_groups(frames: Sequence[int], size: int) -> tuple[Group, ...]:
     """Groups of `size` frames; the last one takes what is left."""
+    return cut_at(frames, range(0, len(frames), size))
+
+
+def cut_at(frames: Sequence[int], starts: Sequence[int]) -> tuple[Group, ...]:
+    """Groups that begin at these indices, ascending, the first of them 0."""
+    ends = [*starts[1:], len(frames)]
     return tuple(
-        Group(index, first, tuple(frames[first : first + size]))
-        for index, first in enumerate(range(0, len(frames), size))
+        Group(index, first, tuple(frames[first:end]))
+        for index, (first, end) in enumerate(zip(starts, ends, strict=True))
     )

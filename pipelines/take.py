@@ -151,6 +151,11 @@ class Take:
         """.v3studio/."""
         return self.root / ".v3studio"
 
+    @property
+    def grouping(self) -> Path:
+        """Where groups begin, if the footage was asked."""
+        return self.root / "initialise" / "groups.json"
+
     def record(self, stage: str) -> Path:
         """What a stage's results were made from; there only when the stage is finished."""
         return self.private / "stages" / f"{stage}.json"

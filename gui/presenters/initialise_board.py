@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Protocol
@@ -53,10 +54,11 @@ class InitialiseBoard(Board):
 
     def _folder(self) -> Path | None:
         """Of the group that the frame belongs to."""
-        take, config = self.workspace.take, self.workspace.config
-        if take is None or config is None:
+        take = self.workspace.take
+        if take is None:
             return None
-        return take.initialise_group(self.frame // config.train.group_size)
+        starts = self.workspace.assessment.group_starts
+        return take.initialise_group(max(bisect_right(starts, self.frame) - 1, 0))
 
     def state(self) -> Hashable:
         """The group's files and the view."""

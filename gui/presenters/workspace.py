@@ -312,9 +312,10 @@ class Workspace:
         pid = self.pid
         if pid is None:
             return
-        if not pause_process(pid, not self.paused):
+        if pause_process(pid, not self.paused):
+            self.paused = not self.paused  # the system takes a moment; `_look` sees what came of it
+        else:
             self.message = f"The run (process {pid}) could not be paused from here; do it where it was started."
-        self.paused = is_paused(pid)
 
     @property
     def pid(self) -> int | None:

@@ -285,7 +285,15 @@ class TrainSection(Section):
     """Training a group: a keyframe, then frame after frame motion and fine-tuning."""
 
     group_size: int = Field(default=20, ge=1, le=1000)
-    """Frames a group; its first frame is the keyframe. The paper takes 20."""
+    """Frames a group, at most; its first frame is the keyframe. The paper takes 20."""
+
+    grouping: Literal["fixed", "motion"] = "fixed"
+    """Where groups begin: fixed cuts every group_size frames; motion looks at the footage and cuts earlier where the
+    performer has changed too much since the keyframe."""
+
+    group_change: float = Field(default=0.4, gt=0, lt=1)
+    """For grouping by motion: change of the performer's pictures, his place taken out, at which a new group begins;
+    0 is the same picture, 1 nothing alike. Groups have 4 frames at least."""
 
     check_footage: bool = True
     """Read all frames once before training and refuse what is broken (unreadable files, empty or all-white masks).

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from studio.stream import BakeSettings
     from studio.training import TrainSettings
 
-NOT_TRAINING = ("group_size", "check_footage", "checkpoint_every")
+NOT_TRAINING = ("group_size", "grouping", "group_change", "check_footage", "checkpoint_every")
 """Settings of the train section that say nothing of how one frame is trained."""
 
 _RIG_FOLDERS = (
@@ -80,7 +80,9 @@ def train_settings(section: TrainSection) -> TrainSettings:
     """How frames are trained."""
     from studio.training import LearningRates, TrainSettings
 
-    values: dict[str, Any] = section.model_dump(exclude={"rates", "group_size", "check_footage"})
+    values: dict[str, Any] = section.model_dump(
+        exclude={"rates", "group_size", "grouping", "group_change", "check_footage"}
+    )
     return TrainSettings(**values, rates=LearningRates(**section.rates.model_dump()))
 
 

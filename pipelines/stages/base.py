@@ -15,7 +15,7 @@ from pipelines.cancel import Cancellation
 from pipelines.config import Config
 from pipelines.events import Emit, Event, Log, Metrics, Preview, Progress, Warned
 from pipelines.files import digest_of
-from pipelines.groups import Group, cut_into_groups
+from pipelines.groups import Group
 from pipelines.take import Take
 from studio.progress import ProgressFn
 
@@ -76,8 +76,10 @@ class Context:
 
     @property
     def groups(self) -> tuple[Group, ...]:
-        """The take's frames, cut into groups."""
-        return cut_into_groups(self.raw_footage.frames, self.config.train.group_size)
+        """The take's frames, cut into groups; see `pipelines.stages.grouping`."""
+        from pipelines.stages.grouping import groups_of
+
+        return groups_of(self)
 
     @property
     def threads(self) -> int:

@@ -12,6 +12,7 @@ from pipelines.files import atomic_path, digest_of_file, read_json, remove, writ
 from pipelines.groups import Group
 from pipelines.point_files import write_mesh, write_points
 from pipelines.records import result_of
+from pipelines.stages import grouping
 from pipelines.stages.arguments import hull_settings
 from pipelines.stages.base import Context, Ingredients, StageReporter, derived_seed, key_of, settings_of, without
 
@@ -64,6 +65,7 @@ class InitialiseStage:
             **seen_by_training(context),
             **settings_of(context.config, "initialise", "run.seed"),
             "keyframes": [group.keyframe for group in context.groups],
+            **({} if context.config.train.grouping == "fixed" else {"groups by motion": grouping.key(context)}),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -81,10 +83,12 @@ class InitialiseStage:
 
     def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
         """Make what is missing."""
+        first = 0.0 if grouping.is_known(context) else 0.3
+        grouping.find_groups(context, reporter.part("looking where groups begin", 0.0, first))
         groups = context.groups
         counts = []
         for position, group in enumerate(groups):
-            start, stop = position / len(groups), (position + 1) / len(groups)
+            start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
             if not self._is_done(context, group):
                 self._make(context, group, reporter, start, stop, f"group {position + 1}/{len(groups)}")
             counts.append(read_json(context.take.initialise_group(group.index) / "report.json")["faces"])

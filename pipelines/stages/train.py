@@ -40,6 +40,7 @@ class TrainStage:
             **self._recipe(context),
             **settings_of(context.config, "train.group_size"),
             "frames": list(context.raw_footage.frames),
+            **({} if context.config.train.grouping == "fixed" else {"groups": [one.first for one in context.groups]}),
         }
 
     def results(self, context: Context) -> list[Path]:

@@ -148,7 +148,7 @@ class PlaneEncoder:
             self._out.close()
 
 
-_NO_PROBING = [{"skip_frame": "all"}]
+_NO_PROBING: Any = [{"skip_frame": "all"}]  # PyAV's own types are wrong here
 """FFmpeg decodes the first picture to learn what the manifest tells already, half of the time that opening took. It
 holds for that probing only; `PlaneDecoder` checks each picture."""
 

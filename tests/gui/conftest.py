@@ -211,7 +211,7 @@ class RunningWindow:
         at = self.wait_for(name, lambda s: s["stage"] == name)["pictures"]
         # while it plays there is always another picture to make
         self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)
-        time.sleep(0.8)  # what stands below the list may move
+        time.sleep(0.2)  # what stands below the list may move
 
     def menu(self, title: str, row: int, separators: int = 0) -> None:
         """Choose the row-th line of a menu, so many separators above it. Menus are drawn by the toolkit and tell no

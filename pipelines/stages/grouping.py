@@ -1,0 +1,99 @@
+"""Where groups begin: every so many frames, or earlier where the performer has changed too much for one keyframe.
+
+The second way looks at all frames, small and through a few cameras. The initialise stage does that once and leaves what
+it found in the take; until then the groups are those of fixed length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipelines.files import digest_of, read_json, write_json
+from pipelines.groups import Group, cut_at, cut_into_groups
+from studio.progress import ProgressFn
+
+if TYPE_CHECKING:
+    from pipelines.stages.base import Context
+
+CAMERAS = 8
+"""That are looked at, evenly taken from the training cameras."""
+
+FEWEST = 4
+"""Frames that a group has at least, but for the last: keyframes cost more time and more bytes than other frames."""
+
+
+def groups_of(context: Context) -> tuple[Group, ...]:
+    """The take's groups, as far as they are known (see the module)."""
+    settings, frames = context.config.train, context.raw_footage.frames
+    if settings.grouping == "fixed" or not is_known(context):
+        return cut_into_groups(frames, settings.group_size)
+    return cut_at(frames, read_json(context.take.grouping)["starts"])
+
+
+def is_known(context: Context) -> bool:
+    """Whether the groups stand: their length is fixed, or the footage was looked at with these settings."""
+    if context.config.train.grouping == "fixed":
+        return True
+    path = context.take.grouping
+    return path.is_file() and read_json(path).get("key") == key(context)
+
+
+def key(context: Context) -> str:
+    """Digest of all that the groups by motion depend on."""
+    from pipelines.stages.initialise import seen_by_training
+
+    settings = context.config.train
+    seen = seen_by_training(context)
+    return digest_of([1, seen, list(context.raw_footage.frames), settings.group_size, settings.group_change])
+
+
+def find_groups(context: Context, progress: ProgressFn) -> None:
+    """Look at the footage and write where groups begin (`Take.grouping`); nothing where that is known.
+
+    Raises:
+        StudioError: an image or a mask that cannot be read.
+        Cancelled: from `progress`.
+    """
+    if is_known(context):
+        return
+    from studio.capture.change import look
+
+    footage, settings = context.raw_footage, context.config.train
+    every = max(1, len(footage.train_cameras) // CAMERAS)
+    cameras = footage.train_cameras[::every][:CAMERAS]
+    looks: list[list[np.ndarray | None]] = []
+    for number, frame in enumerate(footage.frames):
+        progress(number, len(footage.frames))
+        looks.append([look(footage.raw_image(name, frame), footage.raw_matte(name, frame)) for name in cameras])
+    starts, changes = starts_of(looks, settings.group_size, settings.group_change)
+    values: dict[str, Any] = {"key": key(context), "starts": starts, "changes": [round(value, 4) for value in changes]}
+    write_json(context.take.grouping, {**values, "cameras": list(cameras)})
+
+
+def starts_of(looks: Sequence[Sequence[np.ndarray | None]], longest: int, most: float) -> tuple[list[int], list[float]]:
+    """Where groups begin.
+
+    Args:
+        looks: of each frame, a picture a camera as `studio.capture.change.look` makes them.
+        longest: frames a group at most.
+        most: change against the keyframe at which the next group begins.
+
+    Returns:
+        indices of keyframes; and for each frame how much it has changed since its keyframe, mean over cameras.
+    """
+    from studio.capture.change import change
+
+    starts, changes = [0], [0.0]
+    for index in range(1, len(looks)):
+        pairs = zip(looks[starts[-1]], looks[index], strict=True)
+        found = [change(before, after) for before, after in pairs if before is not None and after is not None]
+        value = float(np.mean(found)) if found else 0.0
+        length = index - starts[-1]
+        if length >= longest or (value > most and length >= FEWEST):
+            starts.append(index)
+            value = 0.0
+        changes.append(value)
+    return starts, changes
