@@ -16,9 +16,10 @@ on where it stopped. This trains once for each variant: try few frames first, as
 
 def register(commands: Any) -> None:
     """Add the command to the parser."""
-    from pipelines.ablation_variants import QPS, VARIANTS
+    from pipelines.ablation_variants import OPTIONS, QPS, VARIANTS
 
     names = ", ".join(variant.name for variant in VARIANTS)
+    more = ", ".join(variant.name for variant in OPTIONS)
     parser = commands.add_parser(
         "ablate",
         help=_HELP,
@@ -30,7 +31,10 @@ def register(commands: Any) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG", help="the full method, as for `v3studio run`")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for results and takes")
     parser.add_argument(
-        "--variants", default="", metavar="A,B", help=f"only these ({names}); the full method is always there"
+        "--variants",
+        default="",
+        metavar="A,B",
+        help=f"only these ({names}), or settings beyond the paper ({more}); the full method is always there",
     )
     parser.add_argument(
         "--qps", default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default %(default)s)"

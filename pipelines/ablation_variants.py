@@ -48,15 +48,28 @@ VARIANTS = (
 )
 """The paper's (section 6 and its figure of groups) and group sizes around its 20."""
 
+OPTIONS = (
+    Variant("by-motion", "groups that follow the motion", {"train.grouping": "motion"}),
+    Variant("no-velocity", "no velocity guess", {"train.motion_velocity": False}),
+    Variant("warm-start", "motion network of the frame before", {"train.motion_warm_start": True}),
+    Variant("fixed-positions", "positions are not fine-tuned", {"train.finetune_means": False}),
+    Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
+    Variant("simulated-quantisation", "fine-tuned on rounded attributes", {"train.simulate_quantisation": True}),
+    Variant("mcmc", "splats relocated instead of cloned and split", {"train.density": "mcmc"}),
+    Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
+)
+"""Settings beyond the paper, measured where they are asked for by name."""
+
 
 def chosen(names: Sequence[str]) -> tuple[Variant, ...]:
-    """Variants by name, the full method first; all of them where none is named.
+    """Variants by name, the full method first; all of `VARIANTS` where none is named.
 
     Raises:
         StudioError: no variant is called that.
     """
-    known = {variant.name: variant for variant in VARIANTS}
+    known = {variant.name: variant for variant in (*VARIANTS, *OPTIONS)}
     for name in names:
         if name not in known:
             raise StudioError(f"There is no variant '{name}'; there are {', '.join(known)}.")
-    return tuple(variant for variant in VARIANTS if not names or variant.name == FULL or variant.name in names)
+    wanted = {FULL, *(names or [variant.name for variant in VARIANTS])}
+    return tuple(variant for variant in known.values() if variant.name in wanted)

@@ -87,3 +87,8 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     refused = cli(*arguments[:-1], "10,x")
     assert refused.returncode == 1
     assert "--qps is '10,x'" in refused.stderr
+
+
+def test_settings_beyond_the_paper_are_measured_by_name_only() -> None:
+    assert [variant.name for variant in chosen(["huber", "no-motion"])] == ["full", "no-motion", "huber"]
+    assert "huber" not in [variant.name for variant in chosen([])]
