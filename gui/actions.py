@@ -46,7 +46,7 @@ class Actions:
             "report": self._report,
             "preferences": lambda: window.dialogs.preferences(window.preferences, self._save_preferences),
             "quit": window.ask_close,
-            "reset": window.views.reset,
+            "reset": window.reset_view,
             "background": window.player.next_background,
             "camera": window.player.next_camera,
             "fullscreen": lambda: window.set_fullscreen(not window.fullscreen),

@@ -25,6 +25,7 @@ from gui.presenters.marks import Marks
 from gui.presenters.palette import DIM, GROUND, PANEL, TEXT
 from gui.presenters.player import PlayerPresenter, load
 from gui.presenters.preferences import Preferences
+from gui.presenters.scene_parts import wants_scene
 from gui.presenters.sources import Opened
 from gui.presenters.strips import strips_of
 from gui.presenters.views import Views
@@ -32,7 +33,9 @@ from gui.presenters.worker import LatestWorker
 from gui.presenters.workspace import Workspace
 from gui.raycast import MeshPicture
 from gui.redraw import Redraws
+from gui.scene import SceneView
 from gui.viewport import Viewport
+from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 CLOSE_WAIT = 0.4
@@ -101,11 +104,14 @@ class MainWindow:
         em, changed = self.em, self.changed
         # What the panels leave free. One ground under everything would cost a software driver 30 ms a drawing.
         self._fills = [gui.Vert() for _ in range(7)]
+        self._under = gui.Widget()  # holds them: Open3D warns where a window has many children
         for number, fill in enumerate(self._fills):
             fill.background_color = colour(GROUND if number < 3 else PANEL)
+            self._under.add_child(fill)
         self.viewport = Viewport(lambda: self.views, changed)
+        self.scene: SceneView | None = None  # made when it is first wanted
         self.timeline = TimelinePanel(self.player, em, changed)
-        self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
+        self.controls = ControlsPanel(self.player, em, self.reset_view, changed)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen)
         self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, changed)
         self.inspector = InspectorPanel(em, changed)
@@ -116,7 +122,7 @@ class MainWindow:
         self._status.text_color = colour(DIM)
         self._status.background_color = colour(PANEL)
         for widget in (
-            *self._fills,
+            self._under,
             self.viewport.picture.widget,
             *self.modes.rows.values(),
             self.timeline.picture.widget,
@@ -213,11 +219,17 @@ class MainWindow:
         self.views.select(stage)
         self.window.set_needs_layout()
 
+    def reset_view(self) -> None:
+        """Back to the first view of what is shown."""
+        if self.scene is not None and self.scene.widget.visible:
+            self.scene.reset()
+        self.views.reset()
+
     def set_fullscreen(self, on: bool) -> None:
         """The viewport alone, or with all panels."""
         self.fullscreen = on
         self.window.show_menu(not on)
-        for widget in (*self._fills, self._status, self.controls.widget, self.timeline.picture.widget,
+        for widget in (self._under, self._status, self.controls.widget, self.timeline.picture.widget,
                        *self.inspector.widgets, *self.stages.widgets):  # fmt: skip
             widget.visible = not on
         if on:
@@ -270,7 +282,10 @@ class MainWindow:
                 self.dialogs.message("Export", self.exports.result)
                 self.exports.result = ""
         changed |= self.views.fit_transport()
-        pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
+        in_scene, new = self._update_scene()
+        changed |= new
+        size = (self.viewport.size, self.viewport.drawn_size)
+        pixels = None if in_scene else self.views.poll(*size, self.em)
         if pixels is not None:
             self.viewport.show(pixels)
             self._pictures += 1
@@ -291,6 +306,28 @@ class MainWindow:
         if due:
             self._drawn_times.append(time.monotonic())
         return due
+
+    def _update_scene(self) -> tuple[bool, bool]:
+        """Show the board as geometry where that is wanted; returns (whether it is shown so, whether that is new)."""
+        parts = None
+        if wants_scene(self.preferences.scene, self._software) and self.views.board is not None:
+            try:
+                parts = self.views.board.scene()
+            except StudioError:
+                parts = None  # the board's picture says it in words
+        if parts is not None and self.scene is None:
+            self.scene = SceneView(self.window)
+            self.window.add_child(self.scene.widget)
+            self.window.set_needs_layout()
+        if self.scene is None:
+            return False, False
+        shown = self.scene.widget.visible
+        if shown != (parts is not None):
+            self.scene.widget.visible = parts is not None
+            self.viewport.picture.widget.visible = parts is None
+            self.views.shown_anew()
+        new = self.scene.show(parts) if parts is not None else False
+        return parts is not None, new or shown != (parts is not None)
 
     def _update_panels(self) -> bool:
         board = self.views.board
@@ -343,7 +380,7 @@ class MainWindow:
         area, em = self.window.content_rect, self.em
         x, y, width, height = area.x, area.y, area.width, area.height
         if self.fullscreen:
-            self.viewport.picture.place(x, y, width, height)
+            self._place_view(x, y, width, height)
             self._place_message(context, x, y, width, height)
             return
         left, right = min(round(18 * em), width // 3), min(round(17 * em), width // 4)
@@ -362,7 +399,7 @@ class MainWindow:
         view_width = inner_width - right - gap
         row = round(2.0 * em)
         self.modes.place(inner + pad, y + 0.25 * em, view_width - pad, 1.5 * em)
-        self.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
+        self._place_view(inner, y + row, view_width, bottom - y - row)
         self.inspector.place(inner + view_width + gap, y, right, bottom - y)
         below = bottom + bottom_height - round(3.6 * em)
         frames = (
@@ -374,9 +411,15 @@ class MainWindow:
             (inner + inner_width - pad, bottom + pad, pad, below - bottom - pad),
             (inner, below, inner_width, y + height - below),
         )
+        self._under.frame = area
         for fill, frame in zip(self._fills, frames, strict=True):
             fill.frame = gui.Rect(*frame)
         self._place_message(context, inner, y + row, view_width, bottom - y - row)
+
+    def _place_view(self, x: int, y: int, width: int, height: int) -> None:
+        self.viewport.picture.place(x, y, width, height)
+        if self.scene is not None:
+            self.scene.widget.frame = gui.Rect(x, y, width, height)
 
     def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
         limits = gui.Widget.Constraints()
@@ -422,6 +465,7 @@ class MainWindow:
             "camera": player.camera,
             "shown": player.picture.frame if player.picture else None,
             "settled": self.views.settled,
+            "scene": self.scene is not None and self.scene.widget.visible,
             "pictures": self._pictures,
             "handed_over": round(player.rate),
             "exporting": self.exports.words,
@@ -432,7 +476,7 @@ class MainWindow:
             "widgets": {
                 name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
                 for name, widget in widgets.items()
-                if widget.visible
+                if widget.visible or name == "viewport"
             },
         }
 

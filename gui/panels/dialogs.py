@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 from open3d.visualization import gui
@@ -11,6 +12,7 @@ from gui.panels.picture import colour
 from gui.presenters.new_take import NewTake
 from gui.presenters.palette import ACCENT_DARK, BAD, DIM, RAISED
 from gui.presenters.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
+from gui.presenters.scene_parts import SCENE_CHOICES
 
 Answer = tuple[str, str, Callable[[], None]]
 """Key, label, what to do."""
@@ -235,12 +237,13 @@ class Dialogs:
     def preferences(self, now: Preferences, save: Callable[[Preferences], None]) -> None:
         """Picture size, background, playing at once."""
         self.widgets = {}
-        chosen = Preferences(now.picture_size, now.background, now.play_on_opening, list(now.recent))
+        chosen = replace(now, recent=list(now.recent))
         grid = gui.VGrid(2, 0.6 * self._em)
-        size, background, play = gui.Combobox(), gui.Combobox(), gui.Checkbox("")
+        size, background, scene, play = gui.Combobox(), gui.Combobox(), gui.Combobox(), gui.Checkbox("")
         for box, names, attribute in (
             (size, PICTURE_SIZES, "picture_size"),
             (background, BACKGROUND_NAMES, "background"),
+            (scene, SCENE_CHOICES, "scene"),
         ):
             for name in names:
                 box.add_item(name)
@@ -251,13 +254,14 @@ class Dialogs:
         for label, widget in (
             ("Splats are drawn with at most", size),
             ("Background", background),
+            ("Cameras, meshes and points are drawn by", scene),
             ("Play on opening", play),
         ):
             grid.add_child(self._label(label))
             grid.add_child(widget)
         answers = [("save", "Save", self._closing(lambda: save(chosen))), ("close", "Cancel", self.close)]
         self._show("preferences", "Preferences", [grid], answers, 60)
-        self.widgets |= {"picture_size": size, "background": background, "play": play}
+        self.widgets |= {"picture_size": size, "background": background, "scene": scene, "play": play}
 
 
 def _broken(text: str) -> str:

@@ -14,6 +14,7 @@ from gui.presenters.canvas import Canvas
 from gui.presenters.orbit import OrbitCamera
 from gui.presenters.painter import draw_points
 from gui.presenters.palette import DIM, GROUND
+from gui.presenters.scene_parts import SceneParts
 from gui.presenters.workspace import Workspace
 from pipelines.files import read_json
 from pipelines.point_files import read_points
@@ -51,6 +52,7 @@ class InitialiseBoard(Board):
         self._read_of: Hashable = None
         self._mesh: Mesh | None = None
         self._points = np.zeros((0, 3)), np.zeros((0, 3))
+        self._parts: SceneParts | None = None
 
     def _folder(self) -> Path | None:
         """Of the group that the frame belongs to."""
@@ -90,24 +92,29 @@ class InitialiseBoard(Board):
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
         return canvas.pixels
 
+    def scene(self) -> SceneParts | None:
+        """See `Board`."""
+        folder, take = self._folder(), self.workspace.take
+        if folder is None or take is None or not all((folder / name).is_file() for name in ("points.ply", "mesh.ply")):
+            return None
+        stamp = ("initialise", self.mode, folder, _stamp(folder))
+        if self._parts is None or self._parts.stamp != stamp:
+            points, colors = read_points(folder / "points.ply")
+            home = _home(take, points)
+            if self.mode == "mesh":
+                self._parts = SceneParts(stamp, home, mesh=folder / "mesh.ply")
+            else:
+                self._parts = SceneParts(stamp, home, points, np.clip(colors, 0, 1))
+        return self._parts
+
     def _read(self, take: Take, folder: Path) -> None:
         stamp = (folder, _stamp(folder))
         if stamp == self._read_of:
             return
         self._points = read_points(folder / "points.ply")
         self._mesh = self._read_mesh(folder / "mesh.ply")
-        up = np.array([0.0, 0.0, 1.0])
-        home = OrbitCamera.around(self._points[0], up)
-        if take.rig.is_file():
-            from studio.camera_files import read_rig
-
-            rig = read_rig(take.rig)
-            home = OrbitCamera.around(self._points[0], rig.up)
-            first = next(iter(rig), None)
-            if first is not None:
-                home = OrbitCamera.looking_through(first, home.target, rig.up)
         if self._home is None:
-            self._home = home
+            self._home = _home(take, self._points[0])
         self._read_of = stamp
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
@@ -125,6 +132,18 @@ class InitialiseBoard(Board):
     def reset(self) -> None:
         """Back to the first view."""
         self.orbit = None
+
+
+def _home(take: Take, points: np.ndarray) -> OrbitCamera:
+    """From the first camera, looking at the points."""
+    if not take.rig.is_file():
+        return OrbitCamera.around(points, np.array([0.0, 0.0, 1.0]))
+    from studio.camera_files import read_rig
+
+    rig = read_rig(take.rig)
+    home = OrbitCamera.around(points, rig.up)
+    first = next(iter(rig), None)
+    return home if first is None else OrbitCamera.looking_through(first, home.target, rig.up)
 
 
 def _stamp(folder: Path | None) -> tuple[float, ...]:
