@@ -3,19 +3,12 @@
 `load_config` reads a YAML file and command-line overrides; `describe` prints all settings with their documentation.
 """
 
+from pipelines.config.calibrate_section import BoardSection, CalibrateSection
+from pipelines.config.capture_section import CaptureSection
 from pipelines.config.description import describe
 from pipelines.config.loading import dump_config, load_config, parse_override
-from pipelines.config.sections import (
-    BakeSection,
-    BoardSection,
-    CalibrateSection,
-    CaptureSection,
-    Config,
-    EvaluateSection,
-    InitialiseSection,
-    RunSection,
-    TrainSection,
-)
+from pipelines.config.sections import BakeSection, Config, EvaluateSection, InitialiseSection, RunSection
+from pipelines.config.train_section import TrainSection
 
 __all__ = [
     "BakeSection",

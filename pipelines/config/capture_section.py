@@ -1,0 +1,105 @@
+"""Settings of the footage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from pipelines.config.section import Colour, Section
+
+
+class CaptureSection(Section):
+    """The footage: where its images, cameras and masks lie."""
+
+    root: Path = Path(".")
+    """Folder of the capture. In a YAML file a relative path is relative to that file; on the command line, to the
+    folder you are in. All patterns below are relative to it."""
+
+    images: str = "auto"
+    """Pattern of the footage with {camera} and, for still images, {frame}: videos/{camera}.mp4 is a video a camera,
+    images/{camera}/{frame:06d}.png a folder of images a camera, photos/{camera}.jpg a single moment; auto looks."""
+
+    rig: str | None = "auto"
+    """File or folder with the calibration (rig.json, cameras.json, transforms.json, a COLMAP model, *.qca.txt),
+    relative to root. auto takes the one that lies there under a usual name, and calibrates from the footage where
+    there is none; null always calibrates from the footage."""
+
+    masks: Literal["auto", "none", "alpha", "files", "clean_plate", "median_background"] = "auto"
+    """How the performer is told from the room: the images' alpha channel, mask files, pictures of the empty room
+    (clean_plate), the footage's median over time as such a picture (median_background), or not at all (none). auto
+    takes the first of alpha, files, clean_plate that the capture has, else the median of 10 frames or more."""
+
+    mask_files: str = "auto"
+    """Pattern of the mask files, white = performer; auto looks in folders named mask, masks, matte, mattes, alpha."""
+
+    clean_plates: str = "auto"
+    """Pattern of the pictures of the empty room; auto looks in folders named clean_plates, clean_plate, bg,
+    background, backgrounds."""
+
+    evaluation_mattes: str = ""
+    """Pattern of exact mattes, where the capture has them; only evaluation looks at them, training never does."""
+
+    mask_sensitivity: float = Field(default=1.0, gt=0, le=10)
+    """Masks from plates or the median: above 1 finds more performer, below 1 less."""
+
+    mask_shadows: bool = True
+    """Masks from plates or the median: what looks like the background under less light is shadow, not performer."""
+
+    mask_components: int = Field(default=0, ge=0)
+    """Masks from plates or the median: separate pieces of performer a camera may see, largest first; 0 is any."""
+
+    fps: float | None = Field(default=None, gt=0, lt=10_000)
+    """Frames per second of the footage; null takes it from the videos, and 30 for still images."""
+
+    color_matrix: Literal["auto", "bt601", "bt709"] = "auto"
+    """YUV to RGB of videos: auto believes the file's tag and takes BT.601 where there is none."""
+
+    background: Colour = (0.0, 0.0, 0.0)
+    """Background colour behind the performer in evaluation and pictures, red green blue, 0 to 1."""
+
+    cameras: tuple[str, ...] = ()
+    """Names of the cameras to use; empty means all."""
+
+    held_out: tuple[str, ...] = ()
+    """Cameras that training never sees; evaluation draws and measures them."""
+
+    held_out_every: int = Field(default=0, ge=0)
+    """Hold out every n-th camera as well, in name order; 0 means none."""
+
+    scale: float = Field(default=1.0, gt=0, le=1)
+    """Size at which images are used: 0.5 halves width and height."""
+
+    start: int | None = None
+    """First frame, in the numbers that the files have; null is the first there is."""
+
+    stop: int | None = None
+    """Frame to stop before, in the numbers that the files have; null goes to the end."""
+
+    step: int = Field(default=1, ge=1)
+    """Take each step-th frame."""
+
+    offsets: dict[str, int] = Field(default={})
+    """Cameras that are late or early, with the frames that they lag: {cam03: 2} takes its frame f + 2 for frame f.
+    `v3studio sync` estimates them from sound or motion."""
+
+    size_rule: Literal["auto", "stretch", "crop", "letterbox"] = "auto"
+    """What to do where footage has not the aspect ratio of its calibration: both axes were scaled on their own
+    (stretch), it was cut evenly on both sides (crop), bars were added evenly (letterbox); auto refuses unless it sees
+    black bars."""
+
+    cache_megabytes: int | None = Field(default=None, ge=16)
+    """Memory that decoded images may take; null is an eighth of the machine's memory, at most 2 GiB."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> CaptureSection:
+        if self.stop is not None and self.stop <= (self.start or 0):
+            raise ValueError(f"stop = {self.stop} must lie behind start = {self.start or 0}")
+        if self.held_out_every == 1:
+            raise ValueError("held_out_every = 1 would hold out all cameras; give 0 (none) or at least 2")
+        for what in ("cameras", "held_out"):
+            names = getattr(self, what)
+            if len(set(names)) != len(names):
+                raise ValueError(f"{what} names a camera twice ({', '.join(names)})")
+        return self
