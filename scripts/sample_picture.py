@@ -1,0 +1,76 @@
+"""The README's picture, from a take that ran to its end.
+
+    python scripts/sample_picture.py TAKE docs/images/sample.jpg [--frame 14]
+
+A row a held-out camera: footage, performer cut out by the exact matte, trained splats, decoded stream, and the
+difference between performer and decoded stream times 4.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gui.presenters.canvas import Canvas
+from pipelines.config import load_config
+from pipelines.frame_files import read_frame
+from pipelines.pictures import draw, to_bytes
+from pipelines.stages.base import Context
+from pipelines.take import Take
+from studio.stream import StreamReader
+
+HEIGHT, GAP, HEADER = 300, 6, 34
+TITLES = ("held-out footage", "performer", "trained", "decoded stream", "difference x4")
+
+
+def row(context: Context, camera: str, index: int) -> list[np.ndarray]:
+    """The five pictures of one camera, cropped to the performer and HEIGHT high."""
+    footage = context.footage
+    frame = footage.frames[index]
+    group = next(one for one in context.groups if index in one.indices)
+    view = footage.view(camera, frame)
+    matte = footage.evaluation_matte(camera, frame).astype(np.float32)[..., None] / 255
+    performer = view.image * matte
+    trained = read_frame(context.take.trained_frame(group.index, index))
+    with StreamReader.open(context.take.stream) as reader:
+        decoded = reader.gaussians(index)
+    drawn = [to_bytes(draw(splats, footage.rig[camera], (0.0, 0.0, 0.0), "cpu")) for splats in (trained, decoded)]
+    error = np.abs(performer - drawn[1]).mean(2)
+    heat = cv2.applyColorMap(np.clip(4 * error, 0, 255).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
+    rows, columns = np.nonzero(matte[..., 0] > 0.5)
+    top, bottom = max(rows.min() - 12, 0), rows.max() + 13
+    left, right = max(columns.min() - 8, 0), columns.max() + 9
+    pictures = [view.image, performer, *drawn, heat]
+    cropped = [np.ascontiguousarray(picture[top:bottom, left:right]).astype(np.uint8) for picture in pictures]
+    scale = HEIGHT / (bottom - top)
+    return [cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC) for picture in cropped]
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("take", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--frame", type=int, default=14, help="index in the take (default %(default)s)")
+    options = parser.parse_args()
+    take = Take.open(options.take)
+    context = Context(take, load_config(take.config))
+    rows = [row(context, camera, options.frame) for camera in context.footage.held_out_cameras]
+    width = max(picture.shape[1] for pictures in rows for picture in pictures)
+    canvas = Canvas(5 * (width + GAP), HEADER + len(rows) * (HEIGHT + GAP), (0, 0, 0))
+    canvas.rect(0, 0, canvas.width, HEADER, (26, 26, 28))
+    for number, title in enumerate(TITLES):
+        canvas.text(number * (width + GAP) + 8, 8, title, 16, (235, 235, 235))
+    for line, pictures in enumerate(rows):
+        for number, picture in enumerate(pictures):
+            x = number * (width + GAP) + (width - picture.shape[1]) // 2
+            y = HEADER + line * (HEIGHT + GAP)
+            canvas.pixels[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
+    cv2.imwrite(str(options.out), canvas.pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
+
+
+if __name__ == "__main__":
+    main()
