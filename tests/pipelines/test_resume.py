@@ -38,8 +38,8 @@ def test_killed_in_training_and_in_baking_gives_the_same_stream(finished, projec
     take = project / "take"
     arguments = ("run", project / "ball.yaml", "--take", take, "--json")
 
-    # the first frame is done, the second under way
-    first = start(*arguments)
+    # one frame is done, others are under way in two groups side by side
+    first = start(*arguments, "--run.groups-at-once", "2")
     events = stop_when(
         first,
         lambda event: isinstance(event, Metrics) and event.stage == "train",
@@ -48,8 +48,8 @@ def test_killed_in_training_and_in_baking_gives_the_same_stream(finished, projec
     assert first.returncode == -signal.SIGKILL
     assert not (take / "stream").exists()
     killed_after = frames_of(events)
-    assert 0 in killed_after
-    assert 4 not in killed_after
+    assert {0, 3} & set(killed_after), "a keyframe is done"
+    assert len(killed_after) < 5
 
     # in the middle of baking: the first group is done, the manifest is not written
     second = start(*arguments)
