@@ -46,7 +46,7 @@ class Actions:
             "report": self._report,
             "preferences": lambda: window.dialogs.preferences(window.preferences, self._save_preferences),
             "quit": window.ask_close,
-            "reset": window.reset_view,
+            "reset": window.views.reset,
             "background": window.player.next_background,
             "camera": window.player.next_camera,
             "fullscreen": lambda: window.set_fullscreen(not window.fullscreen),
@@ -110,8 +110,20 @@ class Actions:
         if stage == "capture":
             window.views.capture.check()
             return
-        if window.workspace.start(stage, again) and stage != "all":
-            window.select(stage)
+
+        def start() -> None:
+            if window.workspace.start(stage, again) and stage != "all":
+                window.select(stage)
+
+        if not again or stage in ("bake", "review"):
+            start()
+            return
+        window.dialogs.ask(
+            f"Run {stage} once more?",
+            "What this stage has made is removed first; stopping on the way does not bring it back.\n"
+            "All that it depends on is unchanged, so it would make the same again.",
+            [("again", "Run it again", start), ("stay", "Keep what is there", lambda: None)],
+        )
 
     def ask_about_job(self) -> None:
         """The window is about to close while a job runs."""

@@ -25,7 +25,6 @@ from gui.presenters.marks import Marks
 from gui.presenters.palette import DIM, GROUND, PANEL, TEXT
 from gui.presenters.player import PlayerPresenter, load
 from gui.presenters.preferences import Preferences
-from gui.presenters.scene_parts import wants_scene
 from gui.presenters.sources import Opened
 from gui.presenters.strips import strips_of
 from gui.presenters.views import Views
@@ -33,9 +32,7 @@ from gui.presenters.worker import LatestWorker
 from gui.presenters.workspace import Workspace
 from gui.raycast import MeshPicture
 from gui.redraw import Redraws
-from gui.scene import SceneView
 from gui.viewport import Viewport
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 CLOSE_WAIT = 0.4
@@ -109,9 +106,8 @@ class MainWindow:
             fill.background_color = colour(GROUND if number < 3 else PANEL)
             self._under.add_child(fill)
         self.viewport = Viewport(lambda: self.views, changed)
-        self.scene: SceneView | None = None  # made when it is first wanted
         self.timeline = TimelinePanel(self.player, em, changed)
-        self.controls = ControlsPanel(self.player, em, self.reset_view, changed)
+        self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen)
         self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, changed)
         self.inspector = InspectorPanel(em, changed)
@@ -219,12 +215,6 @@ class MainWindow:
         self.views.select(stage)
         self.window.set_needs_layout()
 
-    def reset_view(self) -> None:
-        """Back to the first view of what is shown."""
-        if self.scene is not None and self.scene.widget.visible:
-            self.scene.reset()
-        self.views.reset()
-
     def set_fullscreen(self, on: bool) -> None:
         """The viewport alone, or with all panels."""
         self.fullscreen = on
@@ -282,10 +272,7 @@ class MainWindow:
                 self.dialogs.message("Export", self.exports.result)
                 self.exports.result = ""
         changed |= self.views.fit_transport()
-        in_scene, new = self._update_scene()
-        changed |= new
-        size = (self.viewport.size, self.viewport.drawn_size)
-        pixels = None if in_scene else self.views.poll(*size, self.em)
+        pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:
             self.viewport.show(pixels)
             self._pictures += 1
@@ -304,30 +291,9 @@ class MainWindow:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
         due = self._redraws.due()
         if due:
+            self.dialogs.tick()
             self._drawn_times.append(time.monotonic())
         return due
-
-    def _update_scene(self) -> tuple[bool, bool]:
-        """Show the board as geometry where that is wanted; returns (whether it is shown so, whether that is new)."""
-        parts = None
-        if wants_scene(self.preferences.scene, self._software) and self.views.board is not None:
-            try:
-                parts = self.views.board.scene()
-            except StudioError:
-                parts = None  # the board's picture says it in words
-        if parts is not None and self.scene is None:
-            self.scene = SceneView(self.window)
-            self.window.add_child(self.scene.widget)
-            self.window.set_needs_layout()
-        if self.scene is None:
-            return False, False
-        shown = self.scene.widget.visible
-        if shown != (parts is not None):
-            self.scene.widget.visible = parts is not None
-            self.viewport.picture.widget.visible = parts is None
-            self.views.shown_anew()
-        new = self.scene.show(parts) if parts is not None else False
-        return parts is not None, new or shown != (parts is not None)
 
     def _update_panels(self) -> bool:
         board = self.views.board
@@ -380,7 +346,7 @@ class MainWindow:
         area, em = self.window.content_rect, self.em
         x, y, width, height = area.x, area.y, area.width, area.height
         if self.fullscreen:
-            self._place_view(x, y, width, height)
+            self.viewport.picture.place(x, y, width, height)
             self._place_message(context, x, y, width, height)
             return
         left, right = min(round(18 * em), width // 3), min(round(17 * em), width // 4)
@@ -399,7 +365,7 @@ class MainWindow:
         view_width = inner_width - right - gap
         row = round(2.0 * em)
         self.modes.place(inner + pad, y + 0.25 * em, view_width - pad, 1.5 * em)
-        self._place_view(inner, y + row, view_width, bottom - y - row)
+        self.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
         self.inspector.place(inner + view_width + gap, y, right, bottom - y)
         below = bottom + bottom_height - round(3.6 * em)
         frames = (
@@ -415,11 +381,6 @@ class MainWindow:
         for fill, frame in zip(self._fills, frames, strict=True):
             fill.frame = gui.Rect(*frame)
         self._place_message(context, inner, y + row, view_width, bottom - y - row)
-
-    def _place_view(self, x: int, y: int, width: int, height: int) -> None:
-        self.viewport.picture.place(x, y, width, height)
-        if self.scene is not None:
-            self.scene.widget.frame = gui.Rect(x, y, width, height)
 
     def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
         limits = gui.Widget.Constraints()
@@ -465,7 +426,6 @@ class MainWindow:
             "camera": player.camera,
             "shown": player.picture.frame if player.picture else None,
             "settled": self.views.settled,
-            "scene": self.scene is not None and self.scene.widget.visible,
             "pictures": self._pictures,
             "handed_over": round(player.rate),
             "exporting": self.exports.words,

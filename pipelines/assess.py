@@ -109,7 +109,7 @@ def assess_all(stages: tuple[Stage, ...], context: Context) -> dict[str, StageSt
 
 def _why_not_done(stage: Stage, context: Context, record: dict[str, Any] | None, waiting: list[str]) -> str:
     if record is None:
-        return "never finished" if not waiting else f"waits for {', '.join(waiting)}"
+        return "not made yet" if not waiting else f"waits for {', '.join(waiting)}"
     if waiting:
         return f"{', '.join(waiting)} must run first"
     changed = differences(record["ingredients"], current_ingredients(stage, context))

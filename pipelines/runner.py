@@ -112,6 +112,8 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
             version=program_version(),
         )
     )
+    if {"train", "bake", "evaluate"} & set(todo) and context.config.run.device not in ("auto", "cpu"):
+        _ = context.device  # a GPU that is not there is told before the hours of work that come first
     _limit_threads(context.threads)
     weights = {name: stage_named(name).weight for name in todo}
     reporter: StageReporter | None = None

@@ -51,7 +51,8 @@ class Take:
         if not root.is_dir():
             raise StudioError(f"{root}: there is no such folder; `v3studio run CONFIG --take {root}` makes a take.")
         if not (root / "take.json").is_file():
-            raise StudioError(f"{root} is not a take (it has no take.json); give the folder of a take.")
+            hint = f"; if it was lost, `v3studio run CONFIG --take {root}` writes it anew" if _looks_like(root) else ""
+            raise StudioError(f"{root} is not a take (it has no take.json); give the folder of a take{hint}.")
         found = read_json(root / "take.json")
         version = found.get("format") if isinstance(found, dict) else None
         if version != TAKE_FORMAT:
@@ -74,7 +75,7 @@ class Take:
             return cls.open(root)
         if root.exists() and not root.is_dir():
             raise StudioError(f"{root} is a file; give a folder for the take.")
-        if root.is_dir() and any(path.name != ".v3studio" for path in root.iterdir()):
+        if root.is_dir() and not _looks_like(root) and any(path.name != ".v3studio" for path in root.iterdir()):
             raise StudioError(f"{root} is not empty and is not a take; give a new or empty folder.")
         write_json(
             root / "take.json",
@@ -255,3 +256,8 @@ def program_version() -> str:
         return version("v3studio")
     except PackageNotFoundError:
         return "unknown"
+
+
+def _looks_like(root: Path) -> bool:
+    """A take that has lost its take.json: its settings and some stage's results are there."""
+    return (root / "config.yaml").is_file() and any((root / name).is_dir() for name in ("calibrate", "train", "stream"))

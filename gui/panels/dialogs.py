@@ -12,7 +12,6 @@ from gui.panels.picture import colour
 from gui.presenters.new_take import NewTake
 from gui.presenters.palette import ACCENT_DARK, BAD, DIM, RAISED
 from gui.presenters.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
-from gui.presenters.scene_parts import SCENE_CHOICES
 
 Answer = tuple[str, str, Callable[[], None]]
 """Key, label, what to do."""
@@ -34,9 +33,11 @@ class Dialogs:
         self._em = window.theme.font_size
         self.widgets: dict[str, gui.Widget] = {}
         self.name = ""
+        self._focus: tuple[int, gui.Widget] | None = None
 
     def close(self) -> None:
         """Close what is open."""
+        self._focus = None
         if self.name:
             self._window.close_dialog()
         self.widgets, self.name = {}, ""
@@ -77,6 +78,15 @@ class Dialogs:
             label.text_color = colour(DIM)
         return label
 
+    def tick(self) -> None:
+        """Call at each drawn tick: gives a new dialog's field the keyboard."""
+        if self._focus is None:
+            return
+        left, widget = self._focus
+        self._focus = (left - 1, widget) if left else None
+        if not left and self.name:
+            self._window.set_focus_widget(widget)
+
     def message(self, title: str, text: str) -> None:
         """Something to read."""
         self.widgets = {}
@@ -101,6 +111,7 @@ class Dialogs:
             typed[0] = now
 
         edit.set_on_text_changed(changed)
+        edit.set_on_value_changed(changed)
 
         def answer(action: Callable[[str], None]) -> Callable[[], None]:
             return self._closing(lambda: action(typed[0]))
@@ -109,7 +120,7 @@ class Dialogs:
         buttons: list[Answer] = [(key, label, answer(action)) for key, label, action in answers]
         self._show(name, title, parts, buttons, 70)
         self.widgets["line"] = edit
-        self._window.set_focus_widget(edit)
+        self._focus = (2, edit)  # once the dialog has been drawn; before that it is lost
 
     def choose(self, name: str, title: str, choices: Sequence[str], chosen: Callable[[str], None]) -> None:
         """One of a few lines."""
@@ -129,8 +140,8 @@ class Dialogs:
         return go
 
     def folder(self, title: str, done: Callable[[str], None], cancelled: Callable[[], None] | None = None) -> None:
-        """A folder."""
-        self._file(gui.FileDialog.OPEN_DIR, title, done, cancelled, ())
+        """A folder: the one that the dialog has gone into, not one that is marked in its list."""
+        self._file(gui.FileDialog.OPEN_DIR, f"{title} (go into it by a double click, then Open)", done, cancelled, ())
 
     def file(
         self,
@@ -239,11 +250,10 @@ class Dialogs:
         self.widgets = {}
         chosen = replace(now, recent=list(now.recent))
         grid = gui.VGrid(2, 0.6 * self._em)
-        size, background, scene, play = gui.Combobox(), gui.Combobox(), gui.Combobox(), gui.Checkbox("")
+        size, background, play = gui.Combobox(), gui.Combobox(), gui.Checkbox("")
         for box, names, attribute in (
             (size, PICTURE_SIZES, "picture_size"),
             (background, BACKGROUND_NAMES, "background"),
-            (scene, SCENE_CHOICES, "scene"),
         ):
             for name in names:
                 box.add_item(name)
@@ -254,14 +264,13 @@ class Dialogs:
         for label, widget in (
             ("Splats are drawn with at most", size),
             ("Background", background),
-            ("Cameras, meshes and points are drawn by", scene),
             ("Play on opening", play),
         ):
             grid.add_child(self._label(label))
             grid.add_child(widget)
         answers = [("save", "Save", self._closing(lambda: save(chosen))), ("close", "Cancel", self.close)]
         self._show("preferences", "Preferences", [grid], answers, 60)
-        self.widgets |= {"picture_size": size, "background": background, "scene": scene, "play": play}
+        self.widgets |= {"picture_size": size, "background": background, "play": play}
 
 
 def _broken(text: str) -> str:

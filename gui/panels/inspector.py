@@ -62,10 +62,9 @@ class InspectorPanel:
         if time.monotonic() < self._next:
             return changed
         self._next = time.monotonic() + PAUSE
-        if stage in ("review", "train") or workspace.take is None:
-            blocks = review_blocks(player, evaluation, marks, drawn_rate)
-        else:
-            blocks = review_blocks(player, evaluation, marks, drawn_rate)[:1]
+        blocks = review_blocks(player, evaluation, marks, drawn_rate)
+        if stage != "review" and workspace.take is not None:
+            blocks = blocks[:1]
         blocks = [*run_blocks(workspace, stage), *blocks]
         state = (blocks, self.figures.size)
         if state == self._figures_of:

@@ -13,6 +13,11 @@ from gui.presenters.settings import SettingField, fields_of
 from gui.presenters.workspace import TITLES, Workspace
 from pipelines.config import Config
 
+_PAUSE = {
+    "Pause": "Halt the run where it stands; it keeps its memory and goes on when you resume it",
+    "Resume": "Let the run go on",
+}
+
 
 class StagesPanel:
     """See the module.
@@ -42,18 +47,19 @@ class StagesPanel:
         self.ground.background_color = colour(PANEL)
         self.detail = gui.Label("")
         self.detail.text_color = colour(DIM)
+        self.detail.background_color = colour(PANEL)
         self.buttons: dict[str, gui.Button] = {}
         self.row = gui.Horiz(0.4 * em)
         self.row.background_color = colour(PANEL)
         self._button("run", "Run", "Do what is needed until this stage is done", self._run_clicked)
         self._button("all", "Run all", "Bring every stage up to date", lambda: run("all", False))
-        words = "Halt the run where it stands; it keeps its memory and goes on when you resume it"
-        self._button("pause", "Pause", words, workspace.pause)
+        self._button("pause", "Pause", _PAUSE["Pause"], workspace.pause)
         words = "Stop; what is finished is kept, and a later run goes on from there"
         self._button("cancel", "Cancel", words, workspace.cancel)
         self.row.add_stretch()
         self.error = gui.Label("")
         self.error.text_color = colour(BAD)
+        self.error.background_color = colour(PANEL)
         self.settings = {stage: SettingsList(stage, em, self._set) for stage in TITLES}
         self._shown_config: Config | None = None
 
@@ -87,6 +93,7 @@ class StagesPanel:
             return event.type != gui.MouseEvent.Type.WHEEL
         row = stage_list.row_at(y, self._em, len(TITLES))
         if row is not None:
+            self._say("")  # it was about a setting of the stage that was shown
             self._select(list(TITLES)[row])
             self._changed()
         return True
@@ -116,16 +123,14 @@ class StagesPanel:
         top = y + list_height + 0.4 * em
         limits = gui.Widget.Constraints()
         limits.width = int(width - 1.2 * em)
-        if self.detail.text:
-            wanted = min(self.detail.calc_preferred_size(context, limits).height, int(6 * em))
-            self.detail.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
-            top += wanted + 0.2 * em
+        # the buttons first: they stay where they are, whatever there is to say
         self.row.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(1.7 * em))
         top += 2.1 * em
-        if self.error.text:
-            wanted = min(self.error.calc_preferred_size(context, limits).height, int(8 * em))
-            self.error.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
-            top += wanted + 0.3 * em
+        for label, most in ((self.detail, 6), (self.error, 8)):
+            if label.text:
+                wanted = min(label.calc_preferred_size(context, limits).height + 0.3 * em, most * em)
+                label.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
+                top += wanted + 0.3 * em
         for panel in self.settings.values():
             panel.widget.frame = gui.Rect(int(x), int(top), int(width), max(int(y + height - top), 1))
         end = top if self._workspace.config is not None else y + height
@@ -175,6 +180,7 @@ class StagesPanel:
         text = "Resume" if self._workspace.paused else "Pause"
         if self.buttons["pause"].text != text:
             self.buttons["pause"].text = text
+            self.buttons["pause"].tooltip = _PAUSE[text]
             changed = True
         stoppable = busy and not self._workspace.cancelling
         for key, enabled in {"run": there, "all": there, "pause": stoppable, "cancel": stoppable}.items():

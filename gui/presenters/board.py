@@ -9,7 +9,6 @@ import numpy as np
 
 from gui.presenters.canvas import Canvas, line_height, wrapped
 from gui.presenters.palette import DIM, GROUND
-from gui.presenters.scene_parts import SceneParts
 from gui.presenters.worker import LatestWorker
 from gui.presenters.workspace import Workspace
 from studio.errors import StudioError
@@ -82,14 +81,6 @@ class Board:
 
     def _work(self, request: tuple[Size, Hashable]) -> np.ndarray:
         return self.draw(*request)
-
-    def scene(self) -> SceneParts | None:
-        """The same as geometry, where it can be shown so and what it needs is there; read at once, not on the thread.
-
-        Raises:
-            StudioError: a file that cannot be read.
-        """
-        return None
 
     # Gestures; boards that have none ignore them
 

@@ -10,9 +10,8 @@ import numpy as np
 from gui.presenters.board import Board, Size
 from gui.presenters.canvas import Canvas, line_height
 from gui.presenters.orbit import OrbitCamera
-from gui.presenters.painter import draw_frustum, draw_points, frustum
+from gui.presenters.painter import draw_frustum, draw_points
 from gui.presenters.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, RGB, SECOND, TEXT
-from gui.presenters.scene_parts import SceneParts
 from gui.presenters.workspace import Workspace
 from pipelines.files import read_json
 from pipelines.point_files import read_points
@@ -42,7 +41,6 @@ class CalibrateBoard(Board):
         self._rig: Rig | None = None
         self._report: dict[str, Any] = {}
         self._points: tuple[np.ndarray, np.ndarray] | None = None
-        self._parts: SceneParts | None = None
         self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
 
     def state(self) -> Hashable:
@@ -145,32 +143,6 @@ class CalibrateBoard(Board):
             except StudioError:
                 self._thumbnails[key] = None  # Capture names what is wrong with it
         return self._thumbnails[key]
-
-    def scene(self) -> SceneParts | None:
-        """See `Board`."""
-        take = self.workspace.take
-        if self.mode != "cameras" or take is None or not take.rig.is_file():
-            return None
-        stamp = ("calibrate", _stamp(take))
-        if self._parts is None or self._parts.stamp != stamp:
-            from studio.camera_files import read_rig
-
-            rig = read_rig(take.rig)
-            points, colors = np.zeros((0, 3)), np.zeros((0, 3))
-            if take.calibration_points.is_file():
-                points, colors = read_points(take.calibration_points)
-            self._report = read_json(take.calibration_report) if take.calibration_report.is_file() else {}
-            home = _overview(rig)
-            length = 0.16 * float(np.median([np.linalg.norm(camera.center - home.target) for camera in rig]))
-            lines, line_colors = [], []
-            for camera in rig:
-                centre, corners = frustum(camera, length)
-                edges = [(centre, corner) for corner in corners]
-                edges += [(corners[number], corners[(number + 1) % 4]) for number in range(4)]
-                lines += edges
-                line_colors += [np.array(self._colour(camera.name)) / 255] * len(edges)
-            self._parts = SceneParts(stamp, home, points, np.clip(colors, 0, 1), np.array(lines), np.array(line_colors))
-        return self._parts
 
     def _table(self, size: Size) -> np.ndarray:
         assert self._rig is not None

@@ -14,7 +14,6 @@ from gui.presenters.canvas import Canvas
 from gui.presenters.orbit import OrbitCamera
 from gui.presenters.painter import draw_points
 from gui.presenters.palette import DIM, GROUND
-from gui.presenters.scene_parts import SceneParts
 from gui.presenters.workspace import Workspace
 from pipelines.files import read_json
 from pipelines.point_files import read_points
@@ -52,7 +51,6 @@ class InitialiseBoard(Board):
         self._read_of: Hashable = None
         self._mesh: Mesh | None = None
         self._points = np.zeros((0, 3)), np.zeros((0, 3))
-        self._parts: SceneParts | None = None
 
     def _folder(self) -> Path | None:
         """Of the group that the frame belongs to."""
@@ -91,21 +89,6 @@ class InitialiseBoard(Board):
             words += f" on {self._mesh.faces:,} faces"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
         return canvas.pixels
-
-    def scene(self) -> SceneParts | None:
-        """See `Board`."""
-        folder, take = self._folder(), self.workspace.take
-        if folder is None or take is None or not all((folder / name).is_file() for name in ("points.ply", "mesh.ply")):
-            return None
-        stamp = ("initialise", self.mode, folder, _stamp(folder))
-        if self._parts is None or self._parts.stamp != stamp:
-            points, colors = read_points(folder / "points.ply")
-            home = _home(take, points)
-            if self.mode == "mesh":
-                self._parts = SceneParts(stamp, home, mesh=folder / "mesh.ply")
-            else:
-                self._parts = SceneParts(stamp, home, points, np.clip(colors, 0, 1))
-        return self._parts
 
     def _read(self, take: Take, folder: Path) -> None:
         stamp = (folder, _stamp(folder))

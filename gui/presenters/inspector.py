@@ -36,6 +36,8 @@ class Block:
 def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks, drawn_rate: float) -> list[Block]:
     """What is known of the frame that is shown. Quality is as evaluation.json has it."""
     transport, picture = player.transport, player.picture
+    if player.opened is None:
+        return []
     frame = transport.frame
     group = max(sum(1 for start in transport.group_starts if start <= frame) - 1, 0)
     blocks = [
@@ -88,8 +90,9 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
     blocks = []
     progress = workspace.run.progress
     if workspace.busy and progress is not None:
-        rows = [("stage", progress.stage), ("done", workspace.run.stage_words())]
-        if progress.total_seconds_left is not None:
+        words = "paused" if workspace.paused else workspace.run.stage_words()
+        rows = [("stage", progress.stage), ("done", words)]
+        if progress.total_seconds_left is not None and not workspace.paused:
             rows.append(("whole run", f"{duration(progress.total_seconds_left)} left"))
         for name in ("loss", "psnr", "splats"):
             value = progress.figures.get(name)
@@ -100,7 +103,7 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
         blocks.append(Block("Running", rows, progress.label))
     if stage != "review":
         status = workspace.assessment.stages.get(stage)
-        rows = [("state", row.state)]
+        rows = [("state", "paused" if row.state == "running" and workspace.paused else row.state)]
         if status is not None and status.seconds is not None:
             rows.append(("took", duration(status.seconds)))
         for name, value in (status.summary or {}).items() if status is not None else ():

@@ -30,7 +30,7 @@ class Marks:
         except StudioError as error:
             self.error = str(error)
         except (KeyError, TypeError, ValueError):
-            self.error = f"{path}: holds no marks that can be read; delete it to begin anew."
+            self.error = f"{path}: holds no marks that can be read; mend it, or move it away to begin anew."
 
     @property
     def kept(self) -> bool:

@@ -8,7 +8,6 @@ import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from gui.presenters.scene_parts import SCENE_CHOICES
 from pipelines.files import write_text
 
 RECENT = 10
@@ -36,14 +35,12 @@ class Preferences:
         picture_size: of `PICTURE_SIZES`: pictures of splats are drawn with at most so many pixels.
         background: of `BACKGROUND_NAMES`, on opening.
         play_on_opening: begin to play at once.
-        scene: of `SCENE_CHOICES`: by whom cameras, meshes and points are drawn.
         recent: folders and addresses, newest first.
     """
 
     picture_size: str = "960 x 540"
     background: str = "dark"
     play_on_opening: bool = True
-    scene: str = "automatic"
     recent: list[str] = field(default_factory=list)
 
     @classmethod
@@ -59,8 +56,6 @@ class Preferences:
             found.picture_size = cls.picture_size
         if found.background not in BACKGROUND_NAMES:
             found.background = cls.background
-        if found.scene not in SCENE_CHOICES:
-            found.scene = cls.scene
         found.recent = [str(name) for name in found.recent][:RECENT]
         return found
 

@@ -86,6 +86,10 @@ class TrainBoard(Board):
         take, context = self.workspace.take, self.workspace.context
         if take is None or context is None:
             raise StudioError("There is no take.")
+        if not take.rig.is_file():
+            raise StudioError(
+                "Nothing is trained yet, and there are no cameras. Run Train: it does what comes before it."
+            )
         footage = context.footage
         held_out = footage.held_out_cameras
         run = self.workspace.run

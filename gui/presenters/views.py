@@ -118,7 +118,7 @@ class Views:
     def fit_transport(self) -> bool:
         """Let the transport run over what the shown stage has frames of; returns whether it did not before."""
         found = self.workspace.assessment
-        over_footage = self.stage in ("capture", "calibrate", "initialise") or self.player.source is None
+        over_footage = not (self.shows_player or self.stage == "bake") or self.player.source is None
         if over_footage and found.frames:
             return self.player.span(found.frames, found.group_starts, found.fps)
         return self.player.span_source()

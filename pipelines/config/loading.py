@@ -102,7 +102,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except IsADirectoryError:
         raise StudioError(f"{path} is a folder; give the path of a YAML configuration.") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise StudioError(f"{path}: cannot be read ({error}).") from None
+        raise StudioError(f"{path}: cannot be read ({error}); give a YAML file of settings.") from None
     try:
         values = yaml.load(text, Loader=_Loader)  # a SafeLoader
     except yaml.YAMLError as error:
@@ -173,6 +173,8 @@ def _explain(error: ValidationError, path: Path | None, origin: Mapping[str, str
         name = ".".join(location)
         setting = next((".".join(location[:n]) for n in range(len(location), 0, -1) if _known(location[:n])), name)
         where = origin.get(setting) or origin.get(name) or (str(path) if path else "the settings")
+        if name and any(given.startswith(f"{name}.") for given in origin):  # a rule over several settings
+            where = f"{where} with the command line"
         kind, found = problem["type"], problem.get("input")
         if kind == "extra_forbidden":
             sentences.append(f"{where}: {name} is not a setting.{_nearest_sentence(name)}")

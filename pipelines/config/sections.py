@@ -1,7 +1,7 @@
 """The settings models. The text under a field is its documentation, shown by `v3studio config` and in the window.
 
-Defaults are the paper's where it names a value. Functions of `studio` take plain arguments; `pipelines.stages.arguments`
-makes them of these.
+Defaults are the paper's where it names a value. Functions of `studio` take plain arguments;
+`pipelines.stages.arguments` makes them of these.
 """
 
 from __future__ import annotations

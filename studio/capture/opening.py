@@ -41,7 +41,7 @@ def open_footage(
             masks missing.
     """
     if not spec.root.is_dir():
-        raise StudioError(f"The capture folder {spec.root} is not there.")
+        raise StudioError(f"The capture folder {spec.root} is not there; give its folder in capture.root.")
     pattern, matches = _find_images(spec)
     matches = _chosen(spec, matches)
     pool = DecoderPool(4)
