@@ -53,6 +53,7 @@ OPTIONS = (
     Variant("no-velocity", "no velocity guess", {"train.motion_velocity": False}),
     Variant("warm-start", "motion network of the frame before", {"train.motion_warm_start": True}),
     Variant("fixed-positions", "positions are not fine-tuned", {"train.finetune_means": False}),
+    Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
     Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
     Variant("simulated-quantisation", "fine-tuned on rounded attributes", {"train.simulate_quantisation": True}),
     Variant("mcmc", "splats relocated instead of cloned and split", {"train.density": "mcmc"}),

@@ -75,7 +75,7 @@ class TrainSettings:
         mlp_width, mlp_layers: hidden layers of the motion MLP.
         finetune_iterations: steps of fine-tuning a frame (section 5: 2000).
         finetune_means: tune positions as well (the paper tunes "other attributes" only).
-        entropy_weight: lambda_e of equation 13.
+        entropy_weight: lambda_e of equation 13; the paper takes 1e-4, which measured worse (docs/TRAINING.md).
         temporal_weight: lambda_t of equation 13.
         temporal_huber: equation 12 is an L1; above 0 it is a Huber loss instead, quadratic up to this many quantisation
             steps, so that what rounding hides anyway is not pressed to zero.
@@ -124,7 +124,7 @@ class TrainSettings:
     mlp_layers: int = 2
     finetune_iterations: int = 2_000
     finetune_means: bool = False
-    entropy_weight: float = 1e-4
+    entropy_weight: float = 1e-5
     temporal_weight: float = 1e-3
     temporal_huber: float = 0.0
     simulate_quantisation: bool = False

@@ -30,7 +30,7 @@ def test_defaults_are_the_papers():
     config = Config()
     assert config.train.group_size == 20
     assert (config.train.motion_iterations, config.train.finetune_iterations) == (500, 2000)
-    assert (config.train.dssim_weight, config.train.temporal_weight, config.train.entropy_weight) == (0.2, 1e-3, 1e-4)
+    assert (config.train.dssim_weight, config.train.temporal_weight, config.train.entropy_weight) == (0.2, 1e-3, 1e-5)
     assert (config.train.prune_ratio, config.train.max_splats) == (0.3, 100_000)
     assert (config.train.hash_levels, config.train.hash_features) == (16, 4)
     assert (config.train.mlp_width, config.train.mlp_layers) == (64, 2)
@@ -188,3 +188,10 @@ def test_any_yaml_is_read_or_refused_with_a_sentence(tmp_path_factory, values):
 )
 def test_sample_configurations_are_valid(path):
     load_config(path)
+
+
+def test_a_rule_over_several_settings_names_the_command_line_too(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("capture: {root: .}\n")
+    with pytest.raises(StudioError, match=r"a\.yaml with the command line: capture: .*stop"):
+        load_config(path, [("capture.start", 20), ("capture.stop", 4)])

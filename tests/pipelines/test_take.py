@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -85,3 +86,22 @@ def test_groups_cover_all_frames_once_and_the_tail_stays():
     assert [group.frames for group in groups] == [(10, 12), (14, 16), (18,)]
     assert [list(group.indices) for group in groups] == [[0, 1], [2, 3], [4]]
     assert [group.keyframe for group in groups] == [10, 14, 18]
+
+
+def test_a_take_that_lost_its_take_json_is_taken_up_again(tmp_path: Path) -> None:
+    root = tmp_path / "take"
+    Take.create(root)
+    (root / "config.yaml").write_text("train: {}\n")
+    (root / "train").mkdir()
+    kept = root / "train" / "frame"
+    kept.write_bytes(b"work")
+    (root / "take.json").unlink()
+    with pytest.raises(StudioError, match="writes it anew"):
+        Take.open(root)
+    assert Take.create(root) == Take.open(root)
+    assert kept.read_bytes() == b"work"
+    other = tmp_path / "photos"
+    other.mkdir()
+    (other / "one.jpg").write_bytes(b"x")
+    with pytest.raises(StudioError, match="not a take"):
+        Take.create(other)
