@@ -69,7 +69,7 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
     values: dict[str, Any] = {}
     if path is not None:
         values = read_yaml(path)
-        _anchor_root(values, path.parent)
+        _anchor_root(values, path.parent, str(path))
     origin: dict[str, str] = {}
     for name, value in overrides:
         *sections, last = name.split(".")
@@ -82,7 +82,7 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
         target[last] = value
         origin[name] = "the command line"
         if name == "capture.root":
-            _anchor_root(values, Path.cwd())
+            _anchor_root(values, Path.cwd(), "the command line")
     try:
         return Config.model_validate(values)
     except ValidationError as error:
@@ -122,12 +122,17 @@ def dump_config(config: Config) -> str:
     return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=120)
 
 
-def _anchor_root(values: dict[str, Any], folder: Path) -> None:
-    """Make `capture.root` absolute, seen from `folder`."""
+def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
+    """Make `capture.root` absolute, seen from `folder`. Raises StudioError where it can be no path."""
     capture = values.get("capture")
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
-        root = Path(capture["root"]).expanduser()
-        capture["root"] = str(root if root.is_absolute() else (folder.absolute() / root).resolve())
+        try:
+            root = Path(capture["root"]).expanduser()
+            capture["root"] = str(root if root.is_absolute() else (folder.absolute() / root).resolve())
+        except (ValueError, RuntimeError) as error:  # a NUL in it, a user that is not there
+            raise StudioError(
+                f"{where}: capture.root = {capture['root']!r} can be no folder ({error}); give that of the footage."
+            ) from None
 
 
 def all_names(model: type[BaseModel] = Config, prefix: str = "") -> Iterator[str]:

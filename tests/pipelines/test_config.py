@@ -168,6 +168,11 @@ def test_override_through_a_plain_value_is_refused(tmp_path):
     assert "has no settings of its own" in refusal(tmp_path, "train: {max_splats: 3}", "train.max_splats.x=3")
 
 
+@pytest.mark.parametrize("root", ['"\\0"', "~nobody-of-that-name/x"])
+def test_a_root_that_can_be_no_folder(tmp_path: Path, root: str) -> None:
+    assert "can be no folder" in refusal(tmp_path, f"capture: {{root: {root}}}")
+
+
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.dictionaries(st.sampled_from(["train", "bake", "capture", "zzz"]), st.dictionaries(
     st.sampled_from(["qp", "max_splats", "scale", "root", "bogus"]),
