@@ -100,11 +100,10 @@ class MainWindow:
     def _build(self) -> None:
         em, changed = self.em, self.changed
         # What the panels leave free. One ground under everything would cost a software driver 30 ms a drawing.
-        self._fills = [gui.Vert() for _ in range(7)]
-        self._under = gui.Widget()  # holds them: Open3D warns where a window has many children
+        # Few, because Open3D draws wrongly where a window has more than 20 visible children.
+        self._fills = [gui.Vert() for _ in range(4)]
         for number, fill in enumerate(self._fills):
             fill.background_color = colour(GROUND if number < 3 else PANEL)
-            self._under.add_child(fill)
         self.viewport = Viewport(lambda: self.views, changed)
         self.timeline = TimelinePanel(self.player, em, changed)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
@@ -112,13 +111,14 @@ class MainWindow:
         self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, changed)
         self.inspector = InspectorPanel(em, changed)
         self._message = gui.Label("")
+        self._message.visible = False
         self._message.background_color = colour(GROUND)
         self._message.text_color = colour(TEXT)
         self._status = gui.Label("")
         self._status.text_color = colour(DIM)
         self._status.background_color = colour(PANEL)
         for widget in (
-            self._under,
+            *self._fills,
             self.viewport.picture.widget,
             *self.modes.rows.values(),
             self.timeline.picture.widget,
@@ -219,9 +219,10 @@ class MainWindow:
         """The viewport alone, or with all panels."""
         self.fullscreen = on
         self.window.show_menu(not on)
-        for widget in (self._under, self._status, self.controls.widget, self.timeline.picture.widget,
-                       *self.inspector.widgets, *self.stages.widgets):  # fmt: skip
+        for widget in (*self._fills, self._status, self.controls.widget, self.timeline.picture.widget,
+                       *self.inspector.widgets):  # fmt: skip
             widget.visible = not on
+        self.stages.set_visible(not on)
         if on:
             for row in self.modes.rows.values():
                 row.visible = False
@@ -367,17 +368,12 @@ class MainWindow:
         self.modes.place(inner + pad, y + 0.25 * em, view_width - pad, 1.5 * em)
         self.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
         self.inspector.place(inner + view_width + gap, y, right, bottom - y)
-        below = bottom + bottom_height - round(3.6 * em)
         frames = (
             (x + left, y, gap, height),
             (inner, y, view_width, row),
             (inner + view_width, y, gap, bottom - y),
-            (inner, bottom, inner_width, pad),
-            (inner, bottom + pad, pad, below - bottom - pad),
-            (inner + inner_width - pad, bottom + pad, pad, below - bottom - pad),
-            (inner, below, inner_width, y + height - below),
+            (inner, bottom, inner_width, bottom_height),
         )
-        self._under.frame = area
         for fill, frame in zip(self._fills, frames, strict=True):
             fill.frame = gui.Rect(*frame)
         self._place_message(context, inner, y + row, view_width, bottom - y - row)

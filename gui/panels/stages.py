@@ -61,6 +61,8 @@ class StagesPanel:
         self.error.text_color = colour(BAD)
         self.error.background_color = colour(PANEL)
         self.settings = {stage: SettingsList(stage, em, self._set) for stage in TITLES}
+        for widget in (self.detail, self.error, *(panel.widget for panel in self.settings.values())):
+            widget.visible = False  # until there is something to show
         self._shown_config: Config | None = None
 
     @property
@@ -68,6 +70,11 @@ class StagesPanel:
         """All that the window must hold."""
         lists = [panel.widget for panel in self.settings.values()]
         return [self.list.widget, self.ground, self.detail, self.row, self.error, *lists]
+
+    def set_visible(self, on: bool) -> None:
+        """Hide all of it, or show it again; `update` then shows what depends on the state."""
+        for widget in self.widgets:
+            widget.visible = on and widget in (self.list.widget, self.ground, self.row)
 
     def _button(self, key: str, text: str, tooltip: str, action: Callable[[], None]) -> None:
         button = gui.Button(text)

@@ -95,6 +95,7 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     time.sleep(2.5)
     window.screenshot(artefacts / "workstation_10_shortcuts.png")
     assert window.close() == 0, window.stderr.read_text()[-2000:]
+    assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
 
 
 def test_pixels_do_not_overlap_at_1280x800(open_window: Callable, finished_project: Path, artefacts: Path) -> None:

@@ -111,3 +111,4 @@ def test_broken_takes_are_sentences(open_window: Callable, finished_project: Pat
             window.stage(stage)
         assert window.process.poll() is None
     assert window.close() == 0, window.stderr.read_text()[-2000:]
+    assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
