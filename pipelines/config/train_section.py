@@ -178,7 +178,7 @@ class TrainSection(Section):
 
     entropy_weight: float = Field(default=1e-5, ge=0)
     """Weight of the residual entropy loss, lambda_e of equation 13. The paper takes 1e-4, which was measured
-    to cost 12 % more bytes at equal quality (docs/TRAINING.md)."""
+    to cost 14 % more bytes at equal quality (docs/TRAINING.md)."""
 
     temporal_weight: float = Field(default=1e-3, ge=0)
     """Weight of the temporal loss, lambda_t of the paper's equation 13."""
