@@ -119,6 +119,18 @@ class Take:
         """Gaussians of the frame `index`, counted from 0 in the take."""
         return self.train_group(group) / f"frame_{index:06d}.safetensors"
 
+    def trained_files(self) -> tuple[list[Path], tuple[int, ...]]:
+        """Trained frames in order, up to the first that is missing, and the first frame of each group."""
+        files: list[Path] = []
+        starts: list[int] = []
+        while (path := self.trained_frame(len(starts), len(files))).is_file():
+            group = len(starts)
+            starts.append(len(files))
+            while path.is_file():
+                files.append(path)
+                path = self.trained_frame(group, len(files))
+        return files, tuple(starts)
+
     def keyframe_checkpoint(self, group: int) -> Path:
         """A keyframe in training; gone when it is trained."""
         return self.train_group(group) / "keyframe.checkpoint"

@@ -35,13 +35,7 @@ def trained_video(root: Path) -> SplatVideo:
     from studio.splat_video import SplatVideo
 
     take = Take.open(root)
-    files: list[Path] = []
-    starts: list[int] = []
-    while take.trained_frame(len(starts), len(files)).is_file():
-        group = len(starts)
-        starts.append(len(files))
-        while (path := take.trained_frame(group, len(files))).is_file():
-            files.append(path)
+    files, starts = take.trained_files()
     if not files:
         raise StudioError(f"{root}: nothing is trained in this take yet; run `v3studio train`.")
     capture = load_config(take.config if take.config.is_file() else None).capture
@@ -56,7 +50,7 @@ def trained_video(root: Path) -> SplatVideo:
         name=str(root),
         fps=float(fps or FALLBACK_FPS),
         frame_count=len(files),
-        group_starts=tuple(starts),
+        group_starts=starts,
         read=lambda index: read_frame(files[index]),
         up=None if rig is None else rig.up,
         view=None if rig is None else next(iter(rig)).undistorted(),

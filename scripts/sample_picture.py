@@ -19,6 +19,7 @@ from pipelines.config import load_config
 from pipelines.frame_files import read_frame
 from pipelines.pictures import draw, to_bytes
 from pipelines.stages.base import Context
+from pipelines.stages.evaluate import padded_box
 from pipelines.take import Take
 from studio.stream import StreamReader
 
@@ -32,7 +33,8 @@ def row(context: Context, camera: str, index: int) -> list[np.ndarray]:
     frame = footage.frames[index]
     group = next(one for one in context.groups if index in one.indices)
     view = footage.view(camera, frame)
-    matte = footage.evaluation_matte(camera, frame).astype(np.float32)[..., None] / 255
+    exact = footage.evaluation_matte(camera, frame)
+    matte = exact.astype(np.float32)[..., None] / 255
     performer = view.image * matte
     trained = read_frame(context.take.trained_frame(group.index, index))
     with StreamReader.open(context.take.stream) as reader:
@@ -40,12 +42,12 @@ def row(context: Context, camera: str, index: int) -> list[np.ndarray]:
     drawn = [to_bytes(draw(splats, footage.rig[camera], (0.0, 0.0, 0.0), "cpu")) for splats in (trained, decoded)]
     error = np.abs(performer - drawn[1]).mean(2)
     heat = cv2.applyColorMap(np.clip(4 * error, 0, 255).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
-    rows, columns = np.nonzero(matte[..., 0] > 0.5)
-    top, bottom = max(rows.min() - 12, 0), rows.max() + 13
-    left, right = max(columns.min() - 8, 0), columns.max() + 9
+    box = padded_box(exact, context.config.evaluate.crop_padding)
+    if box is None:
+        raise SystemExit(f"{camera} does not see the performer in frame {frame}; choose another by --frame.")
     pictures = [view.image, performer, *drawn, heat]
-    cropped = [np.ascontiguousarray(picture[top:bottom, left:right]).astype(np.uint8) for picture in pictures]
-    scale = HEIGHT / (bottom - top)
+    cropped = [np.ascontiguousarray(picture[box]).astype(np.uint8) for picture in pictures]
+    scale = HEIGHT / cropped[0].shape[0]
     return [cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC) for picture in cropped]
 
 

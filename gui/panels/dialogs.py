@@ -111,7 +111,6 @@ class Dialogs:
             typed[0] = now
 
         edit.set_on_text_changed(changed)
-        edit.set_on_value_changed(changed)
 
         def answer(action: Callable[[str], None]) -> Callable[[], None]:
             return self._closing(lambda: action(typed[0]))

@@ -153,10 +153,9 @@ class StagesPanel:
             self.list.show(stage_list.picture(rows, self.selected, self.list.size[0], self._em))
             changed = True
         row = self._workspace.row(self.selected)
-        for label, text in ((self.detail, row.detail),):
-            if label.text != text:
-                label.text = text
-                changed = layout = True
+        if self.detail.text != row.detail:
+            self.detail.text = row.detail
+            changed = layout = True
         for widget, shown in ((self.detail, bool(row.detail)), (self.error, bool(self.error.text))):
             if widget.visible != shown:
                 widget.visible = shown

@@ -14,7 +14,6 @@ import numpy as np
 from gui.presenters.board import Board, Size
 from gui.presenters.canvas import Canvas, line_height
 from gui.presenters.palette import ACCENT, DIM, FAINT, GROUND, PANEL, RAISED, TEXT
-from gui.presenters.sources import trained_files
 from gui.presenters.workspace import Workspace
 from pipelines.config import BakeSection
 from pipelines.frame_files import read_frame
@@ -292,7 +291,7 @@ class QpTrial:
         take, context = workspace.take, workspace.context
         assert take is not None
         assert context is not None
-        files, starts = trained_files(take)
+        files, starts = take.trained_files()
         if not files:
             raise StudioError("Nothing is trained yet, so nothing can be baked. Run Train.")
         end = starts[1] if len(starts) > 1 else len(files)

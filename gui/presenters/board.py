@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from gui.presenters.canvas import Canvas, line_height, wrapped
+from gui.presenters.orbit import OrbitCamera
 from gui.presenters.palette import DIM, GROUND
 from gui.presenters.worker import LatestWorker
 from gui.presenters.workspace import Workspace
@@ -98,6 +99,37 @@ class Board:
     def close(self) -> bool:
         """End the thread. Returns whether it ended in time."""
         return self._worker.close()
+
+
+class OrbitBoard(Board):
+    """A board that shows something from a viewer's camera; drags turn and move it, the wheel comes nearer.
+
+    Attributes:
+        orbit: where the viewer stands; None for `_home`, which `draw` sets.
+    """
+
+    orbits = True
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self.orbit: OrbitCamera | None = None
+        self._home: OrbitCamera | None = None
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """See `Board`."""
+        orbit = self.orbit or self._home
+        if orbit is not None:
+            self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
+
+    def wheel(self, notches: float) -> None:
+        """See `Board`."""
+        orbit = self.orbit or self._home
+        if orbit is not None:
+            self.orbit = orbit.zoom(notches)
+
+    def reset(self) -> None:
+        """Back to the first view."""
+        self.orbit = None
 
 
 def sentence(size: Size, words: str, em: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gui.presenters.board import Board, Size
+from gui.presenters.board import OrbitBoard, Size
 from gui.presenters.canvas import Canvas, line_height
 from gui.presenters.orbit import OrbitCamera
 from gui.presenters.painter import draw_frustum, draw_points
@@ -27,16 +27,13 @@ BANDS: dict[str, tuple[str, RGB]] = {
 UNKNOWN: tuple[str, RGB] = ("no error known: cameras were given", SECOND)
 
 
-class CalibrateBoard(Board):
+class CalibrateBoard(OrbitBoard):
     """See the module."""
 
     modes = ("cameras", "report")
-    orbits = True
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
-        self.orbit: OrbitCamera | None = None
-        self._home: OrbitCamera | None = None
         self._read_of: Hashable = None
         self._rig: Rig | None = None
         self._report: dict[str, Any] = {}
@@ -192,19 +189,8 @@ class CalibrateBoard(Board):
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """See `Board`."""
-        orbit = self.orbit or self._home
-        if orbit is not None and self.mode == "cameras":
-            self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
-
-    def wheel(self, notches: float) -> None:
-        """See `Board`."""
-        orbit = self.orbit or self._home
-        if orbit is not None:
-            self.orbit = orbit.zoom(notches)
-
-    def reset(self) -> None:
-        """Back to the first view."""
-        self.orbit = None
+        if self.mode == "cameras":  # the report is a table
+            super().drag(dx, dy, turn, height)
 
 
 def _overview(rig: Rig) -> OrbitCamera:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.presenters.board import Board, Size
+from gui.presenters.board import OrbitBoard, Size
 from gui.presenters.canvas import Canvas
 from gui.presenters.orbit import OrbitCamera
 from gui.presenters.painter import draw_points
@@ -32,7 +32,7 @@ class Mesh(Protocol):
         ...
 
 
-class InitialiseBoard(Board):
+class InitialiseBoard(OrbitBoard):
     """See the module.
 
     Args:
@@ -41,12 +41,9 @@ class InitialiseBoard(Board):
     """
 
     modes = ("mesh", "points")
-    orbits = True
 
     def __init__(self, workspace: Workspace, read_mesh: Callable[[Path], Mesh]) -> None:
         super().__init__(workspace)
-        self.orbit: OrbitCamera | None = None
-        self._home: OrbitCamera | None = None
         self._read_mesh = read_mesh
         self._read_of: Hashable = None
         self._mesh: Mesh | None = None
@@ -99,22 +96,6 @@ class InitialiseBoard(Board):
         if self._home is None:
             self._home = _home(take, self._points[0])
         self._read_of = stamp
-
-    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """See `Board`."""
-        orbit = self.orbit or self._home
-        if orbit is not None:
-            self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
-
-    def wheel(self, notches: float) -> None:
-        """See `Board`."""
-        orbit = self.orbit or self._home
-        if orbit is not None:
-            self.orbit = orbit.zoom(notches)
-
-    def reset(self) -> None:
-        """Back to the first view."""
-        self.orbit = None
 
 
 def _home(take: Take, points: np.ndarray) -> OrbitCamera:

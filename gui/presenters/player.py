@@ -14,10 +14,11 @@ from gui.presenters.drawing import draw
 from gui.presenters.lens import Lens
 from gui.presenters.orbit import OrbitCamera
 from gui.presenters.picture_maker import DrawFn, Picture, PictureMaker, Wish
-from gui.presenters.sources import FALLBACK_FPS, FrameSource, Opened, open_path, take_contents
+from gui.presenters.sources import FrameSource, Opened, open_path, take_contents
 from gui.presenters.transport import Transport
 from gui.presenters.worker import Done, LatestWorker
 from pipelines.stages.base import Context
+from pipelines.videos import FALLBACK_FPS
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians

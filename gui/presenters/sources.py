@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from pipelines.frame_files import read_frame
 from pipelines.take import Take
+from pipelines.videos import FALLBACK_FPS
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
@@ -23,9 +25,6 @@ if TYPE_CHECKING:
 CACHE_BYTES = 512 * 1024 * 1024
 AHEAD = 4
 """Frames decoded after the one that is shown."""
-
-FALLBACK_FPS = 30.0
-"""Rate at which trained frames play where neither a stream nor the settings tell: still images have no rate."""
 
 
 class FrameSource(Protocol):
@@ -126,7 +125,7 @@ class TrainedSource:
 
     def __init__(self, take: Take, fps: float) -> None:
         self.fps = fps
-        self._files, starts = trained_files(take)
+        self._files, starts = take.trained_files()
         self.group_starts: Sequence[int] = starts
         if not self._files:
             raise StudioError(f"{take.root}: nothing is trained in this take yet ({take.root / 'train'} has no frame).")
@@ -141,7 +140,7 @@ class TrainedSource:
         held = self._cache.get(frame)
         if held is None:
             start = time.perf_counter()
-            held = self._read(self._files[frame])
+            held = read_frame(self._files[frame])
             self._load_ms[frame] = 1000 * (time.perf_counter() - start)
             self._cache.put(frame, held)
         return held
@@ -150,35 +149,9 @@ class TrainedSource:
         """See `FrameSource`."""
         return self._load_ms.get(frame)
 
-    @staticmethod
-    def _read(path: Path) -> Gaussians:
-        from safetensors import SafetensorError
-        from safetensors.torch import load_file
-
-        try:
-            return Gaussians.from_state_dict(load_file(path))
-        except (OSError, SafetensorError) as error:
-            raise StudioError(f"{path}: cannot be read ({error}); delete it and run the training again.") from None
-
     def close(self) -> None:
         """See `FrameSource`."""
         self._cache.clear()
-
-
-def trained_files(take: Take) -> tuple[list[Path], tuple[int, ...]]:
-    """Trained frames in order, up to the first that is missing, and the first frame of each group."""
-    files: list[Path] = []
-    starts = []
-    group = 0
-    while take.train_group(group).is_dir():
-        first = len(files)
-        while (path := take.trained_frame(group, len(files))).is_file():
-            files.append(path)
-        if len(files) == first:
-            break
-        starts.append(first)
-        group += 1
-    return files, tuple(starts)
 
 
 class StreamSource:
@@ -325,7 +298,7 @@ def _open_take(path: Path) -> Opened:
             opened.sources[decoded.name] = decoded
         except StudioError as error:  # what is trained can still be shown
             problems.append(str(error))
-    if trained_files(take)[0]:
+    if take.trained_files()[0]:
         trained = TrainedSource(take, _fps(take, opened))
         opened.sources[trained.name] = trained
     opened.message = "\n".join(problems)
@@ -356,6 +329,6 @@ def _fps(take: Take, opened: Opened) -> float:
 
 def take_contents(take: Take) -> tuple[object, ...]:
     """Changes when frames were trained or a stream was baked since; costs little."""
-    files, _ = trained_files(take)
+    files, _ = take.trained_files()
     paths = [take.stream / "manifest.json", take.rig, *files[:1], *files[-1:]]
     return len(files), *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)

@@ -17,7 +17,6 @@ from gui.presenters.palette import ACCENT, DIM, GROUND, RAISED, SECOND
 from gui.presenters.picture_maker import Wish, ground_truth
 from gui.presenters.plots import curve
 from gui.presenters.run_state import Curve
-from gui.presenters.sources import trained_files
 from pipelines.frame_files import read_frame
 from studio.errors import StudioError
 
@@ -38,7 +37,7 @@ class TrainBoard(Board):
         run, take = self.workspace.run, self.workspace.take
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
-        frames = len(trained_files(take)[0]) if take is not None else 0
+        frames = len(take.trained_files()[0]) if take is not None else 0
         return (take, frames, preview, points, run.stage, run.outcome, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
@@ -102,7 +101,7 @@ class TrainBoard(Board):
                 render = np.ascontiguousarray(pixels[..., ::-1])
                 words = f"{_kind(preview.camera, held_out)}, frame {preview.frame}{step}"
                 return words, render, self._truth(preview.camera, index, render.shape[1::-1])
-        files, _ = trained_files(take)
+        files, _ = take.trained_files()
         if not files:
             raise StudioError("Nothing is trained yet. Pictures appear here while training runs.")
         camera = (*held_out, *footage.train_cameras)[0]

@@ -28,17 +28,20 @@ FEWEST = 4
 def groups_of(context: Context) -> tuple[Group, ...]:
     """The take's groups, as far as they are known (see the module)."""
     settings, frames = context.config.train, context.raw_footage.frames
-    if settings.grouping == "fixed" or not is_known(context):
-        return cut_into_groups(frames, settings.group_size)
-    return cut_at(frames, read_json(context.take.grouping)["starts"])
+    starts = None if settings.grouping == "fixed" else _found(context)
+    return cut_into_groups(frames, settings.group_size) if starts is None else cut_at(frames, starts)
 
 
 def is_known(context: Context) -> bool:
     """Whether the groups stand: their length is fixed, or the footage was looked at with these settings."""
-    if context.config.train.grouping == "fixed":
-        return True
+    return context.config.train.grouping == "fixed" or _found(context) is not None
+
+
+def _found(context: Context) -> list[int] | None:
+    """Where groups begin by motion; None where nobody has looked with these settings."""
     path = context.take.grouping
-    return path.is_file() and read_json(path).get("key") == key(context)
+    values = read_json(path) if path.is_file() else {}
+    return values["starts"] if values.get("key") == key(context) else None
 
 
 def key(context: Context) -> str:

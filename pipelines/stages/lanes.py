@@ -72,11 +72,9 @@ def run_lanes(jobs: Mapping[int, Callable[[], None]], at_once: int, threads: Seq
             return
         with ThreadPoolExecutor(at_once, thread_name_prefix="group") as lanes:
             futures = [lanes.submit(work, index, job) for index, job in jobs.items()]
-            try:
-                wait(futures, return_when=FIRST_EXCEPTION)
-            finally:
-                if any(future.done() and future.exception() is not None for future in futures):
-                    stop.cancel()
+            done, _ = wait(futures, return_when=FIRST_EXCEPTION)
+            if any(future.exception() is not None for future in done):
+                stop.cancel()
         errors = [error for future in futures if (error := future.exception()) is not None]
         for error in sorted(errors, key=lambda error: isinstance(error, Cancelled)):
             raise error

@@ -16,7 +16,6 @@ from gui.presenters.lens import Lens
 from gui.presenters.marks import Marks
 from gui.presenters.palette import ACCENT
 from gui.presenters.player import PlayerPresenter
-from gui.presenters.sources import trained_files
 from gui.presenters.strips import StripBoard, strips_of
 from pipelines.config import load_config
 from pipelines.frame_files import read_frame
@@ -70,7 +69,7 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     assert player.choose("trained")
     trained = image(player)
     assert player.camera == "cam4"
-    drawn = draw(read_frame(trained_files(player.opened.take)[0][0]), footage.rig["cam4"].resized(256, 192), (0, 0, 0))
+    drawn = draw(read_frame(player.opened.take.trained_files()[0][0]), footage.rig["cam4"].resized(256, 192), (0, 0, 0))
     assert np.abs(trained.astype(float) - drawn * 255).mean() < 1.0
     player.choose_mode("difference")
     assert player.reference == "truth"
