@@ -73,8 +73,9 @@ class CalibrateSection(Section):
     lens: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"] = "SIMPLE_RADIAL"
     """COLMAP's model of the lenses: more terms follow stronger distortion and need more features."""
 
-    shared_lens: bool = False
-    """All cameras have one lens in common (one camera carried about, or lenses locked alike)."""
+    shared_lens: bool | None = None
+    """All cameras have one lens in common (one camera carried about, or lenses locked alike); false: each has its own;
+    null: the footage decides (one lens where it fits as well as a lens each; the report says so)."""
 
     lens_groups: tuple[tuple[str, ...], ...] = ()
     """Names of cameras that have one lens in common, a list a group, as in [[cam01, cam02], [cam03, cam04]]."""

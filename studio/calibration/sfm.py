@@ -30,12 +30,21 @@ _START = {  # parameters from focal length f and principal point
     "OPENCV": lambda f, cx, cy: [f, f, cx, cy, 0.0, 0.0, 0.0, 0.0],
     "FULL_OPENCV": lambda f, cx, cy: [f, f, cx, cy] + [0.0] * 8,
 }
+_SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
+"""With which lenses the cameras are put together before the other terms are solved for."""
+
 Picture = np.ndarray | Callable[[], np.ndarray]
 """(H, W, 3) uint8 RGB, or what reads it when it is needed."""
 Pictures = np.ndarray | Sequence[Picture]
 """A camera's picture, or its pictures of several moments, the same moments for all cameras."""
 
-_STEPS = {"features": (5, 25), "matches": (25, 60), "mapping": (60, 90), "global mapping": (90, 97)}
+_STEPS = {
+    "features": (5, 25),
+    "matches": (25, 60),
+    "mapping": (60, 85),
+    "global mapping": (85, 90),
+    "adjusting": (90, 98),
+}
 
 
 @dataclass(frozen=True)
@@ -45,8 +54,8 @@ class SfmSettings:
     Attributes:
         lens: COLMAP model of lenses that are not known: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL (one focal length, one
             radial term), RADIAL, OPENCV or FULL_OPENCV.
-        shared_lens: all cameras have one lens in common (one camera carried about, or lenses locked alike). Images of
-            different size never share one.
+        shared_lens: all cameras have one lens in common (one camera carried about, or lenses locked alike); False: each
+            has its own; None: the footage decides, see `sfm_lenses`. Images of different size never share one.
         focal_factor: first guess of unknown focal lengths, in longer image sides.
         refine_principal_point: estimate it too; needs many well spread points.
         lens_groups: names of cameras that have one lens in common, a tuple a group; cameras in none have their own.
@@ -62,7 +71,7 @@ class SfmSettings:
     """
 
     lens: str = "SIMPLE_RADIAL"
-    shared_lens: bool = False
+    shared_lens: bool | None = None
     lens_groups: tuple[tuple[str, ...], ...] = ()
     focal_factor: float = 1.2
     refine_principal_point: bool = False
@@ -149,7 +158,7 @@ def calibrate_from_images(
 
     def relay(line: dict[str, Any]) -> None:
         if line:
-            low, high = _STEPS.get(line["step"], (90, 97))
+            low, high = _STEPS.get(line["step"], (90, 98))
             at["done"] = max(at["done"], low + round((high - low) * line["done"] / max(line["total"], 1)))
         progress(at["done"], 100)
 
@@ -272,8 +281,11 @@ def _job(
                 continue
             shared[key] = len(lenses)
             focal = focal_lengths.get(name, settings.focal_factor * max(width, height))
-            parameters = _START[settings.lens](float(focal), width / 2, height / 2)
-            lens = {"model": settings.lens, "params": parameters, "prior": name in focal_lengths, "known": False}
+            # terms that few matches leave open place cameras wrongly while they are put together
+            model = _SIMPLER.get(settings.lens, settings.lens)
+            parameters = _START[model](float(focal), width / 2, height / 2)
+            lens = {"model": model, "params": parameters, "prior": name in focal_lengths, "known": False}
+            lens["becomes"] = settings.lens
         lens_of.append(len(lenses))
         lenses.append({**lens, "width": width, "height": height})
     return {
@@ -293,6 +305,7 @@ def _job(
         "threads": settings.threads or os.cpu_count() or 1,
         "keep_known": settings.keep_known,
         "refine_principal_point": settings.refine_principal_point,
+        "find_shared": settings.shared_lens is None and not settings.lens_groups,
     }
 
 
@@ -370,6 +383,10 @@ def _read(
     observations = {names[n]: seen[seen[:, 0] == n][:, 1:] for n in found}
     report = reprojection_report(rig, points, observations)
     report |= {"unregistered": missing, "mapper": solution["mapper"], "features": features, "matches": matches}
+    report["explained"] = solution["explained"]
+    report["sharing"] = [
+        {**each, "images": [names[number] for number in each["images"]]} for each in solution["sharing"]
+    ]
     return CalibrationResult(rig, points, colors, report)
 
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from studio.calibration.sfm_features import find_matches, say
+from studio.calibration.sfm_judge import explained_share
 from studio.calibration.sfm_mapping import Mapper
 
 
@@ -45,10 +46,11 @@ class Worker:
 
     def solve(self, database: Path) -> None:
         """Mapping and result, from a database with matches."""
-        model, mapper = Mapper(self.folder, database, self.job).solve()
-        self._write(database, model, mapper)
+        mapper = Mapper(self.folder, database, self.job)
+        model, how = mapper.solve()
+        self._write(database, model, how, mapper.sharing)
 
-    def _write(self, database_path: Path, model: Any, mapper: str) -> None:
+    def _write(self, database_path: Path, model: Any, how: str, sharing: list[dict[str, Any]]) -> None:
         """Cameras, points, every observation, and what is known of the cameras that found no place."""
         import pycolmap
 
@@ -86,7 +88,15 @@ class Worker:
             colors=np.array([point.color for point in kept], np.uint8).reshape(-1, 3),
             observations=np.array(observations, np.float64).reshape(-1, 4),
         )
-        solution = {"mapper": mapper, "cameras": cameras, "features": features, "pairs": pairs}
+        explained = explained_share(model, database_path) if model is not None else 0.0
+        solution = {
+            "mapper": how,
+            "cameras": cameras,
+            "features": features,
+            "pairs": pairs,
+            "explained": round(explained, 4),
+            "sharing": [{**found, "images": [image - 1 for image in found["images"]]} for found in sharing],
+        }
         (self.folder / "solution.json").write_text(json.dumps(solution))
 
     def _pairs(self, database_path: Path) -> list[tuple[int, int, int]]:

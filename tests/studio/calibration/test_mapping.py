@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +34,7 @@ def job_of(count: int, **settings: Any) -> dict[str, Any]:
     return {
         "names": [str(number) for number in range(count)],
         "moments": 1,
-        "lenses": [{**lens, "known": False, "prior": False} for _ in range(count)],
+        "lenses": [{**lens, "known": False, "prior": False, "becomes": "SIMPLE_RADIAL"} for _ in range(count)],
         "lens_of": list(range(count)),
         "masks": False,
         "pairs": [],
@@ -41,17 +45,26 @@ def job_of(count: int, **settings: Any) -> dict[str, Any]:
         "threads": 1,
         "keep_known": True,
         "refine_principal_point": False,
+        "find_shared": False,
         **settings,
     }
 
 
-def synthesise(folder: Path, count: int, points: int) -> Rig:
-    """A database of a rig with 0.5 pixels of noise and 10 % wrong matches, and the true cameras, named by number."""
+def synthesise(
+    folder: Path, count: int, points: int, zooms: Sequence[float] = (), lens: str = "", terms: Sequence[float] = ()
+) -> Rig:
+    """A database of a rig with 0.5 pixels of noise and 10 % wrong matches, and the true cameras, named by number.
+
+    `zooms`: factor of each camera's focal length. `lens`, `terms`: COLMAP model and parameters instead of the usual.
+    """
     pycolmap.set_random_seed(1)
     database = pycolmap.Database.open(folder / "database.db")
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = count, 1, 1
     options.num_points3D, options.inlier_match_ratio = points, 0.9
+    if lens:
+        options.camera_model_id = getattr(pycolmap.CameraModelId, lens)
+        options.camera_params = list(terms)
     truth = pycolmap.synthesize_dataset(options, database)
     noise = pycolmap.SyntheticNoiseOptions()
     noise.point2D_stddev = 0.5
@@ -59,7 +72,14 @@ def synthesise(folder: Path, count: int, points: int) -> Rig:
     for image in database.read_all_images():
         image.name = f"{image.image_id - 1:04d}.png"
         database.update_image(image)
+    zoomed = {}
+    for number, zoom in enumerate(zooms):
+        zoomed[number + 1] = np.asarray(database.read_keypoints(number + 1), np.float32)
+        zoomed[number + 1][:, :2] = (zoomed[number + 1][:, :2] - [512, 384]) * zoom + [512, 384]
     database.close()
+    with closing(sqlite3.connect(folder / "database.db")) as rows, rows:
+        for key, keypoints in zoomed.items():
+            rows.execute("UPDATE keypoints SET data = ? WHERE image_id = ?", (keypoints.tobytes(), key))
     (folder / "images").mkdir()
     cameras = []
     for key in sorted(truth.images):
@@ -96,7 +116,103 @@ def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str
     assert found["mapper"] == "known poses"
     assert compare_rigs(rig, best).center_percent < 0.02
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
-    assert {line["step"] for line in said} == {"mapping"}
+    assert {line["step"] for line in said} == {"mapping", "adjusting"}
+    assert found["explained"] > 0.85  # of the verified matches; a tenth of all is wrong
+
+
+def test_one_lens_is_found_where_there_is_one(tmp_path: Path) -> None:
+    truth = synthesise(tmp_path, 8, 800)
+    Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
+    rig, found = solution(tmp_path)
+    (told,) = found["sharing"]
+    assert told["shared"]
+    assert told["images"] == list(range(8))
+    assert 0 < told["misfit"] < 3  # the noise is Gaussian here: 1 is expected
+    assert len({camera.fx for camera in rig}) == 1
+    assert rig["0"].fx == pytest.approx(1280, rel=1e-3)
+    difference = compare_rigs(rig, truth)
+    assert difference.center_percent < 0.1  # a lens each: 0.4
+    assert difference.rotation_degrees < 0.02
+
+
+def test_lenses_that_differ_are_left_apart(tmp_path: Path) -> None:
+    """By two percent; all else as above."""
+    zooms = [1 + 0.02 * (number % 2) for number in range(8)]
+    truth = synthesise(tmp_path, 8, 800, zooms)
+    Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
+    rig, found = solution(tmp_path)
+    (told,) = found["sharing"]
+    assert not told["shared"]
+    np.testing.assert_allclose([camera.fx for camera in rig], [1280 * zoom for zoom in zooms], rtol=4e-3)
+    assert compare_rigs(rig, truth).center_percent < 0.4
+
+
+def test_terms_of_the_lens_come_last(tmp_path: Path) -> None:
+    """Cameras are put together with one radial term, then solved with all of OPENCV's."""
+    terms = [1300.0, 1280.0, 512.0, 384.0, -0.08, 0.03, 0.001, -0.002]
+    truth = synthesise(tmp_path, 6, 800, lens="OPENCV", terms=terms)
+    job = job_of(6, find_shared=True)
+    for lens in job["lenses"]:
+        lens["becomes"] = "OPENCV"
+    Worker(tmp_path, job).solve(tmp_path / "database.db")
+    rig, found = solution(tmp_path)
+    assert len(rig) == 6
+    assert found["sharing"][0]["shared"]
+    assert {entry["model"] for entry in found["cameras"]} == {"OPENCV"}
+    np.testing.assert_allclose([rig["0"].fx, rig["0"].fy], terms[:2], rtol=2e-3)
+    # where the points are, in the middle of the images, it bends light as the true lens does
+    x, y = np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.15, 0.15, 9))
+    rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3)
+    still = {"world_to_camera": np.eye(4)}
+    seen, true = (replace(camera, **still).project(rays)[0] for camera in (rig["0"], truth["0"]))
+    assert np.abs(seen - true).max() < 0.5
+    straight = replace(truth["0"], distortion=np.zeros(0), **still).project(rays)[0]
+    assert np.abs(straight - true).max() > 1.5
+    assert compare_rigs(rig, truth).center_percent < 0.15
+
+
+def test_focal_lengths_begin_where_the_pairs_agree(tmp_path: Path) -> None:
+    """Six cameras that do not all look at one point (or fundamental matrices would tell nothing)."""
+    import cv2
+
+    from studio.calibration.sfm_mapping import Mapper
+
+    rng = np.random.default_rng(0)
+    job = job_of(6)
+    for lens in job["lenses"]:
+        lens["params"] = [2000.0, 512.0, 384.0, 0.0]
+    database = pycolmap.Database.open(tmp_path / "database.db")
+    lenses = write_lenses(database, job)
+    points = rng.uniform([-2, -1.5, 4], [2, 1.5, 9], (400, 3))
+    for number in range(6):
+        turn = cv2.Rodrigues(rng.normal(0, 0.1, 3))[0]
+        local = (points - rng.uniform(-0.8, 0.8, 3)) @ turn.T
+        pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384] + rng.normal(0, 0.3, (400, 2))
+        database.write_keypoints(write_image(database, f"{number:04d}.png", *lenses[number]), pixels.astype(np.float32))
+    for first, second in combinations(range(1, 7), 2):
+        database.write_matches(first, second, np.repeat(np.arange(400)[:, None], 2, axis=1).astype(np.uint32))
+    database.close()
+    pycolmap.geometric_verification(tmp_path / "database.db")
+    Mapper(tmp_path, tmp_path / "database.db", job)._guess_focal_lengths()
+    database = pycolmap.Database.open(tmp_path / "database.db")
+    found = [camera.mean_focal_length() for camera in database.read_all_cameras()]
+    database.close()
+    np.testing.assert_allclose(found, 1280, rtol=0.08)
+
+
+def test_explained_matches(tmp_path: Path) -> None:
+    """Each match of two features of the same point, and no other."""
+    from studio.calibration.sfm_judge import explained_share
+    from studio.calibration.sfm_mapping import Mapper
+
+    synthesise(tmp_path, 4, 200)
+    path = tmp_path / "database.db"
+    (model,) = Mapper(tmp_path, path, job_of(4))._incremental(False)
+    whole = explained_share(model, path)
+    assert 0.85 < whole <= 1
+    for key in sorted(model.points3D)[: model.num_points3D() // 2]:
+        model.delete_point3D(key)
+    assert explained_share(model, path) == pytest.approx(whole / 2, abs=0.05)
 
 
 def test_an_old_solution_is_a_template(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
