@@ -14,6 +14,22 @@ _SPARSE = 0.4
 """Share of the image that observations should cover at least, or the lens is a guess in the rest."""
 
 
+_TRUSTED = 0.6
+"""Share of explained matches below which a solution was found to be wrong."""
+
+
+def calibration_lenses(report: dict[str, Any]) -> list[str]:
+    """Sentences on lenses in common, where the footage was asked."""
+    found = []
+    for each in report.get("sharing", []):
+        which = f"{len(each['images'])} cameras ({each['images'][0]} to {each['images'][-1]})"
+        if each["shared"]:
+            found.append(f"One lens for {which}: it fits as well as a lens each.")
+        else:
+            found.append(f"A lens each for {which}: one for all fits worse than chance ({each['misfit']:.0f} times).")
+    return found
+
+
 def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
     """The figures that an event carries: over all cameras, and the mean error of each."""
     return {
@@ -22,6 +38,7 @@ def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
         "points": report["points"],
         "cameras": {name: figures["mean"] for name, figures in report["cameras"].items()},
         "unregistered": report.get("unregistered", {}),
+        **({"explained": report["explained"]} if "explained" in report else {}),
     }
 
 
@@ -36,6 +53,13 @@ def calibration_warnings(report: dict[str, Any]) -> list[str]:
     poor = [name for name, figures in report["cameras"].items() if figures.get("quality") == "review"]
     if poor and report["quality"] != "review":
         found.append(f"The reprojection error is over 1 px for {', '.join(poor)}; look at them before you train.")
+    explained = report.get("explained", 1.0)
+    if explained < _TRUSTED:
+        found.append(
+            f"Only {explained:.0%} of the matches between cameras agree with where they were put (0.75 and more is "
+            "usual): some may stand wrongly, whatever their reprojection error; try more moments (calibrate.frames), "
+            "another frame, or a board."
+        )
     sparse = [name for name, figures in report["cameras"].items() if figures["coverage"] < _SPARSE]
     if sparse:
         found.append(
@@ -65,6 +89,7 @@ def render_calibration(report: dict[str, Any], names: Sequence[str]) -> str:
         names=[name for name in names if name in report["cameras"]],
         bands=_BANDS,
         warnings=calibration_warnings(report),
+        lenses=calibration_lenses(report),
         most=max(most, 1),
         longest=max(report["tracks"].values(), default=1),
     )

@@ -143,6 +143,10 @@ class TrainSection(Section):
     motion_velocity: bool = True
     """Start from the motion of the frame before and learn the rest."""
 
+    motion_velocity_neighbours: int = Field(default=24, ge=0, le=1000)
+    """Take the motion of the frame before as the median over each splat and this many nearest ones, which drops the
+    noise of single splats; 0: each its own."""
+
     motion_warm_start: bool = False
     """Begin with the network of the frame before (and without the velocity guess) instead of a fresh one."""
 

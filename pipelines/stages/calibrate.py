@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.calibration_report import calibration_figures, calibration_warnings, render_calibration
+from pipelines.calibration_report import (
+    calibration_figures,
+    calibration_lenses,
+    calibration_warnings,
+    render_calibration,
+)
 from pipelines.files import atomic_path, digest_of_file, write_json
 from pipelines.point_files import write_points
 from pipelines.stages.arguments import camera_file, sfm_settings
@@ -81,6 +86,8 @@ class CalibrateStage:
             with atomic_path(context.take.calibration_report.with_suffix(".html")) as temporary:
                 temporary.write_text(page, encoding="utf-8")
             reporter.metrics(calibration_figures(report))
+            for sentence in calibration_lenses(report):
+                reporter.log(sentence)
             for sentence in calibration_warnings(report):
                 reporter.warn(sentence)
         context.forget_footage()

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,27 +15,12 @@ import numpy as np
 from studio.calibration.child import run_reporting
 from studio.calibration.gauge import Similarity, align_rigs, compare_rigs, scale_to_distance, upright
 from studio.calibration.result import CalibrationResult, reprojection_report
-from studio.calibration.sfm_features import file_name
-from studio.camera_files.colmap_model import intrinsics, lens_model
+from studio.calibration.sfm_job import SfmSettings, sfm_job
+from studio.calibration.sfm_pictures import Pictures, write_pictures
+from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
-
-_START = {  # parameters from focal length f and principal point
-    "SIMPLE_PINHOLE": lambda f, cx, cy: [f, cx, cy],
-    "PINHOLE": lambda f, cx, cy: [f, f, cx, cy],
-    "SIMPLE_RADIAL": lambda f, cx, cy: [f, cx, cy, 0.0],
-    "RADIAL": lambda f, cx, cy: [f, cx, cy, 0.0, 0.0],
-    "OPENCV": lambda f, cx, cy: [f, f, cx, cy, 0.0, 0.0, 0.0, 0.0],
-    "FULL_OPENCV": lambda f, cx, cy: [f, f, cx, cy] + [0.0] * 8,
-}
-_SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
-"""With which lenses the cameras are put together before the other terms are solved for."""
-
-Picture = np.ndarray | Callable[[], np.ndarray]
-"""(H, W, 3) uint8 RGB, or what reads it when it is needed."""
-Pictures = np.ndarray | Sequence[Picture]
-"""A camera's picture, or its pictures of several moments, the same moments for all cameras."""
 
 _STEPS = {
     "features": (5, 25),
@@ -45,54 +29,6 @@ _STEPS = {
     "global mapping": (85, 90),
     "adjusting": (90, 98),
 }
-
-
-@dataclass(frozen=True)
-class SfmSettings:
-    """How to solve.
-
-    Attributes:
-        lens: COLMAP model of lenses that are not known: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL (one focal length, one
-            radial term), RADIAL, OPENCV or FULL_OPENCV.
-        shared_lens: all cameras have one lens in common (one camera carried about, or lenses locked alike); False: each
-            has its own; None: the footage decides, see `sfm_lenses`. Images of different size never share one.
-        focal_factor: first guess of unknown focal lengths, in longer image sides.
-        refine_principal_point: estimate it too; needs many well spread points.
-        lens_groups: names of cameras that have one lens in common, a tuple a group; cameras in none have their own.
-        keep_known: lenses given are kept; else they are where refinement begins.
-        keep_poses: poses given are kept; else they are where refinement begins.
-        max_features: a camera, at most.
-        max_image_size: longer side in pixels above which features are found in a reduced image.
-        guided: match again along the epipolar lines; more matches, longer.
-        mapper: "incremental", "global", or "auto": incremental, then with weaker demands, then global, until all
-            cameras stand.
-        threads: 0 = all cores. One thread gives the same result, bit for bit, for the same seed.
-        seed: of everything random.
-    """
-
-    lens: str = "SIMPLE_RADIAL"
-    shared_lens: bool | None = None
-    lens_groups: tuple[tuple[str, ...], ...] = ()
-    focal_factor: float = 1.2
-    refine_principal_point: bool = False
-    keep_known: bool = True
-    keep_poses: bool = False
-    max_features: int = 8192
-    max_image_size: int = 2400
-    guided: bool = False
-    mapper: str = "auto"
-    threads: int = 0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.lens not in _START:
-            raise StudioError(f"The lens model '{self.lens}' is unknown; choose one of {', '.join(_START)}.")
-        if self.mapper not in ("auto", "incremental", "global"):
-            raise StudioError(f"The mapper '{self.mapper}' is unknown; choose auto, incremental or global.")
-        if self.threads < 0 or self.max_features < 100 or self.max_image_size < 64 or not self.focal_factor > 0:
-            raise StudioError(
-                "Calibration needs threads >= 0, max_features >= 100, max_image_size >= 64 and focal_factor > 0."
-            )
 
 
 def calibrate_from_images(
@@ -149,8 +85,8 @@ def calibrate_from_images(
     if poses is not None:
         poses = poses.subset(names)
         known = {**{camera.name: camera for camera in poses}, **(known or {})}
-    sizes, moments = _write_images(folder, names, images, masks or {}, progress)
-    job = _job(names, sizes, moments, bool(masks), known or {}, focal_lengths or {}, settings, poses)
+    sizes, moments = write_pictures(folder, names, images, masks or {}, progress)
+    job = sfm_job(names, sizes, moments, bool(masks), known or {}, focal_lengths or {}, settings, poses)
     path = folder / "job.json"
     path.write_text(json.dumps(job))
 
@@ -173,162 +109,6 @@ def calibrate_from_images(
     result.report["seconds"] = round(time.monotonic() - started, 1)
     progress(100, 100)
     return result
-
-
-def _read_picture(picture: Any) -> np.ndarray:
-    return np.asarray(picture() if callable(picture) else picture)
-
-
-def _list(pictures: Any) -> list[Any]:
-    return [pictures] if isinstance(pictures, np.ndarray) or callable(pictures) else list(pictures)
-
-
-def _write_images(
-    folder: Path,
-    names: Sequence[str],
-    images: Mapping[str, Pictures],
-    masks: Mapping[str, Pictures],
-    progress: ProgressFn,
-) -> tuple[dict[str, tuple[int, int]], int]:
-    """PNG files for COLMAP; (width, height) of each camera's, and how many moments there are."""
-    for part in ("images", "masks"):
-        (folder / part).mkdir(parents=True, exist_ok=True)
-    counts = {name: len(_list(images[name])) for name in names}
-    moments = counts[names[0]]
-    for name, count in counts.items():
-        if count != moments:
-            raise StudioError(f"Camera '{name}' has pictures of {count} moments, '{names[0]}' of {moments}.")
-    sizes: dict[str, tuple[int, int]] = {}
-    for number, name in enumerate(names):
-        own = _list(masks[name]) if name in masks else [None] * moments
-        if len(own) != moments:
-            raise StudioError(f"Camera '{name}' has {len(own)} masks for {moments} pictures; give a mask a picture.")
-        usable = False
-        for moment, (picture, mask) in enumerate(zip(_list(images[name]), own, strict=True)):
-            image = _read_picture(picture)
-            if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-                raise StudioError(
-                    f"Camera '{name}': the image must be (H, W, 3) uint8, found {image.shape} {image.dtype}."
-                )
-            size = (image.shape[1], image.shape[0])
-            if sizes.setdefault(name, size) != size:
-                raise StudioError(f"Camera '{name}': its pictures differ in size ({sizes[name]} and {size}).")
-            given = None if mask is None else _read_picture(mask)
-            usable |= _write_picture(folder, name, file_name(number, moment), image, given, bool(masks))
-            done = number * moments + moment + 1
-            progress(round(5 * done / (len(names) * moments)), 100)
-        if not usable:
-            raise StudioError(f"Camera '{name}': the mask leaves nothing of the image to find features in; mend it.")
-    return sizes, moments
-
-
-def _write_picture(
-    folder: Path, name: str, file: str, image: np.ndarray, mask: np.ndarray | None, masked: bool
-) -> bool:
-    """One picture and its mask; whether the mask leaves anything."""
-    import cv2
-
-    if mask is None:
-        mask = np.full(image.shape[:2], 255, np.uint8)
-    if mask.shape != image.shape[:2]:
-        raise StudioError(
-            f"Camera '{name}': the mask is {mask.shape[1]}x{mask.shape[0]}, the image "
-            f"{image.shape[1]}x{image.shape[0]}; give masks of the image's size."
-        )
-    usable = mask >= (1 if mask.max() <= 1 else 128)
-    fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-    files = {folder / "images" / file: image[:, :, ::-1]}
-    if masked:
-        files[folder / "masks" / f"{file}.png"] = usable.astype(np.uint8) * 255
-    for path, pixels in files.items():
-        if not cv2.imwrite(str(path), np.ascontiguousarray(pixels), fast):
-            raise StudioError(f"{path}: cannot be written; check the disk and the permissions.")
-    return bool(usable.any())
-
-
-def _job(
-    names: Sequence[str],
-    sizes: Mapping[str, tuple[int, int]],
-    moments: int,
-    masks: bool,
-    known: Mapping[str, Camera],
-    focal_lengths: Mapping[str, float],
-    settings: SfmSettings,
-    poses: Rig | None,
-) -> dict[str, Any]:
-    lenses: list[dict[str, Any]] = []
-    lens_of: list[int] = []
-    shared: dict[tuple[int, int, int], int] = {}
-    groups = {name: index for index, group in enumerate(settings.lens_groups) for name in group}
-    strange = [name for name in groups if name not in names]
-    if strange:
-        raise StudioError(f"lens_groups names camera '{strange[0]}', of which there is no image.")
-    for name in names:
-        width, height = sizes[name]
-        key = (groups.get(name, -1), width, height)
-        if name in known:
-            camera = known[name]
-            if (camera.width, camera.height) != (width, height):
-                raise StudioError(
-                    f"Camera '{name}': the image is {width}x{height} but the known lens is for "
-                    f"{camera.width}x{camera.height}; scale one of them."
-                )
-            model, parameters = lens_model(camera)
-            lens = {"model": model, "params": parameters, "prior": True, "known": True}
-        else:
-            if (settings.shared_lens or name in groups) and key in shared:
-                lens_of.append(shared[key])
-                continue
-            shared[key] = len(lenses)
-            focal = focal_lengths.get(name, settings.focal_factor * max(width, height))
-            # terms that few matches leave open place cameras wrongly while they are put together
-            model = _SIMPLER.get(settings.lens, settings.lens)
-            parameters = _START[model](float(focal), width / 2, height / 2)
-            lens = {"model": model, "params": parameters, "prior": name in focal_lengths, "known": False}
-            lens["becomes"] = settings.lens
-        lens_of.append(len(lenses))
-        lenses.append({**lens, "width": width, "height": height})
-    return {
-        "names": list(names),
-        "moments": moments,
-        "lenses": lenses,
-        "lens_of": lens_of,
-        "masks": masks,
-        "pairs": neighbours(poses) if poses is not None else [],
-        "poses": [camera.world_to_camera[:3].tolist() for camera in poses] if poses is not None else [],
-        "keep_poses": settings.keep_poses,
-        "max_features": settings.max_features,
-        "max_image_size": settings.max_image_size,
-        "guided": settings.guided,
-        "mapper": settings.mapper,
-        "seed": settings.seed,
-        "threads": settings.threads or os.cpu_count() or 1,
-        "keep_known": settings.keep_known,
-        "refine_principal_point": settings.refine_principal_point,
-        "find_shared": settings.shared_lens is None and not settings.lens_groups,
-    }
-
-
-def neighbours(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int, int]]:
-    """Pairs of cameras worth matching where their poses are known.
-
-    Args:
-        rig: the cameras.
-        each: a camera is paired with this many of the nearest.
-        widest: degrees between viewing directions beyond which features do not match.
-
-    Returns:
-        pairs of indices, the smaller first, sorted.
-    """
-    centers = rig.centers
-    forward = np.array([camera.forward for camera in rig])
-    angles = np.degrees(np.arccos(np.clip(forward @ forward.T, -1, 1)))
-    pairs = set()
-    for index in range(len(rig)):
-        order = np.argsort(np.linalg.norm(centers - centers[index], axis=1), kind="stable")
-        near = [int(other) for other in order if other != index and angles[index, other] <= widest]
-        pairs |= {(min(index, other), max(index, other)) for other in near[:each]}
-    return sorted(pairs)
 
 
 def _moved(result: CalibrationResult, before: Rig, settings: SfmSettings) -> dict[str, dict[str, float]]:

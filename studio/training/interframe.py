@@ -18,7 +18,7 @@ from studio.training.regularisers import ResidualEntropy, as_baked, baked_values
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import SnapshotFn, Step, Stepper, check_finite
-from studio.training.turning import local_rotations, multiply, neighbours
+from studio.training.turning import local_median, local_rotations, multiply, neighbours
 from studio.training.views import TrainView
 
 _FIGURES_EVERY = 20
@@ -122,7 +122,10 @@ def _move(
     """
     start = previous.means
     if settings.motion_velocity and before_previous is not None:
-        start = 2 * previous.means - before_previous.means
+        velocity = previous.means - before_previous.means
+        if settings.motion_velocity_neighbours:
+            velocity = local_median(velocity, neighbours(previous.means, settings.motion_velocity_neighbours))
+        start = previous.means + velocity
     if iterations == 0:
         return replace(previous, means=start.clone()), {}
     low, high = performer_box(previous.means)

@@ -67,6 +67,9 @@ class TrainSettings:
         motion_views: cameras that each step of the motion network looks at; drawing is cheap beside the network, and
             several views make each step surer.
         motion_velocity: start from the constant-velocity guess x_{t-1} + (x_{t-1} - x_{t-2}) and learn the rest.
+        motion_velocity_neighbours: of the velocity take the median over each splat and this many nearest ones, which
+            drops what single splats were moved by noise and the smooth motion field could not put right; 0: each its
+            own.
         motion_warm_start: begin with the network of the frame before instead of a fresh one; the velocity guess is then
             left out, because that network knows it.
         motion_neighbours: each splat turns as the offsets to this many nearest splats do; 0: motion is a translation
@@ -113,6 +116,7 @@ class TrainSettings:
     motion_learning_rate: float = 1e-3
     motion_views: int = 4
     motion_velocity: bool = True
+    motion_velocity_neighbours: int = 24
     motion_warm_start: bool = False
     motion_neighbours: int = 0
     hash_levels: int = 16
@@ -156,8 +160,9 @@ class TrainSettings:
 
 AFTER_KEYFRAME = (
     "motion_iterations", "motion_first_iterations", "motion_learning_rate", "motion_views", "motion_velocity",
-    "motion_warm_start", "motion_neighbours", "hash_levels", "hash_features", "hash_log2_size",
-    "hash_base_resolution", "hash_growth", "mlp_width", "mlp_layers", "finetune_iterations", "finetune_means",
-    "entropy_weight", "temporal_weight", "temporal_huber", "simulate_quantisation", "rates.means_finetune",
+    "motion_velocity_neighbours", "motion_warm_start", "motion_neighbours", "hash_levels", "hash_features",
+    "hash_log2_size", "hash_base_resolution", "hash_growth", "mlp_width", "mlp_layers", "finetune_iterations",
+    "finetune_means", "entropy_weight", "temporal_weight", "temporal_huber", "simulate_quantisation",
+    "rates.means_finetune",
 )  # fmt: skip
 """Settings that only the frames after the keyframe are trained by: changing them leaves keyframes as they are."""

@@ -15,6 +15,14 @@ def neighbours(means: Tensor, count: int) -> Tensor:
     return torch.from_numpy(nearest.reshape(len(array), -1)[:, 1:]).to(means.device)
 
 
+def local_median(values: Tensor, near: Tensor) -> Tensor:
+    """(N, C) medians of each splat's (N, C) values and those of its (N, k) neighbours, channel by channel.
+
+    A median, because near a limb before the body it takes the majority's side where a mean would take neither.
+    """
+    return torch.cat([values[:, None], values[near]], dim=1).median(dim=1).values
+
+
 def local_rotations(before: Tensor, after: Tensor, near: Tensor) -> Tensor:
     """(N, 4) unit quaternions, wxyz: how each splat's neighbourhood turned from `before` to `after`.
 

@@ -6,7 +6,12 @@ from html.parser import HTMLParser
 
 import numpy as np
 
-from pipelines.calibration_report import calibration_figures, calibration_warnings, render_calibration
+from pipelines.calibration_report import (
+    calibration_figures,
+    calibration_lenses,
+    calibration_warnings,
+    render_calibration,
+)
 from studio.calibration import reprojection_report
 from studio.cameras import Camera, Rig
 
@@ -66,6 +71,23 @@ def test_warnings():
     said = calibration_warnings(report)
     assert said[0].startswith("The reprojection error is over 1 px for right;")
     assert said[1].startswith("Less than 40% of the image")
+    assert "Only 45% of the matches" in calibration_warnings({**report_with(0.3), "explained": 0.45})[0]
+    assert "matches" not in " ".join(calibration_warnings({**report_with(0.3), "explained": 0.78}))
+
+
+def test_lenses_in_common():
+    report = report_with(0.3)
+    assert calibration_lenses(report) == []
+    cameras = ["left <1>", "right"]
+    report |= {"explained": 0.8, "sharing": [{"images": cameras, "shared": True, "misfit": 3.4}]}
+    assert calibration_lenses(report)[0].startswith("One lens for 2 cameras (left <1> to right)")
+    page = Page()
+    page.feed(render_calibration(report, cameras))
+    text = " ".join(" ".join(page.words).split())
+    assert "80 % of the matches between cameras agree with where they stand. One lens for 2 cameras" in text
+    report["sharing"][0] |= {"shared": False, "misfit": 91.2}
+    assert "A lens each for 2 cameras" in calibration_lenses(report)[0]
+    assert "91 times" in calibration_lenses(report)[0]
 
 
 def test_figures_of_the_event():

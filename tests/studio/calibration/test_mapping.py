@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 
 from studio.calibration import compare_rigs
-from studio.calibration.sfm import neighbours
 from studio.calibration.sfm_features import _merge, count_rows, write_image, write_lenses
+from studio.calibration.sfm_job import neighbours
 from studio.calibration.sfm_worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig

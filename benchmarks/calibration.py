@@ -1,0 +1,157 @@
+"""How long, how much memory and how exact: structure from motion on synthetic rigs whose truth is known.
+
+    python benchmarks/calibration.py [--cameras 24] [--size 1920x1080] [--spread 0.01]
+
+Draws a room of 8 x 8 x 3.5 metres with four pillars in its middle, all painted with noise of all sizes, through cameras
+that stand around in rings and look at its middle, adds sensor noise, and calibrates from the images alone. Focal
+lengths differ from camera to camera by `--spread` (0: all alike).
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from studio.calibration import SfmSettings, calibrate_from_images, compare_rigs
+from studio.cameras import Camera, Rig
+
+Walls = list[np.ndarray]
+
+HALF = np.array([4.0, 4.0, 1.75])
+"""Half the room's size in metres; the origin is in its middle."""
+PILLARS = ((0.5, 0.4, -0.6), (-0.6, 0.3, -0.3), (-0.2, -0.6, 0.0), (0.4, -0.4, -0.8))
+"""Centres; half a metre wide, and from that height reaching down as far as the floor."""
+PER_METRE = 400
+
+
+def paint(rng: np.random.Generator, width: float, height: float) -> np.ndarray:
+    """(h, w, 3) uint8 noise of all sizes from 5 mm to 2 m, of a wall of so many metres."""
+    shape = (round(height * PER_METRE), round(width * PER_METRE))
+    wall = np.zeros((*shape, 3), np.float32)
+    for cell in (2, 5, 12, 30, 80, 200, 800):
+        coarse = rng.random((shape[0] // cell + 2, shape[1] // cell + 2, 3), np.float32) - 0.5
+        wall += cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_LINEAR) * (0.6 if cell < 6 else 1.0)
+    return np.clip(128 + 70 * wall, 0, 255).astype(np.uint8)
+
+
+def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Generator) -> np.ndarray:
+    """(H, W, 3) uint8: what the camera sees, with 2 grey levels of noise."""
+    scale = 2
+    x, y = np.meshgrid(*[(np.arange(n * scale) + 0.5) / scale for n in (camera.width, camera.height)])
+    rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], -1)
+    rays = rays.astype(np.float32) @ camera.rotation.astype(np.float32)  # R^T d, for rows
+    image = np.zeros((*x.shape, 3), np.uint8)
+    nearest = np.full(x.shape, np.inf, np.float32)
+    for number, walls in enumerate([room, *pillars]):
+        low, high = box(number)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.stack([(low - camera.center) / rays, (high - camera.center) / rays]).astype(np.float32)
+        enter, leave = ends.min(0), ends.max(0)
+        # the room is seen from within, where a ray leaves it; a pillar where it enters
+        reach, axis = (leave.min(-1), leave.argmin(-1)) if number == 0 else (enter.max(-1), enter.argmax(-1))
+        seen = (enter.max(-1) < leave.min(-1)) & (reach > 0) & (reach < nearest)
+        hit = camera.center.astype(np.float32) + rays * reach[..., None]
+        for side, wall in enumerate(walls):
+            across, up = ((1, 2), (0, 2), (0, 1))[side // 2]
+            middle = (low[side // 2] + high[side // 2]) / 2
+            here = seen & (axis == side // 2) & ((hit[..., side // 2] > middle) == bool(side % 2))
+            u, v = (((hit[..., a] - low[a]) * PER_METRE).astype(np.float32) for a in (across, up))
+            image[here] = cv2.remap(wall, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[here]
+        nearest[seen] = reach[seen]
+    small = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    return np.clip(small + rng.normal(0, 2, small.shape), 0, 255).astype(np.uint8)
+
+
+def box(number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two corners of the room (0) or of a pillar."""
+    if number == 0:
+        return -HALF, HALF
+    x, y, top = PILLARS[number - 1]
+    return np.array([x - 0.25, y - 0.25, -HALF[2]]), np.array([x + 0.25, y + 0.25, top])
+
+
+def painted(number: int, rng: np.random.Generator) -> Walls:
+    """The six sides of a box: two across x, two across y, two across z."""
+    low, high = box(number)
+    x, y, z = high - low
+    return [paint(rng, *side) for side in ((y, z), (y, z), (x, z), (x, z), (x, y), (x, y))]
+
+
+def ring(count: int, size: tuple[int, int], spread: float, rng: np.random.Generator) -> Rig:
+    """Cameras in rings of at most 27, three metres from the middle at several heights, looking a little past it."""
+    rings = -(-count // 27)
+    cameras = []
+    for index in range(count):
+        level, angle = index % rings, 2 * np.pi * index / count
+        height = -0.6 + 1.4 * (level + 0.5) / rings
+        center = np.array([3 * np.cos(angle), 3 * np.sin(angle), height]) + rng.normal(0, 0.05, 3)
+        forward = rng.normal(0, 0.15, 3) - center
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+        pose[:3, 3] = -pose[:3, :3] @ center
+        focal = 0.8 * max(size) * (1 + spread * rng.normal())
+        K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
+        cameras.append(Camera(f"cam{index:02d}", *size, K, pose))
+    return Rig(tuple(cameras))
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cameras", type=int, default=24)
+    parser.add_argument("--size", default="1920x1080", metavar="WxH")
+    parser.add_argument("--spread", type=float, default=0.01, help="of focal lengths, a share (default %(default)s)")
+    parser.add_argument("--features", type=int, default=8192, help="most a camera (default %(default)s)")
+    parser.add_argument("--save", type=Path, help="write the first camera's image here")
+    options = parser.parse_args()
+    width, _, height = options.size.partition("x")
+    rng = np.random.default_rng(0)
+    truth = ring(options.cameras, (int(width), int(height)), options.spread, rng)
+    room, *pillars = [painted(number, rng) for number in range(len(PILLARS) + 1)]
+    images = {camera.name: draw(camera, room, pillars, rng) for camera in truth}
+    if options.save:
+        cv2.imwrite(str(options.save), np.ascontiguousarray(next(iter(images.values()))[:, :, ::-1]))
+    reached: list[tuple[int, float]] = []
+    started = time.monotonic()
+
+    def progress(done: int, total: int, **_: object) -> None:
+        if not reached or done != reached[-1][0]:
+            reached.append((done, time.monotonic() - started))
+            print(f"\r{done:3d} % of {total} %, {reached[-1][1]:.0f} s", end="", flush=True)
+
+    with tempfile.TemporaryDirectory() as work:
+        result = calibrate_from_images(
+            images,
+            workdir=Path(work),
+            settings=SfmSettings(max_features=options.features),
+            reference=truth,
+            progress=progress,
+        )
+    seconds = time.monotonic() - started
+    difference = compare_rigs(result.rig, truth)
+    radius = np.linalg.norm(truth.centers - truth.centers.mean(0), axis=1).mean()
+    centers = 100 * np.array(list(difference.centers.values())) / radius
+    at = {step: next((when for done, when in reached if done >= step), seconds) for step in (5, 25, 60, 90)}
+    memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
+    print(f"\r{len(result.rig)} of {options.cameras} cameras, {options.size}, {seconds:.0f} s: features "
+          f"{at[25] - at[5]:.0f}, matches {at[60] - at[25]:.0f}, mapping {at[90] - at[60]:.0f}, adjusting "
+          f"{seconds - at[90]:.0f}; COLMAP's process held {memory:.1f} GiB at most")  # fmt: skip
+    print(f"  reprojection {result.report['reprojection']['mean']:.3f} px, explained {result.report['explained']:.2f}, "
+          f"sharing {[(each['shared'], each['misfit']) for each in result.report['sharing']]}")  # fmt: skip
+    print(f"  centres {centers.mean():.4f} % of the radius off in the mean, {centers.max():.4f} at most; rotations "
+          f"{difference.rotation_degrees:.4f} degrees at most")  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
