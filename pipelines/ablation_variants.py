@@ -51,6 +51,7 @@ VARIANTS = (
 OPTIONS = (
     Variant("by-motion", "groups that follow the motion", {"train.grouping": "motion"}),
     Variant("no-velocity", "no velocity guess", {"train.motion_velocity": False}),
+    Variant("splat-velocity", "velocity of each splat alone", {"train.motion_velocity_neighbours": 0}),
     Variant("warm-start", "motion network of the frame before", {"train.motion_warm_start": True}),
     Variant("fixed-positions", "positions are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),

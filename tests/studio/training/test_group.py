@@ -1,6 +1,7 @@
 """Keyframe, motion and fine-tuning on a textured ball whose motion is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -108,6 +109,21 @@ def test_velocity_starts_from_the_last_motion(after: list[TrainView]) -> None:
     previous, older = ball(torch.zeros(3)), ball(-SHIFT)
     moved = train_interframe(previous, after, settings, before_previous=older).gaussians.means
     assert torch.allclose(moved, previous.means + SHIFT, atol=1e-6)
+
+
+def test_velocity_leaves_the_noise_of_single_splats_behind(after: list[TrainView]) -> None:
+    previous, older = ball(torch.zeros(3)), ball(-SHIFT)
+    noise = 0.3 * SHIFT.norm() * torch.randn(previous.means.shape, generator=torch.Generator().manual_seed(5))
+    older = replace(older, means=older.means + noise)
+
+    def error(count: int) -> float:
+        settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_velocity_neighbours=count)
+        moved = train_interframe(previous, after, settings, before_previous=older).gaussians.means
+        return float((moved - previous.means - SHIFT).norm(dim=-1).mean())
+
+    assert error(0) == pytest.approx(float(noise.norm(dim=-1).mean()), rel=1e-4)
+    # the median of 25 Gaussian values has a quarter of their deviation
+    assert error(24) < 0.35 * error(0)
 
 
 def test_the_frame_after_the_keyframe_has_steps_of_its_own(after: list[TrainView]) -> None:
