@@ -24,7 +24,8 @@ from studio.progress import ProgressFn, no_progress
 
 _STEPS = {
     "features": (5, 25),
-    "matches": (25, 60),
+    "glance": (25, 30),
+    "matches": (30, 60),
     "mapping": (60, 85),
     "global mapping": (85, 90),
     "adjusting": (90, 98),

@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from studio.calibration.sfm_pairs import FEW, glance
+
 _out_lock = threading.Lock()
 
 
@@ -151,35 +153,58 @@ def _extract(path: Path, folder: Path, job: dict[str, Any]) -> None:
 
 
 def _match(path: Path, folder: Path, job: dict[str, Any]) -> None:
-    """Pairs of cameras at the same moment."""
+    """Pairs of cameras at the same moment: those given, else all of few cameras, else those that a glance chooses."""
+    cameras, moments = len(job["names"]), int(job["moments"])
+    pairs = [tuple(pair) for pair in job["pairs"]]
+    if not pairs and cameras > FEW:
+        middle = moments // 2
+
+        def prepare(database: Any) -> list[int]:
+            lenses = write_lenses(database, job)
+            return [write_image(database, image_name(n), *lenses[lens]) for n, lens in enumerate(job["lens_of"])]
+
+        def match(preview: Path, every: list[tuple[int, int]]) -> None:
+            names = [(image_name(a), image_name(b)) for a, b in every]
+            _match_images(preview, folder, job, names, "glance", _verification(job, fewest=5))
+
+        pictures = [number * moments + middle + 1 for number in range(cameras)]
+        pairs = glance(path, folder / "glance.db", pictures, prepare, match)
+    pairs = pairs or list(combinations(range(cameras), 2))
+    names = [(file_name(a, t), file_name(b, t)) for t in range(moments) for a, b in pairs]
+    _match_images(path, folder, job, names, "matches", _verification(job))
+
+
+def _match_images(
+    path: Path, folder: Path, job: dict[str, Any], pairs: list[tuple[str, str]], step: str, verification: Any
+) -> None:
+    """Match and verify pairs of pictures by name."""
     import pycolmap
 
-    pairs = [tuple(pair) for pair in job["pairs"]] or list(combinations(range(len(job["names"])), 2))
     listed = folder / "pairs.txt"
-    moments = range(job["moments"])
-    listed.write_text("".join(f"{file_name(a, t)} {file_name(b, t)}\n" for t in moments for a, b in pairs))
+    listed.write_text("".join(f"{first} {second}\n" for first, second in pairs))
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = int(job["threads"])
     matching.use_gpu = False
-    matching.guided_matching = bool(job["guided"])
+    matching.guided_matching = bool(job["guided"]) and step == "matches"
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = listed
-    total = len(pairs) * job["moments"]
-    with polled("matches", total, lambda: count_rows(path, "SELECT COUNT(*) FROM two_view_geometries")):
+    with polled(step, len(pairs), lambda: count_rows(path, "SELECT COUNT(*) FROM two_view_geometries")):
         pycolmap.match_image_pairs(
             path,
             matching_options=matching,
             pairing_options=pairing,
-            verification_options=_verification(job),
+            verification_options=verification,
             device=pycolmap.Device.cpu,
         )
 
 
-def _verification(job: dict[str, Any]) -> Any:
+def _verification(job: dict[str, Any], fewest: int | None = None) -> Any:
     import pycolmap
 
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = int(job["seed"])
+    if fewest is not None:
+        options.min_num_inliers = fewest
     return options
 
 
