@@ -10,9 +10,13 @@ from typing import TYPE_CHECKING, Any
 from open3d.visualization import gui
 
 from gui.keys import shortcuts_text
-from gui.presenters.exports import FORMATS, PathKey
+from gui.panels.folder_dialog import ask_path
+from gui.panels.option_dialogs import ask_export, ask_preferences
+from gui.panels.take_dialog import ask_new_take
+from gui.presenters.exports import FORMATS, LEAST_SECONDS, ExportWish, PathKey
 from gui.presenters.new_take import NewTake
 from gui.presenters.preferences import Preferences
+from pipelines.export import DEFAULT_OF
 from pipelines.pictures import write_picture
 from pipelines.take import Take, program_version
 from studio.errors import StudioError
@@ -39,12 +43,12 @@ class Actions:
         window = self._window
         return {
             "new": self.new_take,
-            "open": lambda: window.dialogs.folder("Open a take or a stream", window.open),
-            "recent": lambda: window.dialogs.choose("recent", "Open recent", window.preferences.recent, window.open),
+            "open": self._ask_open,
+            "recent": self._ask_recent,
             "address": self._ask_address,
             "screenshot": self._ask_screenshot,
             "report": self._report,
-            "preferences": lambda: window.dialogs.preferences(window.preferences, self._save_preferences),
+            "preferences": lambda: ask_preferences(window.dialogs, window.preferences, self._save_preferences),
             "quit": window.ask_close,
             "reset": window.views.reset,
             "background": window.player.next_background,
@@ -151,17 +155,46 @@ class Actions:
 
     def new_take(self) -> None:
         """Ask for footage, settings and the take's folder."""
-        self._window.dialogs.new_take(NewTake(), self._create)
+        ask_new_take(self._window.dialogs, NewTake(), self._create)
 
     def _create(self, new: NewTake) -> None:
         window = self._window
         try:
             root = new.create()
         except StudioError as error:
-            window.dialogs.new_take(new, self._create, str(error))
+            ask_new_take(window.dialogs, new, self._create, str(error))
             return
         window.dialogs.close()
         window.open(str(root))
+
+    def _ask_open(self) -> None:
+        window = self._window
+        opened = window.player.opened
+        known = [Path(name) for name in window.preferences.recent if "://" not in name]
+        if opened is not None and isinstance(opened.path, Path):
+            known.insert(0, opened.path)
+        start = next((path.parent for path in known if path.parent.is_dir()), Path.cwd())
+        ask_path(window.dialogs, "Open a take or a stream", start, "take", window.open)
+
+    def _ask_recent(self) -> None:
+        window = self._window
+        preferences = window.preferences
+
+        def keep(names: list[str]) -> Action:
+            def forget() -> None:
+                preferences.recent = names
+                preferences.save()
+
+            return forget
+
+        there = preferences.recent_there()
+        answers: list[tuple[str, str, Action]] = []
+        if len(there) < len(preferences.recent):
+            answers.append(("forget", "Forget what is gone", keep(there)))
+        if preferences.recent:
+            answers.append(("clear", "Clear the list", keep([])))
+        gone = set(preferences.recent) - set(there)
+        window.dialogs.choose("recent", "Open recent", preferences.recent, window.open, gone, answers)
 
     def _ask_address(self) -> None:
         window = self._window
@@ -258,29 +291,20 @@ class Actions:
         if opened is None or not opened.sources:
             window.player.message = "There is nothing to export yet."
             return
-        is_take = opened.take is not None
-        of = (
-            (window.player.what if window.player.what in opened.sources else next(iter(opened.sources)))
-            if is_take
-            else ""
-        )
-        what, ending = FORMATS[kind]
-        folder = Path(opened.path).parent if isinstance(opened.path, Path) else Path.home()
-        target = folder / f"{opened.title}-{of or 'stream'}-{kind}{ending}"
-        source = str(opened.path)
+        # the default first, where it is there; the dialog says which it is
+        sources = sorted(opened.sources, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
+        folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
+        wish = ExportWish(kind, str(opened.path), opened.title, folder, *sources[:1])
+        length = window.player.transport.frame_count / window.player.transport.fps
+        wish.seconds = f"{max(length, LEAST_SECONDS):g}"
 
-        def start(text: str) -> None:
+        def start(chosen: ExportWish) -> None:
             try:
-                window.exports.start(kind, source, of, Path(text.strip()).expanduser().absolute())
+                window.exports.start(chosen)
             except (StudioError, OSError) as error:
                 window.dialogs.message("Export", str(error))
 
-        words = f"{what}, of the {of or 'decoded'} splats. Nothing is overwritten. Write to:"
-        answers: list[tuple[str, str, Callable[[str], None]]] = [
-            ("save", "Export", start),
-            ("close", "Cancel", lambda _: None),
-        ]
-        window.dialogs.line("export", "Export", words, str(target), answers)
+        ask_export(window.dialogs, wish, sources, start)
 
     def _report(self) -> None:
         window = self._window

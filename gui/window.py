@@ -238,6 +238,11 @@ class MainWindow:
             if event.type == gui.KeyEvent.Type.DOWN:
                 self._escape()
             return True
+        if event.key == gui.KeyName.ENTER and self.dialogs.name:
+            if event.type == gui.KeyEvent.Type.UP:
+                self.dialogs.enter()
+                self.changed()
+            return True
         if event.type != gui.KeyEvent.Type.DOWN or self.dialogs.name:
             return False
         action = self.actions.for_key(event)
@@ -292,7 +297,6 @@ class MainWindow:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
         due = self._redraws.due()
         if due:
-            self.dialogs.tick()
             self._drawn_times.append(time.monotonic())
         return due
 
