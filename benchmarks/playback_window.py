@@ -72,7 +72,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     loads: list[float] = []
     ticks: list[float] = []
     shown = player.picture
-    pictures = window._pictures
+    pictures = window.pictures
     window._drawn_times.clear()
     cpu, start = time.process_time(), time.monotonic()
     last = start
@@ -91,7 +91,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     count = source.frame_count
     steps = np.diff(frames) % count
     backwards = int((steps > count - 6).sum())
-    made = window._pictures - pictures
+    made = window.pictures - pictures
     print(f"{device}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; {shown.splats:,} splats, {count} frames,")
     print(f"  picture {player.size[0]}x{player.size[1]} in a window of {size[0]}x{size[1]}, turning at each tick")
     print(f"  handed over {made / elapsed:.1f} pictures/s; {backwards} of {len(steps)} steps between frames backwards")

@@ -53,7 +53,8 @@ class Actions:
             "reset": window.views.reset,
             "background": window.player.next_background,
             "camera": window.player.next_camera,
-            "fullscreen": lambda: window.set_fullscreen(not window.fullscreen),
+            "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
+            "figures": window.layout.toggle_figures,
             "mark": self.ask_mark,
             "next_mark": lambda: self._to_mark(1),
             "previous_mark": lambda: self._to_mark(-1),
@@ -93,6 +94,7 @@ class Actions:
             key.M: menu["mark"],
             key.K: menu["add_key"],
             key.F: menu["fullscreen"],
+            key.I: menu["figures"],
             key.QUESTION_MARK: menu["shortcuts"],
             key.SLASH: menu["shortcuts"],
             key.COMMA: menu["previous_mark"],
@@ -230,7 +232,7 @@ class Actions:
             answers.append(("remove", "Remove the mark", lambda _: self._try(lambda: window.marks.remove(frame))))
         answers.append(("close", "Cancel", lambda _: None))
         note = window.marks.notes.get(frame, "")
-        window.dialogs.line("mark", f"Mark frame {frame + 1}", f"Note on this frame.{where}", note, answers)
+        window.dialogs.line("mark", f"Mark frame {frame}", f"Note on this frame.{where}", note, answers)
 
     def _try(self, action: Action) -> None:
         try:
@@ -248,7 +250,7 @@ class Actions:
 
     def _all_marks(self) -> None:
         window = self._window
-        lines = {f"{frame + 1}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
+        lines = {f"{frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
         window.dialogs.choose("marks", "Marks", list(lines), lambda line: window.player.transport.seek(lines[line]))
 
     # Pictures and reports
@@ -259,7 +261,7 @@ class Actions:
         if picture is None:
             window.player.message = "There is no picture to save yet."
             return
-        name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame + 1:06d}.png"
+        name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
         opened = window.player.opened
         folder = opened.take.root.parent if opened is not None and opened.take is not None else Path.home()
 
@@ -312,11 +314,21 @@ class Actions:
         if take is None:
             window.player.message = "A report is written for a take; a stream alone has none."
         elif take.report.is_file() and window.workspace.row("review").state == "done":
-            window.dialogs.message(
-                "HTML report", f"The report is up to date:\n{take.report}\n\nOpen it with a browser."
-            )
+            window.dialogs.message("HTML report", self._up_to_date(take))
         else:
             self.run("review", False)
+
+    def _up_to_date(self, take: Take) -> str:
+        from pipelines.report import update_marks
+
+        context = self._window.workspace.context
+        assert context is not None  # or no stage would be done
+        try:
+            changed = update_marks(context)
+        except (StudioError, OSError) as error:
+            return f"The marks could not be brought into the report: {error}"
+        words = "The report shows the marks of now:" if changed else "The report is up to date:"
+        return f"{words}\n{take.report}\n\nOpen it with a browser."
 
     def _about(self) -> None:
         text = (

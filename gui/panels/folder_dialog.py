@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from open3d.visualization import gui
@@ -54,7 +55,7 @@ class _PathDialog:
         dialogs.widgets = {}
         path = gui.Horiz(0.4 * em)
         for key, label, action in (("up", "Up", self._found.up), ("home", "Home", self._home)):
-            button = dialogs.button(key, label, lambda action=action: self._moved(action))
+            button = dialogs.button(key, label, partial(self._moved, action))
             button.vertical_padding_em = 0
             path.add_child(button)
         path.add_child(self._path)
@@ -86,7 +87,7 @@ class _PathDialog:
     def _home(self) -> None:
         self._found.enter(Path.home())
 
-    def _moved(self, action: Callable[[], None]) -> None:
+    def _moved(self, action: Callable[[], object]) -> None:
         action()
         self._fill()
 

@@ -53,6 +53,24 @@ class Evaluation:
         count = len(cameras)
         return {name: row[name] for name in MEASURES if name in row}, f"mean of {count} camera{'s' * (count != 1)}"
 
+    @property
+    def mean(self) -> str:
+        """Over which cameras a frame's figures are the mean, in two words."""
+        return "held-out mean" if self.protocol.get("held_out", True) else "training mean"
+
+    @property
+    def explanation(self) -> str:
+        """What the strips over the timeline show; "" where nothing was measured."""
+        if not self.rows:
+            return ""
+        cameras = ", ".join(map(str, self.protocol.get("cameras", ())))
+        kind = "held-out" if self.protocol.get("held_out", True) else "training"
+        return (
+            f"PSNR in dB, higher is better: the mean over the {kind} cameras {cameras}.\n"
+            "KB a frame: 1000 bytes; the files of the frame's group, divided by its frames.\n"
+            "The numbers on the left are those of the frame that is shown. Click or drag to go to another one."
+        )
+
     def series(self, name: str, frame_count: int) -> list[float | None]:
         """One figure over all frames; None where it was not measured."""
         return [self.rows[frame].get(name) if frame in self.rows else None for frame in range(frame_count)]

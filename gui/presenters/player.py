@@ -34,6 +34,9 @@ class PlayerPresenter:
     Args:
         draw_function: makes the pixels; tests give their own.
         now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        filmed: each frame's number in the footage's files; empty where it is not known.
     """
 
     def __init__(self, draw_function: DrawFn = draw, now: Callable[[], float] = time.monotonic) -> None:
@@ -45,6 +48,7 @@ class PlayerPresenter:
         self._contents: tuple[object, ...] = ()
         self.opened: Opened | None = None
         self.context: Context | None = None
+        self.filmed: Sequence[int] = ()
         self.what = "decoded"
         self.mode = "single"
         self.wipe = 0.5
@@ -358,7 +362,7 @@ class PlayerPresenter:
             return None  # of what was open before
         if done.error is not None:
             what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
-            self.message = f"Frame {done.request.frame + 1}: {what}"
+            self.message = f"Frame {done.request.frame}: {what}"
             self.transport.pause()
             return None
         self.picture = done.result
@@ -394,7 +398,7 @@ class PlayerPresenter:
         what = LABELS[picture.source] if picture.mode == "single" else picture.mode
         parts = [
             what,
-            f"frame {picture.frame + 1} of {self.transport.frame_count}",
+            f"frame {picture.frame} (0 to {self.transport.last})",
             f"{picture.frame / self.transport.fps:.2f} s",
             picture.camera or "free view",
         ]

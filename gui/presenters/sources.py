@@ -136,7 +136,7 @@ class TrainedSource:
     def gaussians(self, frame: int) -> Gaussians:
         """See `FrameSource`."""
         if frame >= self.frame_count:
-            raise StudioError(f"Frame {frame + 1} is not trained yet; {self.frame_count} frames are.")
+            raise StudioError(f"Frame {frame} is not trained yet; frames 0 to {self.frame_count - 1} are.")
         held = self._cache.get(frame)
         if held is None:
             start = time.perf_counter()

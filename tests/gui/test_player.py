@@ -61,7 +61,7 @@ def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, str
     assert player.picture.frame == 7
     assert player.picture.image.shape == (200, 320, 3)
     assert (player.picture.image[5, 5] == 0).all()
-    assert "frame 8 of 12" in player.status
+    assert "frame 7 (0 to 11)" in player.status
     before = player.orbit.eye
     player.drag_orbit(30, 0)
     player.wheel(1)
@@ -181,7 +181,7 @@ def test_a_take_without_a_stream_shows_what_is_trained_so_far(tmp_path: Path) ->
     assert list(opened.sources) == ["trained"]
     assert opened.default is not None
     assert opened.default.frame_count == 8
-    with pytest.raises(StudioError, match="Frame 9 is not trained yet"):
+    with pytest.raises(StudioError, match="Frame 8 is not trained yet"):
         opened.default.gaussians(8)
     take.trained_frame(0, 3).write_bytes(b"not a tensor")
     with pytest.raises(StudioError, match=r"frame_000003\.safetensors"):
