@@ -50,7 +50,8 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     """Open the window, play and turn, and print the rates."""
     from open3d.visualization import gui
 
-    from gui.presenters.sources import FrameCache, StreamSource
+    from gui.presenters.frame_cache import FrameCache
+    from gui.presenters.stream_source import StreamSource
     from gui.window import MainWindow
 
     application = gui.Application.instance

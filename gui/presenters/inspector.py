@@ -82,6 +82,8 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     rows.append(("handed over", f"{player.rate:.1f} a second"))
     rows.append(("window drawn", f"{drawn_rate:.1f} a second"))
     blocks.append(Block("Speed", rows))
+    if player.left_out:
+        blocks.insert(1, Block("Damaged, left out", [], "\n".join(player.left_out)))
     return blocks
 
 

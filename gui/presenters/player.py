@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -15,6 +16,7 @@ from gui.presenters.lens import Lens
 from gui.presenters.orbit import OrbitCamera
 from gui.presenters.picture_maker import DrawFn, Picture, PictureMaker, Wish
 from gui.presenters.sources import FrameSource, Opened, open_path, take_contents
+from gui.presenters.stream_source import LeftOut, StreamSource
 from gui.presenters.transport import Transport
 from gui.presenters.worker import Done, LatestWorker
 from pipelines.stages.base import Context
@@ -64,6 +66,7 @@ class PlayerPresenter:
         self.picture: Picture | None = None
         self.message = NOTHING_OPEN
         self.notice = ""
+        self._left_out: tuple[int, str] | None = None
 
     # What is open
 
@@ -87,7 +90,7 @@ class PlayerPresenter:
         self._fit_transport()
         self._look_home(first)
         self.picture = None
-        self._asked = None
+        self._asked = self._left_out = None
         self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
 
     def refresh(self) -> bool:
@@ -351,7 +354,16 @@ class PlayerPresenter:
                 self._asked = wish
                 self._worker.ask(wish)
         done = self._worker.take()
-        return self._received(done) if done is not None else None
+        picture = self._received(done) if done is not None else None
+        if self._left_out is not None and (self.picture is None or not self.transport.playing):
+            self.message = f"Frame {self._left_out[0]}: {self._left_out[1]}"
+        return picture
+
+    @property
+    def left_out(self) -> list[str]:
+        """Sentences on damaged groups that playing went past."""
+        sources = self.opened.sources.values() if self.opened is not None else ()
+        return [str(group) for source in sources if isinstance(source, StreamSource) for group in source.skipped]
 
     def show_again(self) -> None:
         """The viewport shows something else by now: the next poll makes the picture again."""
@@ -360,12 +372,16 @@ class PlayerPresenter:
     def _received(self, done: Done[Wish, Picture]) -> Picture | None:
         if self.opened is None or done.request.sources is not self.opened.sources:
             return None  # of what was open before
+        if isinstance(done.error, LeftOut):
+            # as players do: the picture before it stays up for its time, then playing goes on
+            self._left_out = (done.request.frame, str(done.error))
+            return None
         if done.error is not None:
             what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
             self.message = f"Frame {done.request.frame}: {what}"
             self.transport.pause()
             return None
-        self.picture = done.result
+        self.picture, self._left_out = done.result, None
         if self.message.startswith("Frame "):
             self.message = ""
         self._shown_times.append(self._now())
@@ -404,6 +420,9 @@ class PlayerPresenter:
         ]
         if picture.splats:
             parts.append(f"{picture.splats:,} splats")
+        count = len(self.left_out)
+        if count:
+            parts.append(f"{count} damaged group{'s' * (count != 1)} left out")
         if self.notice:
             parts.append(self.notice)
         return "   ".join(parts)
@@ -422,12 +441,21 @@ class PlayerPresenter:
                 source.close()
 
 
+def _first_whole(source: FrameSource) -> Gaussians:
+    """The first keyframe that can be had."""
+    *others, last = source.group_starts
+    for start in others:
+        with contextlib.suppress(LeftOut):
+            return source.gaussians(start)
+    return source.gaussians(last)
+
+
 def load(path: str | Path) -> tuple[Opened, Gaussians | None] | str:
     """Open a take, a stream or an address and its first frame; or a sentence on what is wrong. Safe on any thread."""
     try:
         opened = open_path(path)
         try:
-            first = opened.default.gaussians(0) if opened.default is not None else None
+            first = _first_whole(opened.default) if opened.default is not None else None
         except StudioError as error:
             if opened.take is None:
                 for source in opened.sources.values():
