@@ -65,6 +65,7 @@ def _widgets(window: MainWindow) -> dict[str, gui.Widget]:
         **window.stages.buttons,
         **{key: button for (stage, key), button in window.modes.buttons.items() if stage == window.views.stage},
         **{f"dialog {key}": widget for key, widget in window.dialogs.widgets.items()},
+        "settings filter": settings.filter,
         **{f"setting {name}": editor for name, (_, editor) in settings.editors.items()},
     }
 
