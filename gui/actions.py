@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 from open3d.visualization import gui
 
 from gui.keys import shortcuts_text
+from gui.mark_actions import MarkActions
+from gui.output_actions import OutputActions
 from gui.panels.folder_dialog import ask_path
-from gui.panels.option_dialogs import ask_export, ask_preferences
+from gui.panels.option_dialogs import ask_preferences
 from gui.panels.take_dialog import ask_new_take
-from gui.presenters.exports import FORMATS, LEAST_SECONDS, ExportWish, PathKey
+from gui.presenters.exports import FORMATS
 from gui.presenters.new_take import NewTake
 from gui.presenters.preferences import Preferences
-from pipelines.export import DEFAULT_OF
-from pipelines.pictures import write_picture
-from pipelines.take import Take, program_version
+from pipelines.take import program_version
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Actions:
 
     def __init__(self, window: MainWindow) -> None:
         self._window = window
-        self._shift = False
+        self._marks, self._outputs = MarkActions(window), OutputActions(window)
 
     def menu(self) -> dict[str, Action]:
         """By key of `gui.menus.MENUS`."""
@@ -46,8 +46,8 @@ class Actions:
             "open": self._ask_open,
             "recent": self._ask_recent,
             "address": self._ask_address,
-            "screenshot": self._ask_screenshot,
-            "report": self._report,
+            "screenshot": self._outputs.screenshot,
+            "report": self._outputs.report,
             "preferences": lambda: ask_preferences(window.dialogs, window.preferences, self._save_preferences),
             "quit": window.ask_close,
             "reset": window.views.reset,
@@ -55,12 +55,12 @@ class Actions:
             "camera": window.player.next_camera,
             "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
             "figures": window.layout.toggle_figures,
-            "mark": self.ask_mark,
-            "next_mark": lambda: self._to_mark(1),
-            "previous_mark": lambda: self._to_mark(-1),
-            "marks": self._all_marks,
-            **{f"export {kind}": partial(self._ask_export, kind) for kind in FORMATS},
-            "add_key": self._add_key,
+            "mark": self._marks.ask,
+            "next_mark": lambda: self._marks.go(1),
+            "previous_mark": lambda: self._marks.go(-1),
+            "marks": self._marks.show_all,
+            **{f"export {kind}": partial(self._outputs.export, kind) for kind in FORMATS},
+            "add_key": self._outputs.add_key,
             "clear_keys": window.exports.keys.clear,
             "stop_export": window.exports.stop,
             "shortcuts": lambda: window.dialogs.message("Shortcuts", shortcuts_text()),
@@ -214,121 +214,6 @@ class Actions:
         window.apply_preferences()
         if not preferences.save():
             window.player.message = "The preferences could not be saved; they hold until the window is closed."
-
-    # Marks
-
-    def ask_mark(self) -> None:
-        """A note on the frame that is shown."""
-        window = self._window
-        if window.player.opened is None:
-            return
-        window.player.transport.pause()
-        frame = window.player.transport.frame
-        where = "" if window.marks.kept else " A stream alone has no place for marks: they last until it is closed."
-        answers: list[tuple[str, str, Callable[[str], None]]] = [
-            ("save", "Mark", lambda note: self._try(lambda: window.marks.set(frame, note)))
-        ]
-        if frame in window.marks.notes:
-            answers.append(("remove", "Remove the mark", lambda _: self._try(lambda: window.marks.remove(frame))))
-        answers.append(("close", "Cancel", lambda _: None))
-        note = window.marks.notes.get(frame, "")
-        window.dialogs.line("mark", f"Mark frame {frame}", f"Note on this frame.{where}", note, answers)
-
-    def _try(self, action: Action) -> None:
-        try:
-            action()
-        except StudioError as error:
-            self._window.player.message = str(error)
-        self._window.marks_changed()
-
-    def _to_mark(self, direction: int) -> None:
-        window = self._window
-        frame = window.marks.next_after(window.player.transport.frame, direction)
-        if frame is not None:
-            window.player.transport.pause()
-            window.player.transport.seek(frame)
-
-    def _all_marks(self) -> None:
-        window = self._window
-        lines = {f"{frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
-        window.dialogs.choose("marks", "Marks", list(lines), lambda line: window.player.transport.seek(lines[line]))
-
-    # Pictures and reports
-
-    def _ask_screenshot(self) -> None:
-        window = self._window
-        picture = window.player.picture
-        if picture is None:
-            window.player.message = "There is no picture to save yet."
-            return
-        name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
-        opened = window.player.opened
-        folder = opened.take.root.parent if opened is not None and opened.take is not None else Path.home()
-
-        def save(text: str) -> None:
-            path = Path(text.strip()).expanduser().absolute()
-            if path.suffix.lower() != ".png":
-                path = path.with_name(path.name + ".png")
-            try:
-                write_picture(path, picture.image)
-            except OSError as error:
-                window.player.message = f"{path}: could not be written ({error.strerror}); choose another folder."
-
-        window.dialogs.line(
-            "screenshot", "Save a screenshot", "The picture as shown, as a PNG file:", str(folder / name),
-            [("save", "Save", save), ("close", "Cancel", lambda _: None)],
-        )  # fmt: skip
-
-    def _add_key(self) -> None:
-        window = self._window
-        camera = window.player.view()
-        if camera is not None:
-            window.exports.keys.append(PathKey(camera, window.player.transport.frame))
-            count = len(window.exports.keys)
-            window.player.notice = f"{count} view{'s' * (count != 1)} in the camera path"
-
-    def _ask_export(self, kind: str) -> None:
-        window = self._window
-        opened = window.player.opened
-        if opened is None or not opened.sources:
-            window.player.message = "There is nothing to export yet."
-            return
-        # the default first, where it is there; the dialog says which it is
-        sources = sorted(opened.sources, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
-        folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
-        wish = ExportWish(kind, str(opened.path), opened.title, folder, *sources[:1])
-        length = window.player.transport.frame_count / window.player.transport.fps
-        wish.seconds = f"{max(length, LEAST_SECONDS):g}"
-
-        def start(chosen: ExportWish) -> None:
-            try:
-                window.exports.start(chosen)
-            except (StudioError, OSError) as error:
-                window.dialogs.message("Export", str(error))
-
-        ask_export(window.dialogs, wish, sources, start)
-
-    def _report(self) -> None:
-        window = self._window
-        take: Take | None = window.workspace.take
-        if take is None:
-            window.player.message = "A report is written for a take; a stream alone has none."
-        elif take.report.is_file() and window.workspace.row("review").state == "done":
-            window.dialogs.message("HTML report", self._up_to_date(take))
-        else:
-            self.run("review", False)
-
-    def _up_to_date(self, take: Take) -> str:
-        from pipelines.report import update_marks
-
-        context = self._window.workspace.context
-        assert context is not None  # or no stage would be done
-        try:
-            changed = update_marks(context)
-        except (StudioError, OSError) as error:
-            return f"The marks could not be brought into the report: {error}"
-        words = "The report shows the marks of now:" if changed else "The report is up to date:"
-        return f"{words}\n{take.report}\n\nOpen it with a browser."
 
     def _about(self) -> None:
         text = (

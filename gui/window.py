@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections import deque
 from pathlib import Path
 
 from open3d.visualization import gui, rendering
@@ -19,12 +17,14 @@ from gui.panels.modes import ModesPanel
 from gui.panels.picture import colour
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
-from gui.presenters.evaluation import Evaluation
+from gui.presenters.evaluation import Evaluation, EvaluationFile
 from gui.presenters.exports import Exports
+from gui.presenters.loading import load
 from gui.presenters.marks import Marks
 from gui.presenters.palette import DIM, GROUND, PANEL, TEXT
-from gui.presenters.player import PlayerPresenter, load
+from gui.presenters.player import PlayerPresenter
 from gui.presenters.preferences import Preferences
+from gui.presenters.rate import Rate
 from gui.presenters.sources import Opened
 from gui.presenters.strips import strips_of
 from gui.presenters.views import Views
@@ -68,12 +68,12 @@ class MainWindow:
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.opening = ""
         self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
-        self._evaluation_of: object = None
+        self._evaluation_file = EvaluationFile()
         self._software = software
         self._redraws = Redraws()
         self._log = StateLog(log)
         self.pictures = 0
-        self._drawn_times: deque[float] = deque(maxlen=240)
+        self.drawn = Rate()
         self.close_requests = CloseRequests()
         self.wants_close = False
         application = gui.Application.instance
@@ -139,7 +139,7 @@ class MainWindow:
         self.player.adopt(*found)
         self.workspace.open(opened.take)
         self.marks = Marks(opened.take.marks if opened.take is not None else None)
-        self._evaluation_of = None
+        self.marks_changed()
         self.preferences.opened(str(opened.path))
         self.preferences.save()
         self.player.background = self.preferences.background
@@ -221,7 +221,7 @@ class MainWindow:
 
     def _escape(self) -> None:
         if self.dialogs.name:
-            self.dialogs.close()
+            self.dialogs.escape()
         elif self.layout.fullscreen:
             self.layout.set_fullscreen(False)
         self.changed()
@@ -237,7 +237,6 @@ class MainWindow:
         changed = self.workspace.poll()
         if self.workspace.take_results():
             changed |= self.player.refresh()
-            self._evaluation_of = None
         self._read_evaluation()
         if self.exports.poll():
             changed = True
@@ -264,7 +263,7 @@ class MainWindow:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
         due = self._redraws.due()
         if due:
-            self._drawn_times.append(time.monotonic())
+            self.drawn.hit()
         return due
 
     def _update_panels(self) -> bool:
@@ -278,27 +277,15 @@ class MainWindow:
         if layout:
             self.window.set_needs_layout()
         changed |= self.inspector.update(
-            self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn_rate
+            self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn.value
         )
         status = self.player.status if board is None else board.status
         return changed | self._set_text(self.status, "   ".join(filter(None, [status, self.exports.words])))
 
-    @property
-    def drawn_rate(self) -> float:
-        """How often a second the window was drawn over the last two seconds."""
-        horizon = time.monotonic() - 2.0
-        recent = [moment for moment in self._drawn_times if moment >= horizon]
-        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
-
     def _read_evaluation(self) -> None:
-        take = self.workspace.take
-        stamp = None
-        if take is not None:
-            stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
-        frames = self.player.transport.frame_count
-        if (stamp, frames) == self._evaluation_of:
+        take, frames = self.workspace.take, self.player.transport.frame_count
+        if not self._evaluation_file.changed(take, frames):
             return
-        self._evaluation_of = (stamp, frames)
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
         names = ("psnr_trained", "psnr_decoded", "bytes")
         series = {name: self.evaluation.series(name, frames) for name in names}

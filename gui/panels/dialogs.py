@@ -28,6 +28,7 @@ class Dialogs:
         self.widgets: dict[str, gui.Widget] = {}
         self.name = ""
         self._on_enter: Callable[[], None] | None = None
+        self._on_escape: Callable[[], None] = self.close
 
     def close(self) -> None:
         """Close what is open."""
@@ -60,6 +61,7 @@ class Dialogs:
         made = self.widgets
         self.close()
         self.widgets, self._on_enter = made, on_enter
+        self._on_escape = next((action for key, _, action in answers if key == "close"), self.close)
         em = self.em
         dialog = gui.Dialog(title)
         column = gui.Vert(0.6 * em, gui.Margins(em, em, em, em))
@@ -101,6 +103,10 @@ class Dialogs:
         """The Enter key was released. Its press is no use: a field that is being edited keeps it for itself."""
         if self._on_enter is not None:
             self._on_enter()
+
+    def escape(self) -> None:
+        """The Escape key: as Cancel or Close, where there is one."""
+        self._on_escape()
 
     def message(self, title: str, text: str) -> None:
         """Something to read."""

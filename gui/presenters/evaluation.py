@@ -7,9 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.files import read_json
+from pipelines.take import Take
 from studio.errors import StudioError
 
 MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded")
+
+
+class EvaluationFile:
+    """Tells when a take's evaluation.json is another one."""
+
+    def __init__(self) -> None:
+        self._seen: object = None
+
+    def changed(self, take: Take | None, frame_count: int) -> bool:
+        """True at first, and whenever the file, the take or the number of frames has changed since."""
+        stamp = None
+        if take is not None:
+            stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
+        before, self._seen = self._seen, (stamp, frame_count)
+        return before != self._seen
 
 
 @dataclass(frozen=True)

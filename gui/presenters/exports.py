@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gui.presenters.jobs import ChildProcess, v3studio_command
-from gui.presenters.player import BACKGROUNDS
+from gui.presenters.viewpoint import BACKGROUNDS
 from pipelines.cancel import EXIT_CANCELLED
 from pipelines.files import remove, write_json
 from studio.cameras import Camera
