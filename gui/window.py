@@ -264,6 +264,8 @@ class MainWindow:
         due = self._redraws.due()
         if due:
             self.drawn.hit()
+            if self.dialogs.tick():
+                self.changed()
         return due
 
     def _update_panels(self) -> bool:

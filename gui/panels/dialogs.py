@@ -7,8 +7,12 @@ from functools import partial
 
 from open3d.visualization import gui
 
+from gui.keyboard import send_tab
 from gui.panels.picture import colour
 from gui.presenters.palette import ACCENT_DARK, DIM, RAISED
+
+TAB_DOWN, TAB_UP = 3, 5
+"""How often a dialog with a line has been drawn when Tab is pressed and released."""
 
 Answer = tuple[str, str, Callable[[], None]]
 """Key, label, what to do."""
@@ -20,6 +24,7 @@ class Dialogs:
     Attributes:
         widgets: of the open dialog, by key; empty where none is open.
         name: of the open dialog; "" where none is open.
+        typing: its line has been given the keyboard.
     """
 
     def __init__(self, window: gui.Window) -> None:
@@ -27,12 +32,15 @@ class Dialogs:
         self.em = window.theme.font_size
         self.widgets: dict[str, gui.Widget] = {}
         self.name = ""
+        self.typing = False
+        self._drawn: int | None = None
         self._on_enter: Callable[[], None] | None = None
         self._on_escape: Callable[[], None] = self.close
 
     def close(self) -> None:
         """Close what is open."""
-        self._on_enter = None
+        self._on_enter = self._drawn = None
+        self.typing = False
         if self.name:
             self._window.close_dialog()
         self.widgets, self.name = {}, ""
@@ -104,6 +112,19 @@ class Dialogs:
         if self._on_enter is not None:
             self._on_enter()
 
+    def tick(self) -> bool:
+        """Call at each drawn tick: gives a new dialog's line the keyboard, once it has been drawn. Returns whether the
+        window must be drawn again for that."""
+        if self._drawn is None:
+            return False
+        self._drawn += 1
+        if self._drawn == TAB_DOWN:
+            send_tab(True)
+        elif self._drawn == TAB_UP:
+            self.typing = send_tab(False)
+            self._drawn = None
+        return True
+
     def escape(self) -> None:
         """The Escape key: as Cancel or Close, where there is one."""
         self._on_escape()
@@ -136,15 +157,15 @@ class Dialogs:
         def answer(action: Callable[[str], None]) -> Callable[[], None]:
             return self._closing(lambda: action(typed[0]))
 
-        # Open3D has no way to give a field the keyboard, but Tab does
         parts: list[gui.Widget] = [
             self.label(text),
             edit,
-            self.label("Tab, or a click, goes into the line; Enter confirms."),
+            self.label("Enter confirms. (A click or Tab goes into the line.)"),
         ]
         buttons: list[Answer] = [(key, label, answer(action)) for key, label, action in answers]
         self.show(name, title, parts, buttons, 70, buttons[0][2])
         self.widgets["line"] = edit
+        self._drawn = 0
 
     def choose(
         self,

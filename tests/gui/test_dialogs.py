@@ -76,11 +76,11 @@ def test_recent_ones_that_are_gone(tree: Path) -> None:
 
 
 def test_a_marked_folder_is_opened_and_enter_confirms(
-    open_window: Callable, finished_project: Path, tmp_path: Path, artefacts: Path
+    open_window: Callable, take_copy: Path, tmp_path: Path, artefacts: Path
 ) -> None:
     settings = tmp_path / "config" / "v3studio"
     settings.mkdir(parents=True)
-    recent = [str(tmp_path / "gone"), str(finished_project / "capture")]
+    recent = [str(tmp_path / "gone"), str(take_copy)]
     (settings / "window.json").write_text(json.dumps({"recent": recent}))
     window = open_window("--size", "1100x760")
     window.wait_for("an empty window", lambda s: s["dialog"] == "" and s["message"])
@@ -98,7 +98,7 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     window.menu("File", 1)
     window.wait_for("the folders", lambda s: s["dialog"] == "path")
     time.sleep(1.0)
-    names = [entry.path.name for entry in FolderList(finished_project, "take").entries]
+    names = [entry.path.name for entry in FolderList(take_copy.parent, "take").entries]
     row = 0.011 + (names.index("take") + 0.5) / 14
     window.click("dialog list", 0.2, row)
     window.screenshot(artefacts / "dialog_path.png")
@@ -110,16 +110,16 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     window.key("Home")
     window.wait_for("the first frame", lambda s: s["shown"] == 0)
     window.press_until("m", "the question", lambda s: s["dialog"] == "mark")
-    time.sleep(1.0)
-    window.key("Tab")
+    window.wait_for("a line with the keyboard", lambda s: s["typing"])
+    time.sleep(0.5)
     window.type("by enter")
     window.key("Return")
     window.wait_for("the mark", lambda s: s["marks"] == {"0": "by enter"} and s["dialog"] == "")
 
     # losing the keyboard confirms nothing
     window.press_until("m", "the question", lambda s: s["dialog"] == "mark")
-    time.sleep(1.0)
-    window.key("Tab")
+    window.wait_for("a line with the keyboard", lambda s: s["typing"])
+    time.sleep(0.5)
     window.type("more")
     window.click("dialog line", 0.5, -1.0)
     time.sleep(0.5)

@@ -31,7 +31,7 @@ def until(accept, window, seconds=60):
     end = time.monotonic() + seconds
     while not accept():
         assert application.run_one_tick()
-        assert time.monotonic() < end, window.state()
+        assert time.monotonic() < end, window.player.message
 
 report = {"opened": [], "played": []}
 keep = None
@@ -41,7 +41,7 @@ for number in range(opens):
     window.open(stream)
     until(lambda: window.player.picture is not None and window.views.settled, window)
     if number < opens - 1:
-        window._may_close = True
+        window.close_requests.granted = True
         other = MainWindow((320, 200)) if keep is None else keep  # the application ends with its last window
         keep = other
         window.window.close()
