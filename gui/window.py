@@ -14,7 +14,7 @@ from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
-from gui.panels.picture import colour
+from gui.panels.picture import plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
 from gui.presenters.evaluation import Evaluation, EvaluationFile
@@ -101,13 +101,8 @@ class MainWindow:
         self.modes = ModesPanel(self.views.choices(), em, self._chosen)
         self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, changed)
         self.inspector = InspectorPanel(em, changed)
-        self.message = gui.Label("")
+        self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
-        self.message.background_color = colour(GROUND)
-        self.message.text_color = colour(TEXT)
-        self.status = gui.Label("")
-        self.status.text_color = colour(DIM)
-        self.status.background_color = colour(PANEL)
         for widget in (
             *self.layout.fills,
             self.viewport.picture.widget,
@@ -289,8 +284,7 @@ class MainWindow:
         if not self._evaluation_file.changed(take, frames):
             return
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
-        names = ("psnr_trained", "psnr_decoded", "bytes")
-        series = {name: self.evaluation.series(name, frames) for name in names}
+        series = {name: self.evaluation.series(name, frames) for name in ("psnr_trained", "psnr_decoded", "bytes")}
         self.timeline.strips = strips_of(series, self.evaluation.mean)
         self.timeline.picture.widget.tooltip = self.evaluation.explanation
 
