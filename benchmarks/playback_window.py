@@ -50,7 +50,8 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     """Open the window, play and turn, and print the rates."""
     from open3d.visualization import gui
 
-    from gui.presenters.sources import FrameCache, StreamSource
+    from gui.presenters.frame_cache import FrameCache
+    from gui.presenters.stream_source import StreamSource
     from gui.window import MainWindow
 
     application = gui.Application.instance
@@ -72,8 +73,8 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     loads: list[float] = []
     ticks: list[float] = []
     shown = player.picture
-    pictures = window._pictures
-    window._drawn_times.clear()
+    pictures = window.pictures
+    drawn_before = window.drawn.hits
     cpu, start = time.process_time(), time.monotonic()
     last = start
     while time.monotonic() < start + seconds:
@@ -91,12 +92,12 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     count = source.frame_count
     steps = np.diff(frames) % count
     backwards = int((steps > count - 6).sum())
-    made = window._pictures - pictures
+    made = window.pictures - pictures
     print(f"{device}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; {shown.splats:,} splats, {count} frames,")
     print(f"  picture {player.size[0]}x{player.size[1]} in a window of {size[0]}x{size[1]}, turning at each tick")
     print(f"  handed over {made / elapsed:.1f} pictures/s; {backwards} of {len(steps)} steps between frames backwards")
-    drawn = len(window._drawn_times)
-    print(f"  window drawn {drawn / elapsed:.1f} times/s (at most the last {window._drawn_times.maxlen} are counted)")
+    drawn = window.drawn.hits - drawn_before
+    print(f"  window drawn {drawn / elapsed:.1f} times/s")
     print(f"  decode {np.nanmedian(loads):.1f} ms, draw {1e3 * np.median(draws):.1f} ms (medians, by the clock)")
     print(f"  CPU {cpu / elapsed:.2f} cores, {1e3 * cpu / max(made, 1):.0f} ms a picture; longest tick "
           f"{1e3 * max(ticks):.0f} ms, 95 % below {1e3 * np.percentile(ticks, 95):.0f} ms")  # fmt: skip

@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Any
 from open3d.visualization import gui
 
 from gui.keys import shortcuts_text
-from gui.presenters.exports import FORMATS, PathKey
+from gui.mark_actions import MarkActions
+from gui.output_actions import OutputActions
+from gui.panels.folder_dialog import ask_path
+from gui.panels.option_dialogs import ask_preferences
+from gui.panels.take_dialog import ask_new_take
+from gui.presenters.exports import FORMATS
 from gui.presenters.new_take import NewTake
 from gui.presenters.preferences import Preferences
-from pipelines.pictures import write_picture
-from pipelines.take import Take, program_version
+from pipelines.take import program_version
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -32,30 +36,31 @@ class Actions:
 
     def __init__(self, window: MainWindow) -> None:
         self._window = window
-        self._shift = False
+        self._marks, self._outputs = MarkActions(window), OutputActions(window)
 
     def menu(self) -> dict[str, Action]:
         """By key of `gui.menus.MENUS`."""
         window = self._window
         return {
             "new": self.new_take,
-            "open": lambda: window.dialogs.folder("Open a take or a stream", window.open),
-            "recent": lambda: window.dialogs.choose("recent", "Open recent", window.preferences.recent, window.open),
+            "open": self._ask_open,
+            "recent": self._ask_recent,
             "address": self._ask_address,
-            "screenshot": self._ask_screenshot,
-            "report": self._report,
-            "preferences": lambda: window.dialogs.preferences(window.preferences, self._save_preferences),
+            "screenshot": self._outputs.screenshot,
+            "report": self._outputs.report,
+            "preferences": lambda: ask_preferences(window.dialogs, window.preferences, self._save_preferences),
             "quit": window.ask_close,
             "reset": window.views.reset,
             "background": window.player.next_background,
             "camera": window.player.next_camera,
-            "fullscreen": lambda: window.set_fullscreen(not window.fullscreen),
-            "mark": self.ask_mark,
-            "next_mark": lambda: self._to_mark(1),
-            "previous_mark": lambda: self._to_mark(-1),
-            "marks": self._all_marks,
-            **{f"export {kind}": partial(self._ask_export, kind) for kind in FORMATS},
-            "add_key": self._add_key,
+            "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
+            "figures": window.layout.toggle_figures,
+            "mark": self._marks.ask,
+            "next_mark": lambda: self._marks.go(1),
+            "previous_mark": lambda: self._marks.go(-1),
+            "marks": self._marks.show_all,
+            **{f"export {kind}": partial(self._outputs.export, kind) for kind in FORMATS},
+            "add_key": self._outputs.add_key,
             "clear_keys": window.exports.keys.clear,
             "stop_export": window.exports.stop,
             "shortcuts": lambda: window.dialogs.message("Shortcuts", shortcuts_text()),
@@ -89,6 +94,7 @@ class Actions:
             key.M: menu["mark"],
             key.K: menu["add_key"],
             key.F: menu["fullscreen"],
+            key.I: menu["figures"],
             key.QUESTION_MARK: menu["shortcuts"],
             key.SLASH: menu["shortcuts"],
             key.COMMA: menu["previous_mark"],
@@ -151,17 +157,46 @@ class Actions:
 
     def new_take(self) -> None:
         """Ask for footage, settings and the take's folder."""
-        self._window.dialogs.new_take(NewTake(), self._create)
+        ask_new_take(self._window.dialogs, NewTake(), self._create)
 
     def _create(self, new: NewTake) -> None:
         window = self._window
         try:
             root = new.create()
         except StudioError as error:
-            window.dialogs.new_take(new, self._create, str(error))
+            ask_new_take(window.dialogs, new, self._create, str(error))
             return
         window.dialogs.close()
         window.open(str(root))
+
+    def _ask_open(self) -> None:
+        window = self._window
+        opened = window.player.opened
+        known = [Path(name) for name in window.preferences.recent if "://" not in name]
+        if opened is not None and isinstance(opened.path, Path):
+            known.insert(0, opened.path)
+        start = next((path.parent for path in known if path.parent.is_dir()), Path.cwd())
+        ask_path(window.dialogs, "Open a take or a stream", start, "take", window.open)
+
+    def _ask_recent(self) -> None:
+        window = self._window
+        preferences = window.preferences
+
+        def keep(names: list[str]) -> Action:
+            def forget() -> None:
+                preferences.recent = names
+                preferences.save()
+
+            return forget
+
+        there = preferences.recent_there()
+        answers: list[tuple[str, str, Action]] = []
+        if len(there) < len(preferences.recent):
+            answers.append(("forget", "Forget what is gone", keep(there)))
+        if preferences.recent:
+            answers.append(("clear", "Clear the list", keep([])))
+        gone = set(preferences.recent) - set(there)
+        window.dialogs.choose("recent", "Open recent", preferences.recent, window.open, gone, answers)
 
     def _ask_address(self) -> None:
         window = self._window
@@ -179,120 +214,6 @@ class Actions:
         window.apply_preferences()
         if not preferences.save():
             window.player.message = "The preferences could not be saved; they hold until the window is closed."
-
-    # Marks
-
-    def ask_mark(self) -> None:
-        """A note on the frame that is shown."""
-        window = self._window
-        if window.player.opened is None:
-            return
-        window.player.transport.pause()
-        frame = window.player.transport.frame
-        where = "" if window.marks.kept else " A stream alone has no place for marks: they last until it is closed."
-        answers: list[tuple[str, str, Callable[[str], None]]] = [
-            ("save", "Mark", lambda note: self._try(lambda: window.marks.set(frame, note)))
-        ]
-        if frame in window.marks.notes:
-            answers.append(("remove", "Remove the mark", lambda _: self._try(lambda: window.marks.remove(frame))))
-        answers.append(("close", "Cancel", lambda _: None))
-        note = window.marks.notes.get(frame, "")
-        window.dialogs.line("mark", f"Mark frame {frame + 1}", f"Note on this frame.{where}", note, answers)
-
-    def _try(self, action: Action) -> None:
-        try:
-            action()
-        except StudioError as error:
-            self._window.player.message = str(error)
-        self._window.marks_changed()
-
-    def _to_mark(self, direction: int) -> None:
-        window = self._window
-        frame = window.marks.next_after(window.player.transport.frame, direction)
-        if frame is not None:
-            window.player.transport.pause()
-            window.player.transport.seek(frame)
-
-    def _all_marks(self) -> None:
-        window = self._window
-        lines = {f"{frame + 1}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
-        window.dialogs.choose("marks", "Marks", list(lines), lambda line: window.player.transport.seek(lines[line]))
-
-    # Pictures and reports
-
-    def _ask_screenshot(self) -> None:
-        window = self._window
-        picture = window.player.picture
-        if picture is None:
-            window.player.message = "There is no picture to save yet."
-            return
-        name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame + 1:06d}.png"
-        opened = window.player.opened
-        folder = opened.take.root.parent if opened is not None and opened.take is not None else Path.home()
-
-        def save(text: str) -> None:
-            path = Path(text.strip()).expanduser().absolute()
-            if path.suffix.lower() != ".png":
-                path = path.with_name(path.name + ".png")
-            try:
-                write_picture(path, picture.image)
-            except OSError as error:
-                window.player.message = f"{path}: could not be written ({error.strerror}); choose another folder."
-
-        window.dialogs.line(
-            "screenshot", "Save a screenshot", "The picture as shown, as a PNG file:", str(folder / name),
-            [("save", "Save", save), ("close", "Cancel", lambda _: None)],
-        )  # fmt: skip
-
-    def _add_key(self) -> None:
-        window = self._window
-        camera = window.player.view()
-        if camera is not None:
-            window.exports.keys.append(PathKey(camera, window.player.transport.frame))
-            count = len(window.exports.keys)
-            window.player.notice = f"{count} view{'s' * (count != 1)} in the camera path"
-
-    def _ask_export(self, kind: str) -> None:
-        window = self._window
-        opened = window.player.opened
-        if opened is None or not opened.sources:
-            window.player.message = "There is nothing to export yet."
-            return
-        is_take = opened.take is not None
-        of = (
-            (window.player.what if window.player.what in opened.sources else next(iter(opened.sources)))
-            if is_take
-            else ""
-        )
-        what, ending = FORMATS[kind]
-        folder = Path(opened.path).parent if isinstance(opened.path, Path) else Path.home()
-        target = folder / f"{opened.title}-{of or 'stream'}-{kind}{ending}"
-        source = str(opened.path)
-
-        def start(text: str) -> None:
-            try:
-                window.exports.start(kind, source, of, Path(text.strip()).expanduser().absolute())
-            except (StudioError, OSError) as error:
-                window.dialogs.message("Export", str(error))
-
-        words = f"{what}, of the {of or 'decoded'} splats. Nothing is overwritten. Write to:"
-        answers: list[tuple[str, str, Callable[[str], None]]] = [
-            ("save", "Export", start),
-            ("close", "Cancel", lambda _: None),
-        ]
-        window.dialogs.line("export", "Export", words, str(target), answers)
-
-    def _report(self) -> None:
-        window = self._window
-        take: Take | None = window.workspace.take
-        if take is None:
-            window.player.message = "A report is written for a take; a stream alone has none."
-        elif take.report.is_file() and window.workspace.row("review").state == "done":
-            window.dialogs.message(
-                "HTML report", f"The report is up to date:\n{take.report}\n\nOpen it with a browser."
-            )
-        else:
-            self.run("review", False)
 
     def _about(self) -> None:
         text = (

@@ -22,7 +22,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "path", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream, or a stream's address"
     )
-    parser.add_argument("--size", default="1280x800", metavar="WxH", help="window size (default: %(default)s)")
+    parser.add_argument(
+        "--size",
+        default="1280x800",
+        metavar="WxH",
+        help="window size at the usual density of screens (default: %(default)s)",
+    )
     parser.add_argument("--log-state", type=Path, metavar="FILE", help="append what the window shows, as JSON lines")
     options = parser.parse_args(arguments)
     width, _, height = options.size.partition("x")
@@ -61,11 +66,12 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
     """Open the window and stay until it is closed, Ctrl-C or SIGTERM."""
     from open3d.visualization import gui
 
+    from gui.screen import fitting_size
     from gui.window import MainWindow
 
     application = gui.Application.instance
     application.initialize()
-    window = MainWindow(size, log, device, device.endswith("(software)"))
+    window = MainWindow(fitting_size(size), log, device, device.endswith("(software)"))
     stopped = False
 
     def stop(_number: int, _frame: FrameType | None) -> None:

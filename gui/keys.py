@@ -20,6 +20,7 @@ SHORTCUTS: tuple[tuple[str, str], ...] = (
     ("< and >", "previous or next mark"),
     ("K", "add this view to the camera path of a movie"),
     ("F", "fullscreen: the viewport alone (Escape ends it)"),
+    ("I", "figures and log, on the right; a narrow window begins without them"),
     ("?", "this list"),
     ("Left drag", "turn"),
     ("Right drag, Shift + drag", "move"),

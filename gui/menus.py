@@ -30,6 +30,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("background", "Next background (B)"),
             ("camera", "Next capture camera (C)"),
             ("fullscreen", "Fullscreen (F)"),
+            ("figures", "Figures and log (I)"),
         ),
     ),
     (

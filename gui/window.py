@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-import json
-import time
-from collections import deque
 from pathlib import Path
-from typing import Any, TextIO
 
 from open3d.visualization import gui, rendering
 
 from gui import menus
 from gui.actions import Actions
+from gui.closing import CloseRequests
+from gui.layout import Layout
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
-from gui.panels.picture import colour
+from gui.panels.picture import plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
-from gui.presenters.evaluation import Evaluation
+from gui.presenters.evaluation import Evaluation, EvaluationFile
 from gui.presenters.exports import Exports
+from gui.presenters.loading import load
 from gui.presenters.marks import Marks
 from gui.presenters.palette import DIM, GROUND, PANEL, TEXT
-from gui.presenters.player import PlayerPresenter, load
+from gui.presenters.player import PlayerPresenter
 from gui.presenters.preferences import Preferences
+from gui.presenters.rate import Rate
 from gui.presenters.sources import Opened
 from gui.presenters.strips import strips_of
 from gui.presenters.views import Views
@@ -32,11 +32,9 @@ from gui.presenters.worker import LatestWorker
 from gui.presenters.workspace import Workspace
 from gui.raycast import MeshPicture
 from gui.redraw import Redraws
+from gui.state import StateLog
 from gui.viewport import Viewport
 from studio.gaussians import Gaussians
-
-CLOSE_WAIT = 0.4
-"""Seconds to wait whether a request to close was Escape."""
 
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Least seconds between two drawings of the window where the processor draws it, which takes 90 ms of a core: it then
@@ -68,18 +66,15 @@ class MainWindow:
         self.views = Views(self.workspace, self.player, MeshPicture)
         self.exports = Exports()
         self.evaluation, self.marks = Evaluation(), Marks(None)
-        self.fullscreen = False
         self.opening = ""
         self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
-        self._evaluation_of: object = None
+        self._evaluation_file = EvaluationFile()
         self._software = software
         self._redraws = Redraws()
-        self._log: TextIO | None = log.open("a", encoding="utf-8") if log else None
-        self._logged: dict[str, Any] = {}
-        self._pictures = 0
-        self._drawn_times: deque[float] = deque(maxlen=240)
-        self._may_close = False
-        self._close_asked: list[float] = []
+        self._log = StateLog(log)
+        self.pictures = 0
+        self.drawn = Rate()
+        self.close_requests = CloseRequests()
         self.wants_close = False
         application = gui.Application.instance
         menus.build(application)
@@ -90,43 +85,34 @@ class MainWindow:
         self.dialogs = Dialogs(self.window)
         self.actions = Actions(self)
         self._build()
-        self.window.set_on_layout(self._on_layout)
+        self.window.set_on_layout(self.layout.place)
         self.window.set_on_tick_event(self._on_tick)
         self.window.set_on_key(self._on_key)
-        self.window.set_on_close(self._on_close)
+        self.window.set_on_close(self.close_requests.asked)
         menus.connect(self.window, self.actions.menu(), self.changed)
         self.apply_preferences()
 
     def _build(self) -> None:
         em, changed = self.em, self.changed
-        # What the panels leave free. One ground under everything would cost a software driver 30 ms a drawing.
-        # Few, because Open3D draws wrongly where a window has more than 20 visible children.
-        self._fills = [gui.Vert() for _ in range(4)]
-        for number, fill in enumerate(self._fills):
-            fill.background_color = colour(GROUND if number < 3 else PANEL)
+        self.layout = Layout(self)
         self.viewport = Viewport(lambda: self.views, changed)
         self.timeline = TimelinePanel(self.player, em, changed)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen)
         self.stages = StagesPanel(self.workspace, em, self.select, self.actions.run, changed)
         self.inspector = InspectorPanel(em, changed)
-        self._message = gui.Label("")
-        self._message.visible = False
-        self._message.background_color = colour(GROUND)
-        self._message.text_color = colour(TEXT)
-        self._status = gui.Label("")
-        self._status.text_color = colour(DIM)
-        self._status.background_color = colour(PANEL)
+        self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
+        self.message.visible = False
         for widget in (
-            *self._fills,
+            *self.layout.fills,
             self.viewport.picture.widget,
-            *self.modes.rows.values(),
+            *(row.widget for row in self.modes.rows.values()),
             self.timeline.picture.widget,
             self.controls.widget,
             *self.stages.widgets,
             *self.inspector.widgets,
-            self._status,
-            self._message,
+            self.status,
+            self.message,
         ):
             self.window.add_child(widget)
 
@@ -148,7 +134,7 @@ class MainWindow:
         self.player.adopt(*found)
         self.workspace.open(opened.take)
         self.marks = Marks(opened.take.marks if opened.take is not None else None)
-        self._evaluation_of = None
+        self.marks_changed()
         self.preferences.opened(str(opened.path))
         self.preferences.save()
         self.player.background = self.preferences.background
@@ -167,25 +153,15 @@ class MainWindow:
 
     def close(self) -> None:
         """Ask the window to close; it does at the next tick."""
-        self._may_close = True
+        self.close_requests.granted = True
         self.window.close()
 
     def ask_close(self) -> None:
         """Close, unless a job runs: then ask first."""
-        self._close_asked = [time.monotonic() - CLOSE_WAIT]
+        self.close_requests.ask()
 
-    def _on_close(self) -> bool:
-        # Open3D asks to close at Escape too, when it is pressed and when it is released, before it tells of the key (of
-        # which it does not tell while a text is being edited). A request that stays alone is meant.
-        self._close_asked.append(time.monotonic())
-        return self._may_close
-
-    def _decide_close(self) -> None:
-        if not self._close_asked or time.monotonic() < self._close_asked[-1] + CLOSE_WAIT:
-            return
-        alone = len(self._close_asked) == 1
-        self._close_asked.clear()
-        if not alone:
+    def _close_if_asked(self) -> None:
+        if not self.close_requests.due():
             return
         if self.workspace.job is None:
             self.wants_close = True
@@ -200,8 +176,7 @@ class MainWindow:
         self._opener.close()
         # Open3D holds on to callbacks, and so to this object; what is large must go by itself.
         self._keep_alive = None
-        if self._log is not None:
-            self._log.close()
+        self._log.close()
 
     # What a user does
 
@@ -215,28 +190,20 @@ class MainWindow:
         self.views.select(stage)
         self.window.set_needs_layout()
 
-    def set_fullscreen(self, on: bool) -> None:
-        """The viewport alone, or with all panels."""
-        self.fullscreen = on
-        self.window.show_menu(not on)
-        for widget in (*self._fills, self._status, self.controls.widget, self.timeline.picture.widget,
-                       *self.inspector.widgets):  # fmt: skip
-            widget.visible = not on
-        self.stages.set_visible(not on)
-        if on:
-            for row in self.modes.rows.values():
-                row.visible = False
-        self.window.set_needs_layout()
-
     def _chosen(self, stage: str, key: str) -> None:
         self.views.choose(key)
         self.changed()
 
     def _on_key(self, event: gui.KeyEvent) -> bool:
         if event.key == gui.KeyName.ESCAPE:
-            self._close_asked.clear()
+            self.close_requests.escape()
             if event.type == gui.KeyEvent.Type.DOWN:
                 self._escape()
+            return True
+        if event.key == gui.KeyName.ENTER and self.dialogs.name:
+            if event.type == gui.KeyEvent.Type.UP:
+                self.dialogs.enter()
+                self.changed()
             return True
         if event.type != gui.KeyEvent.Type.DOWN or self.dialogs.name:
             return False
@@ -249,15 +216,15 @@ class MainWindow:
 
     def _escape(self) -> None:
         if self.dialogs.name:
-            self.dialogs.close()
-        elif self.fullscreen:
-            self.set_fullscreen(False)
+            self.dialogs.escape()
+        elif self.layout.fullscreen:
+            self.layout.set_fullscreen(False)
         self.changed()
 
     # Each tick
 
     def _on_tick(self) -> bool:
-        self._decide_close()
+        self._close_if_asked()
         opened = self._opener.take()
         if opened is not None and opened.result is not None:
             self._opened(opened.request, opened.result)
@@ -265,7 +232,6 @@ class MainWindow:
         changed = self.workspace.poll()
         if self.workspace.take_results():
             changed |= self.player.refresh()
-            self._evaluation_of = None
         self._read_evaluation()
         if self.exports.poll():
             changed = True
@@ -276,59 +242,51 @@ class MainWindow:
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:
             self.viewport.show(pixels)
-            self._pictures += 1
+            self.pictures += 1
             changed = True
         if not self._redraws.pausing:  # nobody sees what changes between two drawings
             changed |= self.timeline.update()
-            if not self.fullscreen:
+            if not self.layout.fullscreen:
                 changed |= self._update_panels()
         message = self.workspace.message or self.views.message
-        changed |= self._set_text(self._message, message)
-        self._message.visible = bool(message)  # even an empty label keeps the mouse from the viewport
+        changed |= self._set_text(self.message, message)
+        self.message.visible = bool(message)  # even an empty label keeps the mouse from the viewport
         if changed:
             self.changed()
-        self._write_log()
+        self._log.write(self)
         if self._software:
             self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
         due = self._redraws.due()
         if due:
-            self.dialogs.tick()
-            self._drawn_times.append(time.monotonic())
+            self.drawn.hit()
+            if self.dialogs.tick():
+                self.changed()
         return due
 
     def _update_panels(self) -> bool:
         board = self.views.board
-        changed = self.controls.update()
+        changed, layout = self.controls.update()
+        if layout:
+            self.window.set_needs_layout()
         changed |= self.modes.update(self.views.stage, self.views.chosen())
         touched, layout = self.stages.update()
         changed |= touched
         if layout:
             self.window.set_needs_layout()
         changed |= self.inspector.update(
-            self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn_rate
+            self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn.value
         )
         status = self.player.status if board is None else board.status
-        return changed | self._set_text(self._status, "   ".join(filter(None, [status, self.exports.words])))
-
-    @property
-    def drawn_rate(self) -> float:
-        """How often a second the window was drawn over the last two seconds."""
-        horizon = time.monotonic() - 2.0
-        recent = [moment for moment in self._drawn_times if moment >= horizon]
-        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
+        return changed | self._set_text(self.status, "   ".join(filter(None, [status, self.exports.words])))
 
     def _read_evaluation(self) -> None:
-        take = self.workspace.take
-        stamp = None
-        if take is not None:
-            stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
-        frames = self.player.transport.frame_count
-        if (stamp, frames) == self._evaluation_of:
+        take, frames = self.workspace.take, self.player.transport.frame_count
+        if not self._evaluation_file.changed(take, frames):
             return
-        self._evaluation_of = (stamp, frames)
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
-        names = ("psnr_trained", "psnr_decoded", "bytes")
-        self.timeline.strips = strips_of({name: self.evaluation.series(name, frames) for name in names})
+        series = {name: self.evaluation.series(name, frames) for name in ("psnr_trained", "psnr_decoded", "bytes")}
+        self.timeline.strips = strips_of(series, self.evaluation.mean)
+        self.timeline.picture.widget.tooltip = self.evaluation.explanation
 
     def marks_changed(self) -> None:
         """The timeline shows them."""
@@ -340,107 +298,3 @@ class MainWindow:
         label.text = text
         self.window.set_needs_layout()  # a label keeps the width of its first text otherwise
         return True
-
-    # Layout
-
-    def _on_layout(self, context: gui.LayoutContext) -> None:
-        area, em = self.window.content_rect, self.em
-        x, y, width, height = area.x, area.y, area.width, area.height
-        if self.fullscreen:
-            self.viewport.picture.place(x, y, width, height)
-            self._place_message(context, x, y, width, height)
-            return
-        left, right = min(round(18 * em), width // 3), min(round(17 * em), width // 4)
-        bottom_height = round(11.2 * em)
-        bottom = y + height - bottom_height
-        self.stages.place(x, y, left, height, context)
-        gap = round(0.3 * em)
-        inner = x + left + gap
-        inner_width = width - left - gap
-        pad = round(0.5 * em)
-        self._status.frame = gui.Rect(inner + pad, y + height - round(1.5 * em), inner_width - 2 * pad, round(1.4 * em))
-        self.controls.widget.frame = gui.Rect(
-            inner + pad, y + height - round(3.4 * em), inner_width - 2 * pad, round(1.8 * em)
-        )
-        self.timeline.picture.place(inner + pad, bottom + pad, inner_width - 2 * pad, bottom_height - 3.6 * em - pad)
-        view_width = inner_width - right - gap
-        row = round(2.0 * em)
-        self.modes.place(inner + pad, y + 0.25 * em, view_width - pad, 1.5 * em)
-        self.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
-        self.inspector.place(inner + view_width + gap, y, right, bottom - y)
-        frames = (
-            (x + left, y, gap, height),
-            (inner, y, view_width, row),
-            (inner + view_width, y, gap, bottom - y),
-            (inner, bottom, inner_width, bottom_height),
-        )
-        for fill, frame in zip(self._fills, frames, strict=True):
-            fill.frame = gui.Rect(*frame)
-        self._place_message(context, inner, y + row, view_width, bottom - y - row)
-
-    def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
-        limits = gui.Widget.Constraints()
-        limits.width = int(0.85 * width)  # a longer sentence is broken into lines
-        wanted = self._message.calc_preferred_size(context, limits)
-        wide = min(wanted.width, limits.width)
-        self._message.frame = gui.Rect(x + (width - wide) // 2, y + (height - wanted.height) // 2, wide, wanted.height)
-
-    # For tests and bug reports
-
-    def state(self) -> dict[str, Any]:
-        """All that a test may want to know of what is shown."""
-        player, workspace = self.player, self.workspace
-        widgets: dict[str, gui.Widget] = {
-            "viewport": self.viewport.picture.widget,
-            "timeline": self.timeline.picture.widget,
-            "stages": self.stages.list.widget,
-            **self.controls.buttons,
-            **self.stages.buttons,
-            **{key: button for (stage, key), button in self.modes.buttons.items() if stage == self.views.stage},
-            **{f"dialog {key}": widget for key, widget in self.dialogs.widgets.items()},
-        }
-        settings = self.stages.settings[self.stages.selected]
-        widgets |= {f"setting {name}": editor for name, (_, editor) in settings.editors.items()}
-        return {
-            "title": player.title,
-            "message": self._message.text,
-            "opening": self.opening,
-            "dialog": self.dialogs.name,
-            "stage": self.views.stage,
-            "mode": sorted(self.views.chosen()),
-            "fullscreen": self.fullscreen,
-            "stages": {row.key: [row.state, row.words, row.detail] for row in workspace.rows()},
-            "busy": workspace.busy,
-            "error": self.stages.error.text,
-            "frame": player.transport.frame,
-            "frames": player.transport.frame_count,
-            "playing": player.transport.playing,
-            "loop": player.transport.loop,
-            "what": player.what,
-            "compare": player.mode,
-            "wipe": round(player.wipe, 3),
-            "camera": player.camera,
-            "shown": player.picture.frame if player.picture else None,
-            "settled": self.views.settled,
-            "pictures": self._pictures,
-            "handed_over": round(player.rate),
-            "exporting": self.exports.words,
-            "marks": {str(frame): note for frame, note in sorted(self.marks.notes.items())},
-            "orbit": [player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
-            "background": player.background,
-            "timeline_left": self.timeline.board.left,
-            "widgets": {
-                name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
-                for name, widget in widgets.items()
-                if widget.visible or name == "viewport"
-            },
-        }
-
-    def _write_log(self) -> None:
-        if self._log is None:
-            return
-        state = self.state()
-        if state != self._logged:
-            self._logged = state
-            self._log.write(json.dumps({"time": time.time(), **state}) + "\n")
-            self._log.flush()

@@ -42,9 +42,13 @@ def main() -> int:
 
 def execute(arguments: Sequence[str]) -> int:
     """Run a command inside this process; returns the exit code (SystemExit with 2 for wrong usage)."""
-    parser = _parser()
-    plain = _long_settings_as_set(arguments, parser)
-    known = parser.parse_args(plain)
+    parser, commands = _parser()
+    # what is wrong with a command's arguments is told with that command's usage, not with that of all
+    named = commands.get(arguments[0], parser) if arguments else parser
+    plain = _long_settings_as_set(arguments, named)
+    known, unknown = parser.parse_known_args(plain)
+    if unknown:
+        named.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
         known.overrides = _overrides(known)
         command: Callable[[argparse.Namespace], int] = known.command
@@ -60,7 +64,8 @@ def execute(arguments: Sequence[str]) -> int:
         return 1
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """The parser, and that of each command."""
     from pipelines import ablate_command, export, importing, play, serve
     from pipelines.take import program_version
 
@@ -108,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
     config.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="show the values of this file")
     config.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     config.set_defaults(command=_config)
-    return parser
+    return parser, dict(commands.choices)
 
 
 class _Target(argparse.Action):
@@ -188,7 +193,13 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.take is None and arguments.config is not None and arguments.config.is_dir():
         arguments.config, arguments.take = None, arguments.config
     if arguments.take is None:
+        if arguments.config is not None and not arguments.config.exists():
+            raise StudioError(f"{arguments.config}: there is no such file or folder; give a YAML file and --take DIR.")
         raise StudioError("No take is named; give its folder, as in --take takes/first.")
+    if arguments.config is not None and arguments.config.is_dir():
+        raise StudioError(
+            f"{arguments.config} is a folder, and --take names one too; leave it out, or give a YAML file in its place."
+        )
     if arguments.config is None:
         take = Take.open(arguments.take)
         config = load_config(take.config, arguments.overrides)

@@ -62,7 +62,7 @@ class Progress(Event):
         total_fraction: 0 to 1, of all stages of this run (an estimate).
         seconds_left: of this stage; None while nothing can be said.
         total_seconds_left: of the run; None while nothing can be said.
-        label: what is being done ("group 1/2, frame 7/30: motion").
+        label: what is being done ("group 1, frame 7: motion").
         figures: loss, psnr, splats, iteration, group, frame ... as the stage knows them.
     """
 

@@ -28,6 +28,9 @@ FORMATS = {
     "turntable": "an MP4 that circles the subject",
     "camera-path": "an MP4 along the cameras of --path",
 }
+DEFAULT_OF = "decoded"
+"""What is exported of a take where nobody says: what a player shows. The window's dialog begins with it, too."""
+
 _NOTE = "formats:\n" + "\n".join(f"  {name:12} {text}" for name, text in FORMATS.items())
 _TURNTABLE_SECONDS = 6.0  # at least: faster makes dizzy
 
@@ -47,7 +50,9 @@ def register(commands: Any) -> None:
     export.add_argument("--out", type=Path, required=True, metavar="PATH", help="what to write; must not exist yet")
     export.add_argument("--frames", metavar="A:B[:S]", help="frames A to B - 1, every S-th, counted from 0")
     export.add_argument(
-        "--of", choices=("trained", "decoded"), help="of a take: the trained splats (default) or the stream's"
+        "--of",
+        choices=("decoded", "trained"),
+        help=f"of a take: what its stream decodes to, or the splats as trained (default: {DEFAULT_OF})",
     )
     export.add_argument(
         "--axes", choices=("world", "viewer"),
@@ -77,11 +82,12 @@ def _export(arguments: argparse.Namespace) -> int:
     from pipelines.working import working
 
     with ExitStack() as stack:
-        if is_take(arguments.source) and arguments.of != "decoded":
+        if is_take(arguments.source) and (arguments.of or DEFAULT_OF) == "trained":
             video = trained_video(Path(arguments.source).expanduser())
         elif arguments.of == "trained":
             raise StudioError(f"{arguments.source}: only a take has trained splats; leave --of out.")
         else:
+            _need_stream(arguments.source)
             video = decoded_video(stack.enter_context(open_reader(arguments.source)))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         progress = stack.enter_context(working(f"export {arguments.format}", arguments.json))
@@ -92,6 +98,16 @@ def _export(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(f"{written} in {arguments.out}")
     return 0
+
+
+def _need_stream(source: str) -> None:
+    from pipelines.take import Take
+    from pipelines.videos import is_take
+
+    if is_take(source) and not Take.open(Path(source).expanduser()).stream.is_dir():
+        raise StudioError(
+            f"{source}: this take has no stream yet; run `v3studio bake`, or export what is trained with --of trained."
+        )
 
 
 def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> SplatVideo:

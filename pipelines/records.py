@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pipelines.files import read_json, write_json
+from pipelines.files import digest_of_files, read_json, write_json
 from pipelines.take import Take
 from studio.errors import StudioError
 
@@ -22,6 +22,18 @@ def read_record(take: Take, stage: str) -> dict[str, Any] | None:
     except StudioError:
         return None
     return record if isinstance(record, dict) and "ingredients" in record and "result" in record else None
+
+
+def note_rewritten(take: Take, stage: str) -> None:
+    """A finished stage's files were written anew by the program, and still say the same."""
+    record = read_record(take, stage)
+    if record is None:
+        return
+    files = [take.root / name for name in record["files"]]
+    record["result"] = digest_of_files(take.root, files)
+    for what, value in (("files", "st_size"), ("written", "st_mtime_ns")):
+        record[what] = {path.relative_to(take.root).as_posix(): getattr(path.stat(), value) for path in files}
+    write_json(take.record(stage), record)
 
 
 def result_of(take: Take, stage: str) -> str | None:

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import base64
 import datetime
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.files import read_json
+from pipelines.files import read_json, write_text
+from pipelines.marks import read_marks
 from pipelines.pictures import encode
-from pipelines.records import read_record
+from pipelines.records import note_rewritten, read_record
+from pipelines.report_plots import mark_rows, plots
 from pipelines.stages.base import Context
 from pipelines.take import program_version
+from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from pipelines.stages.evaluate import Sample
+
+_BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
 
 DIFFERENCE_GAIN = 4.0
 """Differences are shown this many times as strong, or nothing would be seen."""
@@ -31,26 +35,70 @@ def render_report(context: Context, evaluation: dict[str, Any], samples: Sequenc
         evaluation: what evaluation.json holds.
         samples: pictures to show.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("pipelines", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     width = context.config.evaluate.report_width
-    return environment.get_template("report.html.j2").render(
+    return _rendered(
+        "report.html.j2",
         title=context.take.root.name,
         made=datetime.datetime.now().isoformat(sep=" ", timespec="minutes"),
         version=program_version(),
         evaluation=evaluation,
         gain=DIFFERENCE_GAIN,
         pictures=[_pictures(sample, width) for sample in samples],
-        quality_plot=_svg(_quality_plot, evaluation),
-        size_plot=_svg(_size_plot, evaluation),
-        train_plot=_svg(_train_plot, _train_seconds(context)),
+        over_time=_over_time(context, evaluation),
         calibration=_calibration(context),
         timings=_timings(context),
         settings=context.config.model_dump(mode="json"),
     )
+
+
+def update_marks(context: Context) -> bool:
+    """Bring the report's marks in line with marks.json without measuring anything; returns whether it has changed.
+
+    Raises:
+        StudioError: there is no report, or one of an older version, which has no place for marks.
+    """
+    take = context.take
+    if not (take.report.is_file() and take.evaluation.is_file()):
+        raise StudioError(f"{take.root}: there is no report yet; run `v3studio evaluate`.")
+    text = take.report.read_text(encoding="utf-8")
+    head, begin, rest = text.partition(_BEGIN)
+    _, end, tail = rest.partition(_END)
+    if not (begin and end):
+        raise StudioError(
+            f"{take.report} was written by a version that knew no marks; "
+            f"`v3studio evaluate --take {take.root} --force` writes it anew."
+        )
+    new = head + _over_time(context, read_json(take.evaluation)) + tail
+    if new == text:
+        return False
+    write_text(take.report, new)
+    note_rewritten(take, "evaluate")
+    return True
+
+
+def _over_time(context: Context, evaluation: dict[str, Any]) -> str:
+    """The part of the report that marks appear in, between two comments that it is found by."""
+    error, marks = "", dict[int, str]()
+    try:
+        marks = read_marks(context.take.marks)
+    except StudioError as found:  # the figures are worth a report all the same
+        error = str(found)
+    body = _rendered(
+        "over_time.html.j2",
+        plots=plots(context, evaluation, marks),
+        marks=mark_rows(evaluation, marks),
+        marks_error=error,
+    )
+    return f"{_BEGIN}\n{body}\n{_END}"
+
+
+def _rendered(template: str, **values: Any) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("pipelines", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template(template).render(**values)
 
 
 def _pictures(sample: Sample, width: int) -> dict[str, Any]:
@@ -78,63 +126,6 @@ def _embedded(image: np.ndarray, width: int) -> str:
         size = (width, max(1, round(image.shape[0] * width / image.shape[1])))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return "data:image/jpeg;base64," + base64.b64encode(encode(image, ".jpg")).decode()
-
-
-def _svg(draw_into: Any, data: Any) -> str:
-    """A plot as SVG text, or "" where there is nothing to plot."""
-    import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "v3studio", "font.size": 9}):
-        figure = Figure(figsize=(8, 2.6), layout="constrained")
-        axes = figure.add_subplot()
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(alpha=0.25)
-        if not draw_into(axes, data):
-            return ""
-        buffer = io.StringIO()
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
-
-
-def _quality_plot(axes: Any, evaluation: dict[str, Any]) -> bool:
-    rows = evaluation["frames"]
-    frames = [row["frame"] for row in rows]
-    axes.plot(frames, [row["psnr_trained"] for row in rows], "o-", markersize=3, label="trained")
-    axes.plot(frames, [row["psnr_decoded"] for row in rows], "s--", markersize=3, label="decoded")
-    for row in rows:
-        if row["keyframe"]:
-            axes.axvline(row["frame"], color="grey", alpha=0.4, linewidth=0.8)
-    axes.set(xlabel="frame (grey: keyframes)", ylabel="PSNR, dB")
-    axes.legend(frameon=False)
-    return True
-
-
-def _size_plot(axes: Any, evaluation: dict[str, Any]) -> bool:
-    rows = evaluation["frames"]
-    axes.step([row["frame"] for row in rows], [row["bytes"] / 1000 for row in rows], where="mid")
-    axes.set(xlabel="frame", ylabel="KB a frame (mean of its group)", ylim=(0, None))
-    return True
-
-
-def _train_plot(axes: Any, seconds: list[tuple[int, float]]) -> bool:
-    known = [(frame, value) for frame, value in seconds if value > 0]
-    if not known:
-        return False
-    axes.bar([frame for frame, _ in known], [value for _, value in known], width=0.8)
-    axes.set(xlabel="frame", ylabel="training, s")
-    return True
-
-
-def _train_seconds(context: Context) -> list[tuple[int, float]]:
-    found: list[tuple[int, float]] = []
-    for group in context.groups:
-        path = context.take.train_group(group.index) / "group.json"
-        if path.is_file():
-            found += zip(group.frames, read_json(path)["seconds"], strict=False)
-    return found
 
 
 def _calibration(context: Context) -> dict[str, Any]:

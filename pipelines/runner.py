@@ -11,12 +11,23 @@ from collections.abc import Iterable
 from pipelines.assess import DONE, StageStatus, assess, assess_all, write_record
 from pipelines.cancel import Cancellation, stop_on_signals
 from pipelines.config import Config, dump_config
-from pipelines.events import Emit, Event, Progress, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
+from pipelines.events import (
+    Emit,
+    Event,
+    Log,
+    Progress,
+    RunFinished,
+    RunStarted,
+    StageFailed,
+    StageFinished,
+    StageStarted,
+)
 from pipelines.files import disk_errors, remove, write_text
 from pipelines.records import write_failure
 from pipelines.stages import STAGES, stage_named
 from pipelines.stages.base import Context, Stage, StageReporter
 from pipelines.take import Take, program_version
+from pipelines.work_clock import counting_pauses
 from studio.errors import Cancelled, StudioError
 
 _CUT_SHORT = "the step under way was cut short, what was finished before it is kept; run again to go on"
@@ -54,18 +65,18 @@ def run(
         Cancelled: asked to stop.
     """
     cancellation = cancellation or Cancellation()
-    started = time.monotonic()
     names = [stage.name for stage in STAGES if stage.name in set(stages)]
     tell = emit
 
     def finish(outcome: str, message: str = "") -> None:
-        tell(RunFinished(outcome=outcome, seconds=round(time.monotonic() - started, 2), message=message))
+        tell(RunFinished(outcome=outcome, seconds=round(clock() - started, 2), message=message))
 
-    with stop_on_signals(cancellation, lambda: finish("cancelled", _CUT_SHORT)):
+    with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _CUT_SHORT)):
+        started = clock()
         try:
             with disk_errors(take.root), take.locked(command):
                 tell = Logged(emit, take)
-                _run_locked(Context(take, config, tell, cancellation), names, force, started)
+                _run_locked(Context(take, config, tell, cancellation, clock), names, force, started)
         except Cancelled:
             finish("cancelled", "what is finished is kept; run again to go on")
             raise
@@ -125,8 +136,19 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
             continue
         reached = reporter.total_fraction if reporter else 0.0
         later = sum(weights[after] for after in todo[position + 1 :])
-        reporter = StageReporter(name, context, weights[name], later, time.monotonic() - run_started, reached)
+        reporter = StageReporter(name, context, weights[name], later, context.clock() - run_started, reached)
         _run_stage(stage, context, reporter, "asked for" if force and now.state == DONE else now.reason, force)
+    if "evaluate" in names and "evaluate" not in todo:
+        _update_marks(context)
+
+
+def _update_marks(context: Context) -> None:
+    """What was marked since the report was written; a report that has no place for marks stays as it is."""
+    from pipelines.report import update_marks
+
+    with contextlib.suppress(StudioError):
+        if update_marks(context):
+            context.emit(Log(stage="evaluate", message="the report's marks are those of marks.json again"))
 
 
 def _refuse_gaps(todo: list[str], found: dict[str, StageStatus]) -> None:
@@ -141,7 +163,7 @@ def _refuse_gaps(todo: list[str], found: dict[str, StageStatus]) -> None:
 
 
 def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: str, force: bool) -> None:
-    started = time.monotonic()
+    started = context.clock()
     context.cancellation.check()
     context.emit(StageStarted(stage=stage.name, reason=reason))
     context.take.forget(stage.name)
@@ -153,7 +175,7 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
         with disk_errors(context.take.root):
             summary = stage.run(context, reporter)
             context.cancellation.check()
-            seconds = time.monotonic() - started
+            seconds = context.clock() - started
             write_record(stage, context, seconds, summary)
     except Cancelled:
         raise

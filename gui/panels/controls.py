@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from open3d.visualization import gui
 
+from gui.panels.flow import Flow
 from gui.panels.picture import colour
 from gui.presenters.palette import PANEL, RAISED
 from gui.presenters.player import PlayerPresenter
@@ -30,7 +31,8 @@ class ControlsPanel:
     ) -> None:
         self._player = player
         self._changed = changed
-        self.widget = gui.Horiz(0.4 * em, gui.Margins(0, 0.15 * em, 0, 0.15 * em))
+        self.flow = Flow(0.4 * em, 1.5 * em)
+        self.widget = self.flow.widget
         self.widget.background_color = colour(PANEL)
         self.buttons: dict[str, gui.Widget] = {}
         transport = self._transport
@@ -50,11 +52,10 @@ class ControlsPanel:
         self._speed.tooltip = "Speed; 1x is the capture's own"
         self._speed.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_speed(name)))
         self._add("speed", self._speed)
-        self.widget.add_stretch()
         self._camera = gui.Combobox()
         self._camera.tooltip = "Look through a capture camera (C for the next), or freely"
         self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
-        self._add("camera", self._camera)
+        self._add("camera", self._camera, right=True)
         self._cameras: list[str] = []
         self._button("Background", "Dark, black or white behind the performer (B)", player.next_background)
         self._button("Reset view", "Back to the first view (R)", reset)
@@ -63,9 +64,9 @@ class ControlsPanel:
         """The transport of what is open now: another one after each opening."""
         return self._player.transport
 
-    def _add(self, key: str, widget: gui.Widget) -> None:
+    def _add(self, key: str, widget: gui.Widget, right: bool = False) -> None:
         self.buttons[key] = widget
-        self.widget.add_child(widget)
+        self.flow.add(widget, right=right)
 
     def _button(self, text: str, tooltip: str, action: Callable[[], object], key: str = "") -> gui.Button:
         button = gui.Button(text)
@@ -87,14 +88,14 @@ class ControlsPanel:
     def _set_speed(self, name: str) -> None:
         self._player.transport.speed = SPEEDS[name]
 
-    def update(self) -> bool:
-        """Bring the widgets in line with the player; returns whether one changed."""
-        changed = False
+    def update(self) -> tuple[bool, bool]:
+        """Bring the widgets in line with the player; returns (whether one changed, whether to lay out anew)."""
+        changed = layout = False
         transport = self._player.transport
         text = "Pause" if transport.playing else "Play"
         if self._play.text != text:
             self._play.text = text
-            changed = True
+            changed = layout = True
         if self._loop.checked != transport.loop:
             self._loop.checked = transport.loop
             changed = True
@@ -108,7 +109,7 @@ class ControlsPanel:
             self._camera.clear_items()
             for name in (FREE, *names):
                 self._camera.add_item(name)
-            changed = True
+            changed = layout = True
         camera = self._player.camera or FREE
         if self._camera.selected_text != camera and self._camera.number_of_items:
             self._camera.selected_text = camera
@@ -118,4 +119,4 @@ class ControlsPanel:
             if widget.enabled != enabled:
                 widget.enabled = enabled
                 changed = True
-        return changed
+        return changed, layout

@@ -9,7 +9,15 @@ from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget
 from gui.presenters.evaluation import Evaluation
-from gui.presenters.inspector import figures_picture, log_lines, log_picture, review_blocks, run_blocks
+from gui.presenters.inspector import (
+    Block,
+    figures_height,
+    figures_picture,
+    log_lines,
+    log_picture,
+    review_blocks,
+    run_blocks,
+)
 from gui.presenters.marks import Marks
 from gui.presenters.player import PlayerPresenter
 from gui.presenters.workspace import Workspace
@@ -28,9 +36,10 @@ class InspectorPanel:
 
     def __init__(self, em: float, changed: Callable[[], None]) -> None:
         self._em, self._changed = em, changed
-        self.figures = PictureWidget()
+        self.figures = PictureWidget(self._on_figures)
         self.log = PictureWidget(self._on_mouse)
         self._back = 0
+        self._down, self._blocks = 0.0, list[Block]()
         self._figures_of: object = None
         self._log_of: object = None
         self._lines: list[tuple[str, str]] = []
@@ -66,11 +75,26 @@ class InspectorPanel:
         if stage != "review" and workspace.take is not None:
             blocks = blocks[:1]
         blocks = [*run_blocks(workspace, stage), *blocks]
-        state = (blocks, self.figures.size)
+        self._blocks = blocks
+        self._scroll(0.0)
+        state = (blocks, self.figures.size, self._down)
         if state == self._figures_of:
             return changed
         self._figures_of = state
-        self.figures.show(figures_picture(blocks, *self.figures.size, self._em))
+        self.figures.show(figures_picture(blocks, *self.figures.size, self._em, self._down))
+        return True
+
+    def _scroll(self, pixels: float) -> None:
+        width, height = self.figures.size
+        most = max(figures_height(self._blocks, width, self._em) - height, 0.0)
+        self._down = min(max(self._down + pixels, 0.0), most)
+
+    def _on_figures(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        if event.type != gui.MouseEvent.Type.WHEEL:
+            return False
+        self._scroll(-2 * self._em * event.wheel_dy)
+        self._next = 0.0
+        self._changed()
         return True
 
     def _update_log(self, workspace: Workspace) -> bool:

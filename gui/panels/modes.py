@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from open3d.visualization import gui
 
+from gui.panels.flow import Flow
 from gui.panels.picture import colour
 from gui.presenters.palette import ACCENT_DARK, GROUND, RAISED
 
@@ -23,40 +25,42 @@ class ModesPanel:
     """
 
     def __init__(self, sets: Mapping[str, Sequence[Choice]], em: float, chosen: Callable[[str, str], None]) -> None:
-        self.rows: dict[str, gui.Horiz] = {}
+        self.rows: dict[str, Flow] = {}
         self.buttons: dict[tuple[str, str], gui.Button] = {}
         self._on: dict[tuple[str, str], bool] = {}
         for stage, choices in sets.items():
-            row = gui.Horiz(0.35 * em, gui.Margins(0, 0, 0, 0))
+            row = Flow(0.35 * em, 1.5 * em)
+            before = 0.0
             for key, label, tooltip in choices:
                 if not key:
-                    row.add_fixed(0.8 * em)
+                    before = 0.8 * em
                     continue
                 button = gui.Button(label)
                 button.tooltip = tooltip
                 button.vertical_padding_em = 0.05
                 button.horizontal_padding_em = 0.7
                 button.background_color = colour(RAISED)
-                button.set_on_clicked(lambda stage=stage, key=key: chosen(stage, key))
-                row.add_child(button)
+                button.set_on_clicked(partial(chosen, stage, key))
+                row.add(button, before)
+                before = 0.0
                 self.buttons[stage, key] = button
                 self._on[stage, key] = False
-            row.add_stretch()
-            row.background_color = colour(GROUND)
-            row.visible = False
+            row.widget.background_color = colour(GROUND)
+            row.widget.visible = False
             self.rows[stage] = row
 
-    def place(self, x: float, y: float, width: float, height: float) -> None:
-        """Take this rectangle of the window (pixels)."""
+    def place(self, stage: str, x: float, y: float, width: float, context: gui.LayoutContext) -> float:
+        """Take so much of the window (pixels); returns the height of the stage's row."""
         for row in self.rows.values():
-            row.frame = gui.Rect(int(x), int(y), int(width), int(height))
+            row.place(x, y, width, context)
+        return self.rows[stage].height(width, context)
 
     def update(self, stage: str, on: set[str]) -> bool:
         """Show the stage's row with these keys chosen; returns whether something changed."""
         changed = False
         for name, row in self.rows.items():
-            if row.visible != (name == stage):
-                row.visible = name == stage
+            if row.widget.visible != (name == stage):
+                row.widget.visible = name == stage
                 changed = True
         for (name, key), button in self.buttons.items():
             if name == stage and self._on[name, key] != (key in on):

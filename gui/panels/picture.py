@@ -24,6 +24,13 @@ def colour(value: RGB) -> gui.Color:
     return gui.Color(value[0] / 255, value[1] / 255, value[2] / 255)
 
 
+def plain_label(text_colour: RGB, ground: RGB) -> gui.Label:
+    """An empty label that covers what lies below it."""
+    label = gui.Label("")
+    label.text_color, label.background_color = colour(text_colour), colour(ground)
+    return label
+
+
 class PictureWidget:
     """An image widget that shows pictures pixel for pixel and passes the mouse on.
 

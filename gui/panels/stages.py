@@ -7,9 +7,10 @@ from collections.abc import Callable
 from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget, colour
+from gui.panels.settings import SettingsList
 from gui.presenters import stage_list
 from gui.presenters.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
-from gui.presenters.settings import SettingField, fields_of
+from gui.presenters.settings import SettingField
 from gui.presenters.workspace import TITLES, Workspace
 from pipelines.config import Config
 
@@ -60,7 +61,7 @@ class StagesPanel:
         self.error = gui.Label("")
         self.error.text_color = colour(BAD)
         self.error.background_color = colour(PANEL)
-        self.settings = {stage: SettingsList(stage, em, self._set) for stage in TITLES}
+        self.settings = {stage: SettingsList(stage, em, self._set, changed) for stage in TITLES}
         for widget in (self.detail, self.error, *(panel.widget for panel in self.settings.values())):
             widget.visible = False  # until there is something to show
         self._shown_config: Config | None = None
@@ -139,7 +140,7 @@ class StagesPanel:
                 label.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
                 top += wanted + 0.3 * em
         for panel in self.settings.values():
-            panel.widget.frame = gui.Rect(int(x), int(top), int(width), max(int(y + height - top), 1))
+            panel.place(x, top, width, max(y + height - top, 1))
         end = top if self._workspace.config is not None else y + height
         self.ground.frame = gui.Rect(int(x), int(y + list_height), int(width), int(end - y - list_height))
 
@@ -166,6 +167,9 @@ class StagesPanel:
                 panel.widget.visible = shown
                 changed = layout = True
         config = self._workspace.config
+        if self.settings[self.selected].refilter():
+            self._shown_config = None
+            changed = layout = True
         if config is not None and config is not self._shown_config:
             self._shown_config = config
             for panel in self.settings.values():
@@ -195,69 +199,3 @@ class StagesPanel:
                 button.enabled, button.visible = enabled, shown
                 changed = True
         return changed
-
-
-class SettingsList:
-    """The settings of a stage, each with its documentation as a tooltip.
-
-    Args:
-        stage: key of `TITLES`.
-        em: font size, pixels.
-        set_value: called with the field and what was typed or chosen.
-    """
-
-    def __init__(self, stage: str, em: float, set_value: Callable[[SettingField, str], None]) -> None:
-        self.widget = gui.ScrollableVert(0, gui.Margins(0.6 * em, 0.2 * em, 0.6 * em, 0.4 * em))
-        self.widget.background_color = colour(PANEL)
-        grid = gui.VGrid(2, 0.25 * em)
-        self.editors: dict[str, tuple[SettingField, gui.Widget]] = {}
-        self._shown: dict[str, str] = {}
-        for field in fields_of(stage):
-            label = gui.Label(field.label)
-            label.tooltip = _broken(field.documentation)
-            label.text_color = colour(DIM)
-            grid.add_child(label)
-            editor = self._editor(field, set_value)
-            editor.tooltip = _broken(field.documentation)
-            grid.add_child(editor)
-            self.editors[field.name] = (field, editor)
-        self.widget.add_child(grid)
-
-    def _editor(self, field: SettingField, set_value: Callable[[SettingField, str], None]) -> gui.Widget:
-        if field.kind == "switch":
-            switch = gui.Checkbox("")
-            switch.set_on_checked(lambda on: set_value(field, "true" if on else "false"))
-            return switch
-        if field.kind == "choice":
-            box = gui.Combobox()
-            for choice in field.choices:
-                box.add_item(choice)
-            box.set_on_selection_changed(lambda text, _: set_value(field, text))
-            return box
-        edit = gui.TextEdit()
-
-        def typed(text: str) -> None:
-            if text != self._shown.get(field.name):
-                set_value(field, text)
-
-        edit.set_on_value_changed(typed)
-        return edit
-
-    def show(self, config: Config) -> None:
-        """Bring all editors in line with the settings."""
-        for name, (field, editor) in self.editors.items():
-            text = field.shown(config)
-            self._shown[name] = text
-            if field.kind == "switch":
-                editor.checked = text == "true"
-            elif field.kind == "choice":
-                editor.selected_text = text
-            else:
-                editor.text_value = text
-
-
-def _broken(text: str) -> str:
-    """Tooltips are one long line unless they are broken."""
-    import textwrap
-
-    return "\n".join(textwrap.wrap(text, 70))

@@ -164,7 +164,7 @@ class BakeBoard(Board):
             if y + step > size[1]:
                 break
             words = (
-                f"group {group.index + 1}: frames {group.first_frame + 1} to {group.first_frame + group.frame_count}, "
+                f"group {group.index}: frames {group.first_frame} to {group.first_frame + group.frame_count - 1}, "
                 f"{group.splats:,} splats, "
                 f"{group.bytes / group.frame_count / 1000:.1f} KB a frame"
             )
@@ -234,7 +234,7 @@ class BakeBoard(Board):
             pictures = attribute_planes(decoded.gaussians())
             words = "as decoded, each from its lowest value (black) to its highest"
         side = len(next(iter(pictures.values())))
-        words = f"frame {frame + 1}: {len(pictures)} planes of {side} x {side}, {words}"
+        words = f"frame {frame}: {len(pictures)} planes of {side} x {side}, {words}"
         canvas.text(em, 0.6 * em, words, small, DIM, width=size[0] - 2 * em)
         from gui.presenters.capture_board import grid
 

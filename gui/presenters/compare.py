@@ -109,9 +109,17 @@ def heat_map(size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray
     return canvas.pixels
 
 
-def label(canvas: Canvas, x: float, y: float, text: str, align: str = "left", colour: RGB = TEXT) -> None:
+def label(
+    canvas: Canvas,
+    x: float,
+    y: float,
+    text: str,
+    align: str = "left",
+    colour: RGB = TEXT,
+    size: int = LABEL_SIZE,
+) -> None:
     """Words on a dark ground, readable on any picture."""
-    width = text_width(text, LABEL_SIZE)
+    width = text_width(text, size)
     left = x if align == "left" else x - width - 12
-    canvas.rect(left, y, width + 12, LABEL_SIZE + 10, GROUND)
-    canvas.text(left + 6, y + 4, text, LABEL_SIZE, colour)
+    canvas.rect(left, y, width + 12, size + 10, GROUND)
+    canvas.text(left + 6, y + 4, text, size, colour)

@@ -7,9 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.files import read_json
+from pipelines.take import Take
 from studio.errors import StudioError
 
 MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded")
+
+
+class EvaluationFile:
+    """Tells when a take's evaluation.json is another one."""
+
+    def __init__(self) -> None:
+        self._seen: object = None
+
+    def changed(self, take: Take | None, frame_count: int) -> bool:
+        """True at first, and whenever the file, the take or the number of frames has changed since."""
+        stamp = None
+        if take is not None:
+            stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
+        before, self._seen = self._seen, (stamp, frame_count)
+        return before != self._seen
 
 
 @dataclass(frozen=True)
@@ -52,6 +68,24 @@ class Evaluation:
             return {name: cameras[camera][name] for name in MEASURES if name in cameras[camera]}, camera
         count = len(cameras)
         return {name: row[name] for name in MEASURES if name in row}, f"mean of {count} camera{'s' * (count != 1)}"
+
+    @property
+    def mean(self) -> str:
+        """Over which cameras a frame's figures are the mean, in two words."""
+        return "held-out mean" if self.protocol.get("held_out", True) else "training mean"
+
+    @property
+    def explanation(self) -> str:
+        """What the strips over the timeline show; "" where nothing was measured."""
+        if not self.rows:
+            return ""
+        cameras = ", ".join(map(str, self.protocol.get("cameras", ())))
+        kind = "held-out" if self.protocol.get("held_out", True) else "training"
+        return (
+            f"PSNR in dB, higher is better: the mean over the {kind} cameras {cameras}.\n"
+            "KB a frame: 1000 bytes; the files of the frame's group, divided by its frames.\n"
+            "The numbers on the left are those of the frame that is shown. Click or drag to go to another one."
+        )
 
     def series(self, name: str, frame_count: int) -> list[float | None]:
         """One figure over all frames; None where it was not measured."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gui.presenters.jobs import ChildProcess, v3studio_command
+from gui.presenters.viewpoint import BACKGROUNDS
 from pipelines.cancel import EXIT_CANCELLED
 from pipelines.files import remove, write_json
 from studio.cameras import Camera
@@ -27,7 +28,13 @@ FORMATS: dict[str, tuple[str, str]] = {
 KEY_SECONDS = 2.0
 """Seconds of the movie from one collected view to the next."""
 
-MOVIE_SIZE = (1280, 720)
+MOVIES = ("turntable", "camera-path")
+MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
+MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
+"""Behind the performer, as the window calls it; None is the capture's own."""
+
+LEAST_SECONDS = 6.0
+"""Of a turntable: a faster one makes dizzy."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,76 @@ class PathKey:
 
     camera: Camera
     frame: int
+
+
+@dataclass
+class ExportWish:
+    """What the operator has chosen so far, as typed.
+
+    Attributes:
+        kind: of `FORMATS`.
+        source: take, stream or address.
+        title: its name; the file's begins with it.
+        folder: where to write to at first.
+        of: "decoded" or "trained"; "" for a bare stream.
+        seconds, size, background: of a movie, the latter two of `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
+    """
+
+    kind: str
+    source: str
+    title: str
+    folder: Path
+    of: str = ""
+    seconds: str = f"{LEAST_SECONDS:g}"
+    size: str = MOVIE_SIZES[0]
+    background: str = "as captured"
+    _target: str = ""
+
+    @property
+    def target(self) -> str:
+        """File or folder to write; named after what is exported until another name is typed."""
+        ending = FORMATS[self.kind][1]
+        return self._target or str(self.folder / f"{self.title}-{self.of or 'stream'}-{self.kind}{ending}")
+
+    def set_target(self, text: str) -> None:
+        """A name was typed."""
+        self._target = "" if text.strip() == self.target else text
+
+    def move_to(self, folder: Path) -> None:
+        """Write into another folder, under the same name."""
+        if self._target:
+            self._target = str(folder / Path(self._target.strip()).name)
+        self.folder = folder
+
+    def arguments(self) -> list[str]:
+        """For `v3studio export`, besides a camera path.
+
+        Raises:
+            StudioError: the seconds are no number above 0.
+        """
+        found = [self.source, "--format", self.kind, "--out", str(self.path), "--json"]
+        if self.of:
+            found += ["--of", self.of]
+        if self.kind not in MOVIES:
+            return found
+        found += ["--size", self.size]
+        colour = MOVIE_BACKGROUNDS[self.background]
+        if colour is not None:
+            found += ["--background", ",".join(f"{value:g}" for value in colour)]
+        if self.kind == "turntable":
+            try:
+                seconds = float(self.seconds)
+            except ValueError:
+                seconds = 0.0
+            if not 0 < seconds <= 3600:
+                raise StudioError(f"The movie's length is '{self.seconds}'; give seconds from 0 to 3600, as in 6.")
+            found += ["--seconds", f"{seconds:g}"]
+        return found
+
+    @property
+    def path(self) -> Path:
+        """`target`, absolute."""
+        return Path(self.target.strip()).expanduser().absolute()
 
 
 @dataclass
@@ -62,39 +139,32 @@ class Exports:
         """Whether one is at work."""
         return self._process is not None
 
-    def start(self, kind: str, source: str, of: str, target: Path) -> None:
+    def start(self, wish: ExportWish) -> None:
         """Begin.
-
-        Args:
-            kind: of `FORMATS`.
-            source: take, stream or address.
-            of: "trained" or "decoded"; "" for a bare stream.
-            target: file or folder to write; it must not exist yet.
 
         Raises:
             StudioError: one runs already, or the path has no views, or the target is there.
         """
         if self._process is not None:
             raise StudioError("An export runs already; wait for it or stop it (menu Export).")
-        if target.exists():
-            raise StudioError(f"{target} is there already; nothing is overwritten, so choose another name.")
-        command = [*v3studio_command(), "export", source, "--format", kind, "--out", str(target), "--json"]
-        if of:
-            command += ["--of", of]
+        if wish.path.exists():
+            raise StudioError(f"{wish.path} is there already; nothing is overwritten, so choose another name.")
+        command = [*v3studio_command(), "export", *wish.arguments()]
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
-        if kind == "camera-path":
-            command += ["--path", str(self._write_path(scratch)), "--size", f"{MOVIE_SIZE[0]}x{MOVIE_SIZE[1]}"]
+        if wish.kind == "camera-path":
+            width, height = map(int, wish.size.split("x"))
+            command += ["--path", str(self._write_path(scratch, (width, height)))]
         self._process = ChildProcess(command, scratch / "errors.txt", scratch)
-        self._target, self._stopping = target, False
-        self.words, self.result = f"export {kind}: starting", ""
+        self._target, self._stopping = wish.path, False
+        self.words, self.result = f"export {wish.kind}: starting", ""
 
-    def _write_path(self, folder: Path) -> Path:
+    def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
         from studio.export import Key, path_to_json
 
         if len(self.keys) < 2:
             raise StudioError("A camera path needs two views or more; collect them with K, then export again.")
         keys = [
-            Key(number * KEY_SECONDS, fitted(key.camera, *MOVIE_SIZE), float(key.frame))
+            Key(number * KEY_SECONDS, fitted(key.camera, *size), float(key.frame))
             for number, key in enumerate(self.keys)
         ]
         path = folder / "path.json"

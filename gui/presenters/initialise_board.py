@@ -81,7 +81,8 @@ class InitialiseBoard(OrbitBoard):
             draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
         report = read_json(folder / "report.json") if (folder / "report.json").is_file() else {}
         small = round(0.9 * self.em)
-        words = f"{folder.name.replace('_', ' ')}, frame {report.get('keyframe', '?')}: {len(points):,} points"
+        group = int(folder.name.removeprefix("group_"))
+        words = f"group {group}, frame {report.get('keyframe', '?')}: {len(points):,} points"
         if self._mesh is not None:
             words += f" on {self._mesh.faces:,} faces"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)

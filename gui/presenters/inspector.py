@@ -44,9 +44,10 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
         Block(
             "Frame",
             [
-                ("frame", f"{frame + 1} of {transport.frame_count}"),
+                ("frame", f"{frame} (0 to {transport.last})"),
                 ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} a second"),
-                ("group", f"{group + 1} of {len(transport.group_starts)}"
+                *([("in the footage", str(player.filmed[frame]))] if filmed_otherwise(player) else []),
+                ("group", f"{group} (0 to {len(transport.group_starts) - 1})"
                  + (", keyframe" if frame in transport.group_starts else "")),
                 *camera_rows(player),
             ],
@@ -81,7 +82,15 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     rows.append(("handed over", f"{player.rate:.1f} a second"))
     rows.append(("window drawn", f"{drawn_rate:.1f} a second"))
     blocks.append(Block("Speed", rows))
+    if player.left_out:
+        blocks.insert(1, Block("Damaged, left out", [], "\n".join(player.left_out)))
     return blocks
+
+
+def filmed_otherwise(player: PlayerPresenter) -> bool:
+    """Whether the footage's files give the frame another number than the take does."""
+    frame = player.transport.frame
+    return frame < len(player.filmed) and player.filmed[frame] != frame
 
 
 def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
@@ -134,12 +143,12 @@ def camera_rows(player: PlayerPresenter) -> list[Row]:
     ]
 
 
-def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float) -> np.ndarray:
-    """(height, width, 3) uint8: blocks below each other."""
+def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float, down: float = 0.0) -> np.ndarray:
+    """(height, width, 3) uint8: blocks below each other, scrolled by `down` pixels."""
     canvas = Canvas(width, height, PANEL)
     size = round(0.88 * em)
     step = line_height(size)
-    y = 0.3 * em
+    y = 0.3 * em - down
     for block in blocks:
         y = heading(canvas, y, block.title, em)
         for name, value in block.rows:
@@ -151,6 +160,14 @@ def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float)
             y += step
         y += 0.3 * em
     return canvas.pixels
+
+
+def figures_height(blocks: Sequence[Block], width: int, em: float) -> float:
+    """Pixels that all of `figures_picture` takes."""
+    size = round(0.88 * em)
+    lines = sum(len(block.rows) for block in blocks)
+    lines += sum(len(wrapped(block.note, size, width - 1.2 * em)) for block in blocks if block.note)
+    return 0.6 * em + lines * line_height(size) + len(blocks) * (line_height(round(0.95 * em)) + 0.5 * em)
 
 
 def heading(canvas: Canvas, y: float, text: str, em: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipelines.files import disk_errors, read_json, write_json
+from pipelines.marks import read_marks, write_marks
 from studio.errors import StudioError
 
 
@@ -23,14 +23,10 @@ class Marks:
         self._path = path
         self.notes: dict[int, str] = {}
         self.error = ""
-        if path is None or not path.is_file():
-            return
         try:
-            self.notes = {int(mark["frame"]): str(mark["note"]) for mark in read_json(path)["marks"]}
+            self.notes = read_marks(path) if path is not None else {}
         except StudioError as error:
             self.error = str(error)
-        except (KeyError, TypeError, ValueError):
-            self.error = f"{path}: holds no marks that can be read; mend it, or move it away to begin anew."
 
     @property
     def kept(self) -> bool:
@@ -62,6 +58,5 @@ class Marks:
         if self.error:
             raise StudioError(self.error)
         if self._path is not None:
-            with disk_errors(self._path.parent):
-                write_json(self._path, {"marks": [{"frame": frame, "note": notes[frame]} for frame in sorted(notes)]})
+            write_marks(self._path, notes)
         self.notes = notes

@@ -223,7 +223,7 @@ def ground_truth(wish: Wish, width: int, height: int) -> np.ndarray:
         raise StudioError("Ground truth is seen from capture cameras only; choose one (C).")
     footage = wish.context.footage
     if wish.frame >= len(footage.frames):
-        raise StudioError(f"The footage has {len(footage.frames)} frames; there is no frame {wish.frame + 1}.")
+        raise StudioError(f"The footage has the frames 0 to {len(footage.frames) - 1}; there is no frame {wish.frame}.")
     frame = footage.frames[wish.frame]
     alpha = footage.evaluation_matte(wish.camera, frame)[..., None].astype(np.float32) / 255
     background = np.array(wish.background, np.float32) * 255

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,54 +11,47 @@ import numpy as np
 from gui.presenters.compare import LABELS, MODES, WHATS
 from gui.presenters.drawing import draw
 from gui.presenters.lens import Lens
+from gui.presenters.loading import load
 from gui.presenters.orbit import OrbitCamera
 from gui.presenters.picture_maker import DrawFn, Picture, PictureMaker, Wish
-from gui.presenters.sources import FrameSource, Opened, open_path, take_contents
+from gui.presenters.rate import Rate
+from gui.presenters.sources import Opened, open_path, take_contents
+from gui.presenters.stream_source import LeftOut, StreamSource
 from gui.presenters.transport import Transport
+from gui.presenters.viewpoint import BACKGROUNDS, Viewpoint
 from gui.presenters.worker import Done, LatestWorker
-from pipelines.stages.base import Context
 from pipelines.videos import FALLBACK_FPS
-from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
-BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
-NOTHING_OPEN = "Open a take or a stream, or make a new take from footage: menu File."
 NOTHING_TO_SHOW = "Nothing is trained or baked in this take yet. Run the stages on the left."
 
 
-class PlayerPresenter:
+class PlayerPresenter(Viewpoint):
     """What is open, which frame is due, from where it is seen, what is compared, and the newest picture.
 
     Args:
         draw_function: makes the pixels; tests give their own.
         now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        filmed: each frame's number in the footage's files; empty where it is not known.
     """
 
     def __init__(self, draw_function: DrawFn = draw, now: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
         self._now = now
         self._maker = PictureMaker(draw_function)
         self._worker: LatestWorker[Wish, Picture] = LatestWorker(self._maker, "v3studio viewport")
         self._asked: Wish | None = None
-        self._shown_times: deque[float] = deque(maxlen=240)
+        self._shown = Rate(now)
         self._contents: tuple[object, ...] = ()
-        self.opened: Opened | None = None
-        self.context: Context | None = None
-        self.what = "decoded"
-        self.mode = "single"
+        self.filmed: Sequence[int] = ()
         self.wipe = 0.5
-        self.camera = ""
-        self.lens = Lens()
-        self._lens_follows = False
-        self._points = np.zeros((0, 3))
         self.transport = Transport(1, FALLBACK_FPS, now=now)
-        self.orbit = OrbitCamera()
-        self.home = self.orbit
-        self.size = (960, 540)
-        self.background = "dark"
         self.picture: Picture | None = None
-        self.message = NOTHING_OPEN
         self.notice = ""
+        self._left_out: tuple[int, str] | None = None
 
     # What is open
 
@@ -83,7 +75,7 @@ class PlayerPresenter:
         self._fit_transport()
         self._look_home(first)
         self.picture = None
-        self._asked = None
+        self._asked = self._left_out = None
         self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
 
     def refresh(self) -> bool:
@@ -144,40 +136,6 @@ class PlayerPresenter:
         source = self.source
         return source is not None and self.span(source.frame_count, source.group_starts, source.fps)
 
-    @property
-    def source(self) -> FrameSource | None:
-        """Where the Gaussians that are shown come from; for ground truth, those it is compared with."""
-        if self.opened is None:
-            return None
-        return self.opened.sources.get(self.what) or self.opened.default
-
-    @property
-    def title(self) -> str:
-        """What the window is called."""
-        return f"{self.opened.title} - V3 Studio" if self.opened else "V3 Studio"
-
-    @property
-    def source_names(self) -> list[str]:
-        """What Gaussians there are of what is open."""
-        return list(self.opened.sources) if self.opened else []
-
-    @property
-    def camera_names(self) -> list[str]:
-        """Capture cameras that can be looked through."""
-        return [camera.name for camera in self.opened.rig] if self.opened and self.opened.rig else []
-
-    def why_not(self, what: str) -> str:
-        """Why something cannot be shown; "" where it can."""
-        if self.opened is None:
-            return NOTHING_OPEN
-        if what == "truth":
-            if self.context is None:
-                return "Ground truth needs the take and its footage; this is a stream alone."
-            return "" if self.camera_names else "Ground truth needs cameras; run Calibrate."
-        if what in self.opened.sources:
-            return ""
-        return f"There is nothing {what} here yet; run {'Train' if what == 'trained' else 'Bake'}."
-
     def choose(self, what: str) -> bool:
         """Show "truth", "trained" or "decoded" at the same frame; False, with a message, where it is not there."""
         assert what in WHATS
@@ -215,113 +173,6 @@ class PlayerPresenter:
         self._fit_lens()
         return True
 
-    def zoom_to_performer(self) -> None:
-        """Bring the performer near, within the capture camera's image; or show the whole image again."""
-        self._lens_follows = self.camera != "" and self.lens == Lens()
-        self.lens = Lens()
-        self._fit_lens()
-
-    def _fit_lens(self) -> None:
-        """Hold the performer in a picture of the present size, as long as nobody has chosen another part."""
-        if self._lens_follows and self.camera and self.opened is not None and self.opened.rig is not None:
-            camera = self.opened.rig[self.camera].undistorted()
-            self.lens = Lens.around(self._points, camera, *self._box_size)
-
-    @property
-    def _box_size(self) -> tuple[int, int]:
-        """Of one picture: the whole, or a share where several stand side by side."""
-        count = 1 if self.mode != "side by side" else len(self.source_names) + 1
-        return self.size[0] // count, self.size[1]
-
-    @property
-    def reference(self) -> str:
-        """What a comparison compares with: ground truth where a capture camera is looked through."""
-        if self.camera and not self.why_not("truth"):
-            return "truth"
-        return "trained" if self.what == "decoded" else "decoded"
-
-    def _first_camera(self) -> str:
-        held_out = self.context.config.capture.held_out if self.context is not None else ()
-        names = self.camera_names
-        return next((name for name in names if name in held_out), names[0])
-
-    # The view
-
-    def resize(self, width: int, height: int) -> None:
-        """The viewport has this many pixels now."""
-        size = (max(int(width), 16), max(int(height), 16))
-        if size != self.size:
-            self.size = size
-            self._fit_lens()
-
-    def look_through(self, camera: str) -> None:
-        """Stand where a capture camera stands; "" goes back to the free view, from there."""
-        self.message = ""
-        if camera and self.opened is not None and self.opened.rig is not None:
-            self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
-        if not camera and self.what == "truth" and self.opened is not None and self.opened.default is not None:
-            self.what = self.opened.default.name
-        self.camera, self.lens, self._lens_follows = camera, Lens(), camera != "" and self.mode != "single"
-        self._fit_lens()
-        if not camera and self.mode != "single" and len(self.source_names) < 2:
-            self.mode = "single"
-
-    def next_camera(self, direction: int = 1) -> None:
-        """The next or previous capture camera."""
-        names = self.camera_names
-        if not names:
-            self.message = "There are no capture cameras here."
-        elif not self.camera:
-            self.look_through(self._first_camera())
-        else:
-            self.look_through(names[(names.index(self.camera) + direction) % len(names)])
-
-    def drag_orbit(self, dx: float, dy: float) -> None:
-        """Turn by a drag in pixels; leaves a capture camera."""
-        self._leave_camera()
-        self.orbit = self.orbit.orbit(dx, dy)
-
-    def drag_pan(self, dx: float, dy: float) -> None:
-        """Move by a drag in pixels; in a capture camera's image where one is looked through."""
-        if self.camera and self.opened is not None and self.opened.rig is not None:
-            self._lens_follows = False
-            self.lens = self.lens.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
-            return
-        self.orbit = self.orbit.pan(dx, dy, self.size[1])
-
-    def wheel(self, notches: float) -> None:
-        """Nearer or farther; in a capture camera's image where one is looked through."""
-        if self.camera:
-            self._lens_follows = False
-            self.lens = self.lens.zoomed(notches)
-            return
-        self.orbit = self.orbit.zoom(notches)
-
-    def _leave_camera(self) -> None:
-        if self.camera:
-            self.look_through("")
-
-    def view(self) -> Camera | None:
-        """The pinhole camera of the view as it is; None where nothing is open."""
-        if self.opened is None:
-            return None
-        if self.camera and self.opened.rig is not None:
-            return self.lens.camera(self.opened.rig[self.camera].undistorted(), *self.size)
-        return self.orbit.camera(*self.size)
-
-    def reset_view(self) -> None:
-        """Back to where the view was on opening; a capture camera's whole image where one is looked through."""
-        if self.camera:
-            self.lens, self._lens_follows = Lens(), False
-        else:
-            self.orbit = self.home
-
-    def next_background(self) -> str:
-        """Dark, black, white, and again."""
-        names = list(BACKGROUNDS)
-        self.background = names[(names.index(self.background) + 1) % len(names)]
-        return self.background
-
     def wipe_at(self, x: float) -> bool:
         """Whether a picture's column lies on the wipe's line, to within a finger's breadth."""
         if self.mode != "wipe" or self.picture is None or self.picture.mode != "wipe":
@@ -347,7 +198,16 @@ class PlayerPresenter:
                 self._asked = wish
                 self._worker.ask(wish)
         done = self._worker.take()
-        return self._received(done) if done is not None else None
+        picture = self._received(done) if done is not None else None
+        if self._left_out is not None and (self.picture is None or not self.transport.playing):
+            self.message = f"Frame {self._left_out[0]}: {self._left_out[1]}"
+        return picture
+
+    @property
+    def left_out(self) -> list[str]:
+        """Sentences on damaged groups that playing went past."""
+        sources = self.opened.sources.values() if self.opened is not None else ()
+        return [str(group) for source in sources if isinstance(source, StreamSource) for group in source.skipped]
 
     def show_again(self) -> None:
         """The viewport shows something else by now: the next poll makes the picture again."""
@@ -356,15 +216,19 @@ class PlayerPresenter:
     def _received(self, done: Done[Wish, Picture]) -> Picture | None:
         if self.opened is None or done.request.sources is not self.opened.sources:
             return None  # of what was open before
+        if isinstance(done.error, LeftOut):
+            # as players do: the picture before it stays up for its time, then playing goes on
+            self._left_out = (done.request.frame, str(done.error))
+            return None
         if done.error is not None:
             what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
-            self.message = f"Frame {done.request.frame + 1}: {what}"
+            self.message = f"Frame {done.request.frame}: {what}"
             self.transport.pause()
             return None
-        self.picture = done.result
+        self.picture, self._left_out = done.result, None
         if self.message.startswith("Frame "):
             self.message = ""
-        self._shown_times.append(self._now())
+        self._shown.hit()
         return self.picture
 
     @property
@@ -375,9 +239,7 @@ class PlayerPresenter:
     @property
     def rate(self) -> float:
         """Pictures a second handed to the window over the last two seconds."""
-        horizon = self._now() - 2.0
-        recent = [moment for moment in self._shown_times if moment >= horizon]
-        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
+        return self._shown.value
 
     @property
     def behind(self) -> bool:
@@ -394,12 +256,15 @@ class PlayerPresenter:
         what = LABELS[picture.source] if picture.mode == "single" else picture.mode
         parts = [
             what,
-            f"frame {picture.frame + 1} of {self.transport.frame_count}",
+            f"frame {picture.frame} (0 to {self.transport.last})",
             f"{picture.frame / self.transport.fps:.2f} s",
             picture.camera or "free view",
         ]
         if picture.splats:
             parts.append(f"{picture.splats:,} splats")
+        count = len(self.left_out)
+        if count:
+            parts.append(f"{count} damaged group{'s' * (count != 1)} left out")
         if self.notice:
             parts.append(self.notice)
         return "   ".join(parts)
@@ -416,22 +281,3 @@ class PlayerPresenter:
         if self.opened is not None:
             for source in self.opened.sources.values():
                 source.close()
-
-
-def load(path: str | Path) -> tuple[Opened, Gaussians | None] | str:
-    """Open a take, a stream or an address and its first frame; or a sentence on what is wrong. Safe on any thread."""
-    try:
-        opened = open_path(path)
-        try:
-            first = opened.default.gaussians(0) if opened.default is not None else None
-        except StudioError as error:
-            if opened.take is None:
-                for source in opened.sources.values():
-                    source.close()
-                raise
-            first, opened.message = None, str(error)  # the rest of the take can still be looked at
-    except StudioError as error:
-        return str(error)
-    except Exception as error:  # a defect of ours: it must not take the window with it
-        return f"{path} could not be opened: {type(error).__name__}: {error}"
-    return opened, first

@@ -70,3 +70,7 @@ class Preferences:
     def opened(self, name: str) -> None:
         """Put a folder or an address first among the recent ones."""
         self.recent = [name, *(other for other in self.recent if other != name)][:RECENT]
+
+    def recent_there(self) -> list[str]:
+        """Of the recent ones those whose folder is still there, and all addresses."""
+        return [name for name in self.recent if "://" in name or Path(name).is_dir()]

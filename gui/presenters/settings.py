@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import types
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Union, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel
 
 from pipelines.config import Config
 from pipelines.config.description import allowed_values
 from pipelines.config.loading import parse_override
+from pipelines.config.section import Section
 
 SECTIONS = {
     "capture": ("capture",),
@@ -31,7 +31,8 @@ class SettingField:
 
     Attributes:
         name: dotted, as in train.max_splats.
-        label: for people.
+        heading: of the settings that it stands among.
+        label: for people; that of a nested setting begins with its section.
         kind: "switch", "choice" or "text".
         choices: of a choice.
         text: whether its value is text that is taken as it is (else it is read as YAML).
@@ -40,6 +41,7 @@ class SettingField:
     """
 
     name: str
+    heading: str
     label: str
     kind: str
     choices: tuple[str, ...]
@@ -77,16 +79,28 @@ def fields_of(stage: str) -> list[SettingField]:
     for section in SECTIONS[stage]:
         model = Config.model_fields[section].annotation
         assert isinstance(model, type)
-        assert issubclass(model, BaseModel)
+        assert issubclass(model, Section)
         found += _fields(model, f"{section}.")
     return found
 
 
-def _fields(model: type[BaseModel], prefix: str) -> Iterator[SettingField]:
+def matching(fields: Sequence[SettingField], words: str) -> list[SettingField]:
+    """Those in whose name, heading or documentation all of the words occur."""
+    wanted = words.lower().split()
+
+    def text(field: SettingField) -> str:
+        return f"{field.name} {field.label} {field.heading} {field.documentation}".lower()
+
+    return [field for field in fields if all(word in text(field) for word in wanted)]
+
+
+def _fields(model: type[Section], prefix: str, heading: str = "", within: str = "") -> Iterator[SettingField]:
     for name, field in model.model_fields.items():
         annotation = field.annotation
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            yield from _fields(annotation, f"{prefix}{name}.")
+        heading = model.headings.get(name, heading)
+        if isinstance(annotation, type) and issubclass(annotation, Section):
+            title = (field.description or name).split(".")[0]
+            yield from _fields(annotation, f"{prefix}{name}.", title, f"{name}: ")
             continue
         parts = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
         kinds = [part for part in parts if part is not type(None)]
@@ -97,7 +111,8 @@ def _fields(model: type[BaseModel], prefix: str) -> Iterator[SettingField]:
         allowed = allowed_values(field)
         yield SettingField(
             name=f"{prefix}{name}",
-            label=name.replace("_", " "),
+            heading=heading,
+            label=within + name.replace("_", " "),
             kind=kind,
             choices=choices,
             text=text or kind == "choice",

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from gui.presenters.frame_cache import FrameCache
+from gui.presenters.stream_source import StreamSource
 from pipelines.frame_files import read_frame
 from pipelines.take import Take
 from pipelines.videos import FALLBACK_FPS
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-
-if TYPE_CHECKING:
-    from studio.stream import Manifest
-
-CACHE_BYTES = 512 * 1024 * 1024
-AHEAD = 4
-"""Frames decoded after the one that is shown."""
 
 
 class FrameSource(Protocol):
@@ -78,42 +71,6 @@ class Opened:
         return next(iter(self.sources.values()), None)
 
 
-class FrameCache:
-    """The most recently used frames, up to so many bytes, but always a few. Thread safe."""
-
-    def __init__(self, limit: int = CACHE_BYTES) -> None:
-        self._limit = limit
-        self._frames: OrderedDict[int, tuple[Gaussians, int]] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def get(self, frame: int) -> Gaussians | None:
-        """The frame if it is held."""
-        with self._lock:
-            if frame not in self._frames:
-                return None
-            self._frames.move_to_end(frame)
-            return self._frames[frame][0]
-
-    def has(self, frame: int) -> bool:
-        """Whether the frame is held; does not count as a use."""
-        with self._lock:
-            return frame in self._frames
-
-    def put(self, frame: int, gaussians: Gaussians) -> None:
-        """Hold a frame; the longest unused ones go where there is no room."""
-        size = sum(tensor.numel() * tensor.element_size() for _, tensor in gaussians.items())
-        with self._lock:
-            self._frames[frame] = (gaussians, size)
-            self._frames.move_to_end(frame)
-            while len(self._frames) > AHEAD + 2 and sum(held for _, held in self._frames.values()) > self._limit:
-                self._frames.popitem(last=False)
-
-    def clear(self) -> None:
-        """Hold nothing."""
-        with self._lock:
-            self._frames.clear()
-
-
 class TrainedSource:
     """A take's trained frames, from the first up to the first that is missing.
 
@@ -136,7 +93,7 @@ class TrainedSource:
     def gaussians(self, frame: int) -> Gaussians:
         """See `FrameSource`."""
         if frame >= self.frame_count:
-            raise StudioError(f"Frame {frame + 1} is not trained yet; {self.frame_count} frames are.")
+            raise StudioError(f"Frame {frame} is not trained yet; frames 0 to {self.frame_count - 1} are.")
         held = self._cache.get(frame)
         if held is None:
             start = time.perf_counter()
@@ -152,106 +109,6 @@ class TrainedSource:
     def close(self) -> None:
         """See `FrameSource`."""
         self._cache.clear()
-
-
-class StreamSource:
-    """A baked stream. One thread decodes the frame that is asked for and then a few after it, so that while one frame
-    is being drawn the next are being decoded.
-
-    Raises:
-        StudioError: it is not a stream, or its manifest is damaged.
-    """
-
-    name = "decoded"
-
-    def __init__(self, place: Path | str) -> None:
-        from studio.stream import StreamReader
-
-        self._reader = StreamReader.open(place)
-        self.fps = float(self._reader.fps)
-        self.frame_count = self._reader.frame_count
-        self.group_starts: Sequence[int] = tuple(group.first_frame for group in self._reader.manifest.groups)
-        self._cache = FrameCache()
-        self._changed = threading.Condition()
-        self._wanted: int | None = None
-        self._failed: dict[int, Exception] = {}
-        self._load_ms: dict[int, float] = {}
-        self._closed = False
-        self._thread = threading.Thread(target=self._decode, name="v3studio decode ahead", daemon=True)
-        self._thread.start()
-
-    def gaussians(self, frame: int) -> Gaussians:
-        """See `FrameSource`."""
-        with self._changed:
-            self._failed.clear()
-            self._wanted = frame
-            self._changed.notify_all()
-            while True:
-                held = self._cache.get(frame)
-                if held is not None:
-                    return held
-                if frame in self._failed:
-                    raise self._failed[frame]
-                if self._closed:
-                    raise StudioError(f"{self._reader.source.name} has been closed.")
-                self._changed.wait()
-
-    def _next_missing(self) -> int | None:
-        """The frame to decode next: the wanted one, or the first after it (playing loops) that is not there."""
-        if self._wanted is None:
-            return None
-        for ahead in range(AHEAD + 1):
-            frame = (self._wanted + ahead) % self.frame_count
-            if frame in self._failed:
-                return None
-            if not self._cache.has(frame):
-                return frame
-        return None
-
-    def _decode(self) -> None:
-        while True:
-            with self._changed:
-                while not self._closed and (frame := self._next_missing()) is None:
-                    self._changed.wait()
-                if self._closed:
-                    return
-                assert frame is not None
-            start = time.perf_counter()
-            try:
-                decoded = self._reader.gaussians(frame)
-            except Exception as error:  # told to whoever asks for the frame
-                with self._changed:
-                    self._failed[frame] = error
-                    self._changed.notify_all()
-            else:
-                with self._changed:
-                    self._load_ms[frame] = 1000 * (time.perf_counter() - start)
-                    self._cache.put(frame, decoded)
-                    self._changed.notify_all()
-
-    def load_ms(self, frame: int) -> float | None:
-        """See `FrameSource`."""
-        return self._load_ms.get(frame)
-
-    @property
-    def manifest(self) -> Manifest:
-        """What the stream says of itself."""
-        return self._reader.manifest
-
-    @property
-    def suggested_camera(self) -> Camera | None:
-        """The view that the stream's maker proposes; None where it says none."""
-        values = self._reader.manifest.metadata.get("suggested_camera")
-        return Camera.from_dict(values) if isinstance(values, dict) else None
-
-    def close(self) -> None:
-        """See `FrameSource`."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
-        self._thread.join()
-        self._cache.clear()
-        self._reader.close()
 
 
 def open_path(place: Path | str) -> Opened:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.presenters.canvas import Canvas
+from gui.presenters.canvas import Canvas, text_width
 from gui.presenters.palette import ACCENT, BAD, DIM, FAINT, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from gui.presenters.timeline import Timeline
 
@@ -38,13 +38,18 @@ class Strip:
         return (min(known), max(known)) if known else None
 
 
-def strips_of(evaluation_series: dict[str, list[float | None]]) -> tuple[Strip, ...]:
-    """The three strips of a take; those without a value stay, empty, so that nothing moves."""
+def strips_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean") -> tuple[Strip, ...]:
+    """The three strips of a take; those without a value stay, empty, so that nothing moves.
+
+    Args:
+        evaluation_series: figure by name.
+        mean: over which cameras PSNR is, in two words.
+    """
     kilobytes = [None if value is None else value / 1000 for value in evaluation_series.get("bytes", [])]
     return (
-        Strip("PSNR trained", evaluation_series.get("psnr_trained", []), SECOND, "dB"),
-        Strip("PSNR decoded", evaluation_series.get("psnr_decoded", []), ACCENT, "dB"),
-        Strip("KB a frame", kilobytes, SECOND, "KB"),
+        Strip(f"PSNR trained, {mean}", evaluation_series.get("psnr_trained", []), SECOND, "dB"),
+        Strip(f"PSNR decoded, {mean}", evaluation_series.get("psnr_decoded", []), ACCENT, "dB"),
+        Strip("KB a frame, mean of group", kilobytes, SECOND, "KB"),
     )
 
 
@@ -67,7 +72,7 @@ class StripBoard:
     @property
     def left(self) -> int:
         """Where the frames begin: to the left of it stand the titles."""
-        return min(round(9.2 * self.em), self.width // 3)
+        return min(round(16.5 * self.em), self.width // 3)
 
     @property
     def track_height(self) -> int:
@@ -114,7 +119,7 @@ class StripBoard:
             return canvas.pixels
         size = self._size(99)
         right = self.left - 8
-        canvas.text(right, self._track + self.track_height / 2 - size * 0.62, str(frame + 1), size, TEXT, align="right")
+        canvas.text(right, self._track + self.track_height / 2 - size * 0.62, str(frame), size, TEXT, align="right")
         for strip, (y, height) in zip(strips, self._rows(len(strips)), strict=True):
             value = strip.values[frame] if frame < len(strip.values) else None
             if value is None:
@@ -163,7 +168,8 @@ class StripBoard:
 
     def _strip(self, canvas: Canvas, timeline: Timeline, strip: Strip, y: int, height: int) -> None:
         size = self._size(height)
-        canvas.text(0, y + height / 2 - size * 0.62, strip.title, size, DIM)
+        room = self.left - 16 - text_width(f"00.00 {strip.unit}", size)
+        canvas.text(0, y + height / 2 - size * 0.62, strip.title, size, DIM, width=room)
         canvas.rect(self.left, y, timeline.width, height, RAISED)
         for start in self.group_starts:
             if 0 < start < self.frame_count:

@@ -76,7 +76,7 @@ class TrainBoard(Board):
                 canvas.text(x + em, y + em, "the footage cannot be read", small, DIM)
                 continue
             left, upper, _, _ = canvas.fit_image(x, y, width, height, picture)
-            label(canvas, left + 6, upper + 6, name)
+            label(canvas, left + 6, upper + 6, name, size=round(0.88 * self.em))
 
     def _newest(self) -> tuple[str, np.ndarray, np.ndarray | None]:
         """Words, the newest render from a held-out camera, and what that camera filmed."""

@@ -119,8 +119,8 @@ class Views:
         """Let the transport run over what the shown stage has frames of; returns whether it did not before."""
         found = self.workspace.assessment
         over_footage = not (self.shows_player or self.stage == "bake") or self.player.source is None
-        if over_footage and found.frames:
-            return self.player.span(found.frames, found.group_starts, found.fps)
+        if over_footage and found.numbers:
+            return self.player.span(len(found.numbers), found.group_starts, found.fps)
         return self.player.span_source()
 
     def poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
@@ -134,6 +134,7 @@ class Views:
         board = self.board
         if board is None:
             self.player.context = self.workspace.context
+            self.player.filmed = self.workspace.assessment.numbers
             self.player.resize(*drawn_size)
             picture = self.player.poll()
             return picture.image if picture is not None else None

@@ -78,13 +78,14 @@ class Assessment:
         stages: as `v3studio status` tells.
         footage: a few words on the footage; "" where it cannot be opened.
         footage_error: the sentence then.
-        frames, fps, group_starts: of the footage; 0 frames where it cannot be opened.
+        numbers: of the footage's frames, in its files; none where it cannot be opened.
+        fps, group_starts: of the footage.
     """
 
     stages: dict[str, StageStatus] = field(default_factory=dict)
     footage: str = ""
     footage_error: str = ""
-    frames: int = 0
+    numbers: tuple[int, ...] = ()
     fps: float = 30.0
     group_starts: tuple[int, ...] = (0,)
 
@@ -363,7 +364,8 @@ def assess(context: Context) -> Assessment:
     cameras, frames = len(footage.camera_names), len(footage.frames)
     words = f"{cameras} camera{'s' * (cameras != 1)}, {frames} frame{'s' * (frames != 1)}"
     starts = tuple(group.first for group in context.groups)
-    return Assessment(status(context.take, context.config), words, "", frames, float(footage.fps), starts)
+    numbers = tuple(int(frame) for frame in footage.frames)
+    return Assessment(status(context.take, context.config), words, "", numbers, float(footage.fps), starts)
 
 
 def _changed(path: Path) -> int:

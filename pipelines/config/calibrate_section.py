@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -39,6 +39,16 @@ class BoardSection(Section):
 
 class CalibrateSection(Section):
     """Cameras from the footage or from a board, where none are given."""
+
+    headings: ClassVar[dict[str, str]] = {
+        "board_images": "From a board",
+        "board_frames": "Finding the board",
+        "frame": "From the footage",
+        "lens": "Lenses",
+        "known": "Known cameras",
+        "scale_between": "Scale and floor",
+        "focal_factor": "Solver",
+    }
 
     board_images: str = ""
     """Pattern of synchronized footage in which a board is moved about before the cameras, as in board/{camera}.mp4;

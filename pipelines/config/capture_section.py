@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -12,6 +12,14 @@ from pipelines.config.section import Colour, Section
 
 class CaptureSection(Section):
     """The footage: where its images, cameras and masks lie."""
+
+    headings: ClassVar[dict[str, str]] = {
+        "root": "Files",
+        "masks": "Masks",
+        "fps": "Rate and colour",
+        "cameras": "Cameras",
+        "scale": "Frames and sizes",
+    }
 
     root: Path = Path(".")
     """Folder of the capture. In a YAML file a relative path is relative to that file; on the command line, to the

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from pipelines.config.section import Section
 from pipelines.config.sections import Config
 
 _WIDTH = 110
@@ -45,12 +45,15 @@ def allowed_values(field: FieldInfo) -> str:
     return ", ".join(parts)
 
 
-def _section(model: BaseModel, depth: int) -> Iterator[str]:
+def _section(model: Section, depth: int) -> Iterator[str]:
     indent = "  " * depth
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
+        if name in type(model).headings:
+            yield f"{indent}# --- {type(model).headings[name]} ---"
+            yield ""
         yield from _comment(field, indent)
-        if isinstance(value, BaseModel):
+        if isinstance(value, Section):
             yield f"{indent}{name}:"
             yield from _section(value, depth + 1)
         else:

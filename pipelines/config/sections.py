@@ -6,7 +6,7 @@ Defaults are the paper's where it names a value. Functions of `studio` take plai
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -18,6 +18,12 @@ from pipelines.config.train_section import TrainSection
 
 class InitialiseSection(Section):
     """Points for each group's keyframe, from the visual hull of the masks."""
+
+    headings: ClassVar[dict[str, str]] = {
+        "points": "Points",
+        "resolution": "Hull",
+        "smoothing": "Surface",
+    }
 
     points: int = Field(default=50_000, ge=100, le=5_000_000)
     """How many points are sampled on the hull's surface."""
@@ -44,6 +50,11 @@ QP = Annotated[int, Field(ge=0, le=51)]
 
 class BakeSection(Section):
     """From trained Gaussians to the stream."""
+
+    headings: ClassVar[dict[str, str]] = {
+        "profile": "Size and quality",
+        "codec": "Encoding",
+    }
 
     profile: Literal["motion", "planes"] = "motion"
     """motion: blocks of splats that move alike, and one small video of what that leaves. planes: the paper's, a video
@@ -90,6 +101,10 @@ class BakeSection(Section):
 class EvaluateSection(Section):
     """Measuring what was trained and what was baked."""
 
+    headings: ClassVar[dict[str, str]] = {
+        "crop_padding": "Evaluation",
+    }
+
     crop_padding: int = Field(default=8, ge=0, le=10_000)
     """Figures are taken in the box of the performer's mask, padded by this many pixels."""
 
@@ -102,6 +117,10 @@ class EvaluateSection(Section):
 
 class RunSection(Section):
     """The run itself."""
+
+    headings: ClassVar[dict[str, str]] = {
+        "seed": "Run",
+    }
 
     seed: int = Field(default=0, ge=0, lt=2**31)
     """Seed of all that is random: the same seed gives the same take."""

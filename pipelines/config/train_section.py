@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -39,6 +39,17 @@ class RatesSection(Section):
 
 class TrainSection(Section):
     """Training a group: a keyframe, then frame after frame motion and fine-tuning."""
+
+    headings: ClassVar[dict[str, str]] = {
+        "group_size": "Groups",
+        "sh_degree": "Losses and pictures",
+        "keyframe_iterations": "Keyframe",
+        "prune_ratio": "Pruning",
+        "motion_iterations": "Motion",
+        "hash_levels": "Motion network",
+        "finetune_iterations": "Fine-tuning",
+        "checkpoint_every": "Checkpoints",
+    }
 
     group_size: int = Field(default=20, ge=1, le=1000)
     """Frames a group, at most; its first frame is the keyframe. The paper takes 20."""

@@ -75,7 +75,7 @@ class BakeStage:
                 {"splats": entries[-1].splats, "bytes": entries[-1].bytes, "frames": entries[-1].frame_count},
                 group=group.index,
             )
-            reporter.progress(stop, f"group {position + 1}/{len(groups)}")
+            reporter.progress(stop, f"group {group.index}")
         wanted = {group_name(group.index) for group in groups}
         for path in new.iterdir():
             if path.name not in wanted:
@@ -124,7 +124,7 @@ class BakeStage:
         from studio.stream import bake_group
 
         remove(self._note(context, group))
-        label = f"group {group.index + 1}/{len(context.groups)}"
+        label = f"group {group.index}"
         entry = bake_group(
             TrainedFrames(context, group),
             self._folder(context),

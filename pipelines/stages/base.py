@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,6 +37,8 @@ class Context:
     config: Config
     emit: Emit = lambda event: None
     cancellation: Cancellation = field(default_factory=Cancellation)
+    clock: Callable[[], float] = time.monotonic
+    """Seconds of work: a run's stands still while it is paused."""
 
     @cached_property
     def raw_footage(self) -> Footage:
@@ -119,7 +121,7 @@ class StageReporter:
     total_fraction: float = 0.0
 
     def __post_init__(self) -> None:
-        self._began = self._clock = time.monotonic()
+        self._began = self._clock = self.context.clock()
         self._last = -_LEAST_PAUSE
         self._fraction = 0.0
         self._lock = threading.Lock()
@@ -137,7 +139,7 @@ class StageReporter:
     def _progress(self, fraction: float, label: str, figures: dict[str, Any]) -> None:
         # estimates of what is left may grow; what is behind stays behind
         fraction = self._fraction = max(self._fraction, fraction)
-        now = time.monotonic()
+        now = self.context.clock()
         if now - self._last < _LEAST_PAUSE and fraction < 1:
             return
         self._last = now
@@ -161,7 +163,7 @@ class StageReporter:
 
     def start_clock(self) -> None:
         """What went before (checks, warming up) says nothing about how long the rest takes."""
-        self._clock = time.monotonic()
+        self._clock = self.context.clock()
 
     def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
         """A callback for library functions that fills the stretch from `start` to `stop` of this stage."""

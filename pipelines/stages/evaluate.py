@@ -153,7 +153,7 @@ class EvaluateStage:
         shown = set(np.linspace(0, total - 1, min(context.config.evaluate.report_frames, total)).round().astype(int))
         for group in context.groups:
             for index, frame in zip(group.indices, group.frames, strict=True):
-                reporter.progress(0.95 * index / total, f"frame {index + 1}/{total}", frame=frame, group=group.index)
+                reporter.progress(0.95 * index / total, f"frame {frame}", frame=frame, group=group.index)
                 trained = read_frame(context.take.trained_frame(group.index, index))
                 decoded = reader.gaussians(index)
                 views: dict[str, dict[str, float]] = {}

@@ -90,7 +90,7 @@ class InitialiseStage:
         for position, group in enumerate(groups):
             start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
             if not self._is_done(context, group):
-                self._make(context, group, reporter, start, stop, f"group {position + 1}/{len(groups)}")
+                self._make(context, group, reporter, start, stop, f"group {group.index}")
             counts.append(read_json(context.take.initialise_group(group.index) / "report.json")["faces"])
         self._drop_leftovers(context, groups)
         return {"groups": len(groups), "points_per_group": context.config.initialise.points, "faces": counts}

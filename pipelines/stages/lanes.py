@@ -60,6 +60,7 @@ def run_lanes(jobs: Mapping[int, Callable[[], None]], at_once: int, threads: Seq
     import torch
 
     def work(index: int, job: Callable[[], None]) -> None:
+        torch.get_num_threads()  # asked first in a thread it takes the number that any thread set last, ours included
         torch.set_num_threads(threads[index])  # OpenMP keeps it for each calling thread
         stop.check()
         job()

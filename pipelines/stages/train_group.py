@@ -62,9 +62,9 @@ class GroupWork:
                 current = views.result()
                 if position + 1 < len(group.frames):
                     views = ahead.submit(self._views, group.frames[position + 1])
-                started = time.monotonic()
+                started = self.context.clock()
                 gaussians = self._frame(group, position, previous, before, current, keys)
-                seconds = time.monotonic() - started
+                seconds = self.context.clock() - started
                 with self._lock:
                     self.clock.finished(group, position, seconds)
                     self._labels.pop(group.index, None)
@@ -147,7 +147,7 @@ class GroupWork:
     def _progress(self, group: Group, position: int) -> ProgressFn:
         """What tells of a frame in training."""
         frame = group.frames[position]
-        where = f"group {group.index + 1}/{len(self.context.groups)}, frame {position + 1}/{len(group.frames)}"
+        where = f"group {group.index}, frame {frame}"
         kept: dict[str, Any] = {}  # loss and psnr come every few steps; they are told with every step in between
 
         def tell(done: int, total: int, **figures: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 import time
@@ -13,8 +14,13 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
+from gui.presenters.evaluation import Evaluation
+from gui.presenters.frame_cache import FrameCache
+from gui.presenters.inspector import review_blocks
+from gui.presenters.marks import Marks
 from gui.presenters.player import PlayerPresenter
-from gui.presenters.sources import FrameCache, StreamSource, open_path
+from gui.presenters.sources import open_path
+from gui.presenters.stream_source import LeftOut, StreamSource
 from gui.presenters.worker import LatestWorker
 from pipelines.take import Take
 from studio.cameras import Camera, Rig
@@ -61,7 +67,7 @@ def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, str
     assert player.picture.frame == 7
     assert player.picture.image.shape == (200, 320, 3)
     assert (player.picture.image[5, 5] == 0).all()
-    assert "frame 8 of 12" in player.status
+    assert "frame 7 (0 to 11)" in player.status
     before = player.orbit.eye
     player.drag_orbit(30, 0)
     player.wheel(1)
@@ -97,23 +103,76 @@ def test_decoded_frames_are_the_readers(stream_folder: Path) -> None:
     source.close()
 
 
-def test_damage_further_on_is_a_sentence_and_what_is_whole_still_shows(
-    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
-) -> None:
-    broken = tmp_path / "broken"
-    shutil.copytree(stream_folder, broken)
-    victim = sorted((broken / "group_001").glob("*.mp4"))[0]
+def damaged(stream: Path, folder: Path, group: int) -> Path:
+    """A copy of a stream with a video of one group cut short; returns the video."""
+    shutil.copytree(stream, folder)
+    victim = sorted((folder / f"group_{group:03d}").glob("*.mp4"))[0]
     victim.write_bytes(victim.read_bytes()[:-100])
-    assert player.open(broken)
+    return victim
+
+
+def test_damage_is_played_past_with_a_sentence(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
+    victim = damaged(stream_folder, tmp_path / "broken", 1)
+    assert player.open(tmp_path / "broken")
+    settle(player)
     player.transport.seek(9)
     settle(player)
     assert victim.name in player.message
-    assert not player.transport.playing
+    assert "Group 1, frames 8 to 11, was left out" in player.message
     player.transport.seek(3)
     settle(player)
     assert player.message == ""
     assert player.picture is not None
     assert player.picture.frame == 3
+    blocks = {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None), 1.0)}
+    assert victim.name in blocks["Damaged, left out"]
+
+    # playing goes through the damaged group and on at the beginning, again and again
+    player.transport.seek(6)
+    player.transport.play()
+    shown: list[int] = []
+    end = time.monotonic() + 30
+    while time.monotonic() < end and sum(b < a for a, b in itertools.pairwise(shown)) < 2:
+        picture = player.poll()
+        if picture is not None:
+            shown.append(picture.frame)
+        time.sleep(0.005)
+    assert player.transport.playing
+    assert sum(b < a for a, b in itertools.pairwise(shown)) >= 2, shown
+    assert set(shown) <= set(range(8))
+    assert "1 damaged group left out" in player.status
+
+
+def test_a_stream_whose_beginning_is_damaged_opens_all_the_same(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    victim = damaged(stream_folder, tmp_path / "broken", 0)
+    assert player.open(tmp_path / "broken"), player.message
+    settle(player)
+    assert victim.name in player.message
+    player.transport.seek(8)
+    settle(player)
+    assert player.picture is not None
+    assert player.picture.frame == 8
+    assert player.message == ""
+
+
+def test_nothing_whole_is_a_sentence_and_playing_ends(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    source = StreamSource(stream_folder)
+    shutil.copytree(stream_folder, tmp_path / "gone")
+    source.close()
+    source = StreamSource(tmp_path / "gone")
+    for group in ("group_000", "group_001"):
+        shutil.rmtree(tmp_path / "gone" / group)
+    with pytest.raises(LeftOut, match="Group 1"):
+        source.gaussians(8)
+    with pytest.raises(StudioError, match="Nothing of the stream can be played"):
+        source.gaussians(0)
+    source.close()
+    assert not player.open(tmp_path / "gone")
+    assert "group_00" in player.message
 
 
 def test_what_cannot_be_opened_is_a_sentence_and_what_was_open_stays(
@@ -181,7 +240,7 @@ def test_a_take_without_a_stream_shows_what_is_trained_so_far(tmp_path: Path) ->
     assert list(opened.sources) == ["trained"]
     assert opened.default is not None
     assert opened.default.frame_count == 8
-    with pytest.raises(StudioError, match="Frame 9 is not trained yet"):
+    with pytest.raises(StudioError, match="Frame 8 is not trained yet"):
         opened.default.gaussians(8)
     take.trained_frame(0, 3).write_bytes(b"not a tensor")
     with pytest.raises(StudioError, match=r"frame_000003\.safetensors"):

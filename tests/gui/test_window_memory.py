@@ -31,7 +31,7 @@ def until(accept, window, seconds=60):
     end = time.monotonic() + seconds
     while not accept():
         assert application.run_one_tick()
-        assert time.monotonic() < end, window.state()
+        assert time.monotonic() < end, window.player.message
 
 report = {"opened": [], "played": []}
 keep = None
@@ -41,7 +41,7 @@ for number in range(opens):
     window.open(stream)
     until(lambda: window.player.picture is not None and window.views.settled, window)
     if number < opens - 1:
-        window._may_close = True
+        window.close_requests.granted = True
         other = MainWindow((320, 200)) if keep is None else keep  # the application ends with its last window
         keep = other
         window.window.close()
@@ -53,8 +53,8 @@ shown, last = 0, None
 transport = window.player.transport
 while shown < frames:
     transport.step(1 if transport.frame < transport.last else -transport.last)
-    before = window._pictures
-    until(lambda: window._pictures > before, window)
+    before = window.pictures
+    until(lambda: window.pictures > before, window)
     frame = window.player.picture.frame
     assert frame == transport.frame, (frame, transport.frame)
     shown += 1
@@ -63,7 +63,7 @@ while shown < frames:
 print(json.dumps(report))
 sys.stdout.flush()
 for each in (window, keep):
-    each._may_close = True
+    each.close_requests.granted = True
     each.window.close()
 for _ in range(50):
     if not application.run_one_tick():

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 STAGES = ("capture", "calibrate", "initialise", "train", "bake", "review")
 
@@ -98,21 +99,40 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
 
 
-def test_pixels_do_not_overlap_at_1280x800(open_window: Callable, finished_project: Path, artefacts: Path) -> None:
-    """No two widgets of the layout share a place."""
-    window = open_window(str(finished_project / "take"))
-    state = window.wait_for("a picture", lambda s: s["shown"] is not None and done(s))
+@pytest.mark.parametrize("size", [(1280, 800), (1000, 640), (820, 640)])
+def test_nothing_overlaps_and_nothing_is_cut_off(
+    open_window: Callable, finished_project: Path, artefacts: Path, size: tuple[int, int]
+) -> None:
+    """No two widgets of the layout share a place, and all lie in the window."""
+    width, height = size
+    window = open_window(str(finished_project / "take"), "--size", f"{width}x{height}")
+    state = window.wait_for("a picture", lambda s: s["shown"] is not None and done(s) and s["camera"] == "")
+    assert state["figures"] == (width > 960)
+    _check_frames(state, width, height)
+    for key in ("truth", "trained", "decoded", "side by side", "wipe", "difference", "background", "reset view"):
+        assert key in state["widgets"], key
+    window.press_until("space", "paused", lambda s: not s["playing"])
+    window.click("difference")
+    window.wait_for("a comparison", lambda s: s["compare"] == "difference")
+    state = window.press_until("i", "the other state", lambda s: s["figures"] == (width <= 960))
+    state = window.wait_for("its panels", lambda s: ("inspector" in s["widgets"]) == (width <= 960) and s["settled"])
+    _check_frames(state, width, height)
+    window.screenshot(artefacts / f"workstation_0_review_{width}.png")
+    assert window.close() == 0
+    assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
+
+
+def _check_frames(state: dict[str, Any], width: int, height: int) -> None:
     frames = {name: np.array(frame) for name, frame in state["widgets"].items() if not name.startswith("dialog")}
     frames = {name: frame for name, frame in frames.items() if not name.startswith("setting") and frame[2] > 0}
+    assert len(frames) > 15
     for one, a in frames.items():
         assert a[0] >= 0
-        assert a[0] + a[2] <= 1280
-        assert a[1] + a[3] <= 830
+        assert a[0] + a[2] <= width, one
+        assert a[1] + a[3] <= height, one
+        assert min(a[2], a[3]) >= 16, f"{one} is too small to be used: {a}"
         for other, b in frames.items():
             if one < other:
                 across = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
                 down = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
                 assert across <= 0 or down <= 0, f"{one} {a} lies over {other} {b}"
-    window.key("space")
-    window.screenshot(artefacts / "workstation_0_review.png")
-    assert window.close() == 0

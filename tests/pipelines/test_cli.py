@@ -14,7 +14,7 @@ def test_help_imports_nothing_heavy():
     script = (
         "import sys\n"
         "from pipelines.cli import _parser\n"
-        "_parser().format_help()\n"
+        "_parser()[0].format_help()\n"
         "heavy = {'torch', 'numpy', 'open3d', 'cv2', 'av', 'pycolmap', 'matplotlib', 'pymeshlab', 'pydantic'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )
@@ -58,6 +58,17 @@ def test_wrong_usage_is_2_and_a_wrong_setting_1(cli, tmp_path):
     assert cli("fly").returncode == 2
     assert cli("config", "--bogus").returncode == 2
     assert cli("config", "--train.max-splats").returncode == 2
+    for arguments in (("play", "x", "--bogus"), ("bake", "--bake.qp"), ("export", "x"), ("train", "a.yaml", "b.yaml")):
+        done = cli(*arguments)
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"usage: v3studio {arguments[0]} "), "its own usage, not that of all commands"
+    assert cli("--bogus", "bake").stderr.startswith("usage: v3studio [-h]")
+    done = cli("train", tmp_path / "gone")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "--take DIR" in done.stderr
+    done = cli("bake", tmp_path, "--take", tmp_path / "take")
+    assert f"{tmp_path} is a folder, and --take names one too" in done.stderr
+    assert not (tmp_path / "take").exists()
     refused = cli("config", "--train.max-splts", "3")
     assert refused.returncode == 1
     assert refused.stderr == (

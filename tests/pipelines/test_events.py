@@ -13,7 +13,7 @@ from studio.errors import StudioError
 EXAMPLES = [
     RunStarted(take="/t", stages=("train", "bake"), done=("calibrate",), pid=1, version="0.1"),
     events.StageStarted(stage="train", reason="never finished"),
-    Progress(stage="train", fraction=0.5, seconds_left=3.0, label="group 1/2", figures={"loss": 0.1, "splats": 7}),
+    Progress(stage="train", fraction=0.5, seconds_left=3.0, label="group 1", figures={"loss": 0.1, "splats": 7}),
     Metrics(stage="train", values={"psnr": 31.0}, group=0, frame=3),
     events.Preview(stage="train", path="/t/x.png", caption="frame 3", camera="cam05", iteration=500),
     events.Log(stage="train", message="hello"),

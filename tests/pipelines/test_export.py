@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -85,12 +86,14 @@ def test_metadata_may_be_anything(take, tmp_path):
 
 
 def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
-    done = here("export", take, "--format", "ply", "--out", tmp_path / "trained", "--frames", "1:5:2")
+    done = here(
+        "export", take, "--of", "trained", "--format", "ply", "--out", tmp_path / "trained", "--frames", "1:5:2"
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("2 frames in ")
     assert [path.name for path in sorted((tmp_path / "trained").iterdir())] == ["frame_0001.ply", "frame_0003.ply"]
     assert torch.equal(read_splats(tmp_path / "trained" / "frame_0003.ply").means, body(3, 75).means)
-    done = here("export", take, "--of", "decoded", "--format", "ply", "--out", tmp_path / "one.ply", "--frames", "3:4")
+    done = here("export", take, "--format", "ply", "--out", tmp_path / "one.ply", "--frames", "3:4")  # the default
     assert done.returncode == 0, done.stderr
     with StreamReader.open(take / "stream") as reader:
         assert torch.equal(read_splats(tmp_path / "one.ply").means, reader.gaussians(3).means)
@@ -139,7 +142,21 @@ def test_videogs_there_and_back(here, take, tmp_path):
 
 def test_movies(here, take, tmp_path):
     turn = tmp_path / "turn.mp4"
-    done = here("export", take, "--format", "turntable", "--size", "96x64", "--seconds", "0.4", "--out", turn, "--json")
+    done = here(
+        "export",
+        take,
+        "--of",
+        "trained",
+        "--format",
+        "turntable",
+        "--size",
+        "96x64",
+        "--seconds",
+        "0.4",
+        "--out",
+        turn,
+        "--json",
+    )
     assert done.returncode == 0, done.stderr
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     assert lines[-1] == {"kind": "progress", "what": "export turntable", "done": 5, "total": 5}
@@ -195,6 +212,15 @@ def test_nothing_trained_yet(tmp_path):
     take = Take.create(tmp_path / "new")
     with pytest.raises(StudioError, match="nothing is trained"):
         trained_video(take.root)
+
+
+def test_no_stream_yet_is_a_sentence_with_both_ways_out(here, take, tmp_path):
+    shutil.copytree(take, tmp_path / "take", ignore=shutil.ignore_patterns("stream"))
+    done = here("export", tmp_path / "take", "--format", "ply", "--out", tmp_path / "out")
+    assert done.returncode == 1
+    assert "v3studio bake" in done.stderr
+    assert "--of trained" in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_path):

@@ -46,6 +46,17 @@ def test_jobs_run_side_by_side_with_their_own_number_of_threads() -> None:
     assert torch.get_num_threads() == before
 
 
+def test_a_lane_keeps_its_threads_when_another_one_sets_its_own_later() -> None:
+    others, seen = threading.Event(), []
+
+    def first() -> None:
+        assert others.wait(20)
+        seen.append(torch.get_num_threads())
+
+    run_lanes({0: first, 1: others.set}, 2, [1, 3], Cancellation())
+    assert seen == [1]
+
+
 def test_one_failure_ends_the_others_and_is_what_is_told() -> None:
     stop = Cancellation()
 

@@ -124,6 +124,38 @@ def test_report_holds_everything_in_one_file(project):
     assert "href" not in text.replace('xlink:href="#', "")
 
 
+def test_marks_come_into_the_report_without_measuring_again(project):
+    before = project.take.evaluation.read_bytes()
+    rows = {row["index"]: row for row in json.loads(before)["frames"]}
+    pictures = project.take.report.read_text().count("data:image/jpeg;base64,")
+    project.take.marks.write_text('{"marks": [{"frame": 3, "note": "<hand> is blurred"}, {"frame": 1, "note": ""}]}')
+    assert ran(project.run()) == []
+    text = project.take.report.read_text()
+    table = text[text.index("<h2>Marks</h2>") :].split("</table>")[0]
+    assert "&lt;hand&gt; is blurred" in table
+    assert table.index("(no note)") < table.index("blurred"), "in the order of the frames"
+    row = rows[3]
+    figures = (
+        f"<td>{row['psnr_trained']:.2f} dB</td><td>{row['psnr_decoded']:.2f} dB</td><td>{row['bytes'] / 1000:.1f}</td>"
+    )
+    assert figures in table
+    assert text.count('id="mark 3"') == 3, "a tick in each plot"
+    assert text.count("data:image/jpeg;base64,") == pictures
+    assert project.take.evaluation.read_bytes() == before
+    assert project.states()["evaluate"] == "done"
+    assert ran(project.run(stages=("evaluate",), force=True)) == ["evaluate"]
+    assert "is blurred" in project.take.report.read_text()
+    project.take.marks.write_text("[1")
+    project.run()
+    assert "marks.json" in project.take.report.read_text()
+    assert project.states()["evaluate"] == "done"
+    project.take.marks.unlink()
+    project.run()
+    text = project.take.report.read_text()
+    assert "Marks</h2>" not in text
+    assert 'id="mark' not in text
+
+
 def test_running_again_does_nothing(project):
     before = project.bytes_of("train", "stream", "initialise", "calibrate")
     times = project.written("train")

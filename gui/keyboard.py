@@ -1,0 +1,115 @@
+"""Giving a dialog's line the keyboard: the toolkit has no way to, but at Tab it goes to the first line.
+
+So the window sends itself a Tab, through X. Where that cannot be done nothing happens, and a click or Tab does it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+from typing import Any
+
+_KEY_PRESS, _KEY_RELEASE = 2, 3
+_XK_TAB = 0xFF09
+_IGNORE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda _display, _error: 0)
+
+
+class _KeyEvent(ctypes.Structure):
+    """XKeyEvent of Xlib.h."""
+
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("serial", ctypes.c_ulong),
+        ("send_event", ctypes.c_int),
+        ("display", ctypes.c_void_p),
+        ("window", ctypes.c_ulong),
+        ("root", ctypes.c_ulong),
+        ("subwindow", ctypes.c_ulong),
+        ("time", ctypes.c_ulong),
+        *((name, ctypes.c_int) for name in ("x", "y", "x_root", "y_root")),
+        ("state", ctypes.c_uint),
+        ("keycode", ctypes.c_uint),
+        ("same_screen", ctypes.c_int),
+        ("padding", ctypes.c_long * 24),  # XEvent, which is copied whole, is larger
+    )
+
+
+def send_tab(down: bool) -> bool:
+    """Send Tab, pressed or released, to this process's own window; returns whether it was found. Both must fall on
+    different drawn frames."""
+    name = ctypes.util.find_library("X11")
+    if name is None:
+        return False
+    x11 = ctypes.CDLL(name)
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    display = x11.XOpenDisplay(None)
+    if not display:
+        return False
+    handle = ctypes.c_void_p(display)
+    x11.XSetErrorHandler.restype = ctypes.c_void_p
+    # other programs' windows may go while they are looked at; by default that would end this process
+    before = x11.XSetErrorHandler(_IGNORE)
+    try:
+        x11.XDefaultRootWindow.restype = ctypes.c_ulong
+        root = x11.XDefaultRootWindow(handle)
+        window = _own_window(x11, handle, root)
+        if window is None:
+            return False
+        keycode = x11.XKeysymToKeycode(handle, ctypes.c_ulong(_XK_TAB)) & 0xFF
+        kind, mask = (_KEY_PRESS, 1) if down else (_KEY_RELEASE, 2)
+        event = _KeyEvent(type=kind, display=display, window=window, root=root, keycode=keycode, same_screen=1)
+        x11.XSendEvent(handle, ctypes.c_ulong(window), 1, ctypes.c_long(mask), ctypes.byref(event))
+    finally:
+        x11.XSync(handle, 0)
+        x11.XSetErrorHandler(ctypes.c_void_p(before))
+        x11.XCloseDisplay(handle)
+    return True
+
+
+def _own_window(x11: Any, display: ctypes.c_void_p, root: int) -> int | None:
+    """The window below `root` that says that it is this process's."""
+    atom = ctypes.c_ulong(x11.XInternAtom(display, b"_NET_WM_PID", 0))
+    focus, revert = ctypes.c_ulong(), ctypes.c_int()
+    x11.XGetInputFocus(display, ctypes.byref(focus), ctypes.byref(revert))
+    waiting = [root, focus.value]  # the latter first: most often it is the one
+    while waiting:
+        window = waiting.pop()
+        if window <= 1:  # None and PointerRoot are no windows
+            continue
+        if _pid(x11, display, window, atom) == os.getpid():
+            return window
+        waiting += _children(x11, display, window)
+    return None
+
+
+def _pid(x11: Any, display: ctypes.c_void_p, window: int, atom: ctypes.c_ulong) -> int | None:
+    kind, form = ctypes.c_ulong(), ctypes.c_int()
+    count, left, data = ctypes.c_ulong(), ctypes.c_ulong(), ctypes.POINTER(ctypes.c_ulong)()
+    x11.XGetWindowProperty(
+        display, ctypes.c_ulong(window), atom, ctypes.c_long(0), ctypes.c_long(1), 0, ctypes.c_ulong(6),  # XA_CARDINAL
+        ctypes.byref(kind), ctypes.byref(form), ctypes.byref(count), ctypes.byref(left), ctypes.byref(data),
+    )  # fmt: skip
+    if not data:
+        return None
+    found = int(data[0]) if count.value else None
+    x11.XFree(data)
+    return found
+
+
+def _children(x11: Any, display: ctypes.c_void_p, window: int) -> list[int]:
+    root, parent, children, count = (
+        ctypes.c_ulong(),
+        ctypes.c_ulong(),
+        ctypes.POINTER(ctypes.c_ulong)(),
+        ctypes.c_uint(),
+    )
+    if not x11.XQueryTree(
+        display, ctypes.c_ulong(window), ctypes.byref(root), ctypes.byref(parent), ctypes.byref(children),
+        ctypes.byref(count),
+    ):  # fmt: skip
+        return []
+    found = [int(children[number]) for number in range(count.value)]
+    if children:
+        x11.XFree(children)
+    return found

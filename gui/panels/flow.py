@@ -1,0 +1,66 @@
+"""Flow: a row of widgets that goes on in the next line where the window is too narrow."""
+
+from __future__ import annotations
+
+from open3d.visualization import gui
+
+
+class Flow:
+    """See the module. Open3D's own rows cut off what does not fit.
+
+    Args:
+        gap: pixels between widgets, and between lines.
+        line: pixels of a line's height.
+
+    Attributes:
+        widget: to be added to the window.
+    """
+
+    def __init__(self, gap: float, line: float) -> None:
+        self.widget = gui.Widget()
+        self._gap, self._line = gap, line
+        self._items: list[tuple[gui.Widget, float, bool]] = []
+
+    def add(self, widget: gui.Widget, before: float = 0.0, right: bool = False) -> None:
+        """Append a widget.
+
+        Args:
+            widget: the next one.
+            before: more pixels between it and the one before.
+            right: it, and all after it, stand at the right end of their line where there is room.
+        """
+        self.widget.add_child(widget)
+        self._items.append((widget, before, right))
+
+    def height(self, width: float, context: gui.LayoutContext) -> float:
+        """Pixels that it needs at this width."""
+        count = len(self._lines(width, context))
+        return count * self._line + (count - 1) * self._gap
+
+    def place(self, x: float, y: float, width: float, context: gui.LayoutContext) -> None:
+        """Take so much of the window (pixels), as high as `height` says."""
+        lines = self._lines(width, context)
+        # a little higher than its lines, or a scroll bar comes up beside them
+        room = self.height(width, context) + 0.15 * self._line
+        self.widget.frame = gui.Rect(int(x), int(y), int(width), int(room))
+        for number, line in enumerate(lines):
+            top = y + number * (self._line + self._gap)
+            spare = width - (line[-1][1] + line[-1][2])
+            for widget, left, wide, right in line:
+                shift = spare if right and not number else 0.0
+                widget.frame = gui.Rect(int(x + left + shift), int(top), int(wide), int(self._line))
+
+    def _lines(self, width: float, context: gui.LayoutContext) -> list[list[tuple[gui.Widget, float, float, bool]]]:
+        """Each line's widgets with their left end, width, and whether they stand at the right."""
+        lines: list[list[tuple[gui.Widget, float, float, bool]]] = [[]]
+        x, right = 0.0, False
+        for widget, before, at_right in self._items:
+            right |= at_right
+            wide = min(widget.calc_preferred_size(context, gui.Widget.Constraints()).width, width)
+            left = x + (before if lines[-1] else 0.0)
+            if lines[-1] and left + wide > width:
+                lines.append([])
+                left = 0.0
+            lines[-1].append((widget, left, wide, right))
+            x = left + wide + self._gap
+        return lines

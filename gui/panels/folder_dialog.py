@@ -1,0 +1,129 @@
+"""A dialog that chooses a folder or a file: the path to type, a list, Up, Home. What is marked is what is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from open3d.visualization import gui
+
+from gui.panels.dialogs import Dialogs, broken
+from gui.presenters.folders import FolderList
+
+ROWS = 14
+
+
+def ask_path(
+    dialogs: Dialogs,
+    title: str,
+    start: Path,
+    wanted: str,
+    done: Callable[[str], None],
+    cancelled: Callable[[], None] = lambda: None,
+    endings: Sequence[str] = (),
+) -> None:
+    """Show the dialog.
+
+    Args:
+        dialogs: where it is shown.
+        title: its heading.
+        start: the folder to begin in, or a path in it.
+        wanted, endings: as in `FolderList`.
+        done: called with the path, once the dialog is closed.
+        cancelled: called where it was closed without one.
+    """
+    _PathDialog(dialogs, FolderList(start, wanted, endings), done, cancelled).show(title)
+
+
+class _PathDialog:
+    def __init__(
+        self, dialogs: Dialogs, found: FolderList, done: Callable[[str], None], cancelled: Callable[[], None]
+    ) -> None:
+        self._dialogs, self._found, self._done, self._cancelled = dialogs, found, done, cancelled
+        self._typed = str(found.folder)
+        self._marked: Path | None = None
+        self._path = gui.TextEdit()
+        self._path.set_on_text_changed(self._type)
+        self._list = gui.ListView()
+        self._list.set_max_visible_items(ROWS)
+        self._list.set_on_selection_changed(self._select)
+        self._message = dialogs.label("\n")
+
+    def show(self, title: str) -> None:
+        dialogs, em = self._dialogs, self._dialogs.em
+        dialogs.widgets = {}
+        path = gui.Horiz(0.4 * em)
+        for key, label, action in (("up", "Up", self._found.up), ("home", "Home", self._home)):
+            button = dialogs.button(key, label, partial(self._moved, action))
+            button.vertical_padding_em = 0
+            path.add_child(button)
+        path.add_child(self._path)
+        hint = {
+            "folder": "Mark a folder, or go into it by a double click; without a mark the folder above is taken.",
+            "take": "Mark a take or a stream and press Open; a double click goes into a folder.",
+            "file": "Mark a file and press Open; a double click goes into a folder.",
+        }[self._found.wanted]
+        parts: list[gui.Widget] = [path, self._list, dialogs.label(hint), self._message]
+        answers = [("open", "Open", self._open), ("close", "Cancel", self._close)]
+        dialogs.show("path", title, parts, answers, 170, self._enter)
+        dialogs.widgets |= {"path": self._path, "list": self._list}
+        self._fill()
+
+    def _fill(self) -> None:
+        found = self._found
+        self._marked = None
+        self._typed = str(found.folder)
+        self._path.text_value = self._typed
+        labels = [entry.label for entry in found.entries]
+        self._list.set_items(labels + [" "] * (ROWS - len(labels)))  # the dialog keeps the size that it has at first
+        self._list.selected_index = -1
+        self._say()
+
+    def _say(self) -> None:
+        lines = broken(self._found.message).splitlines()[:2]
+        self._message.text = "\n".join([*lines, *[" "] * (2 - len(lines))])
+
+    def _home(self) -> None:
+        self._found.enter(Path.home())
+
+    def _moved(self, action: Callable[[], object]) -> None:
+        action()
+        self._fill()
+
+    def _type(self, text: str) -> None:
+        self._typed, self._marked = text, None
+
+    def _select(self, _label: str, twice: bool) -> None:
+        number = self._list.selected_index
+        if not 0 <= number < len(self._found.entries):
+            return
+        self._marked = self._found.entries[number].path
+        if twice:
+            self._take(self._marked, twice=True)
+
+    def _open(self) -> None:
+        self._take(self._marked or Path(self._typed.strip() or self._found.folder))
+
+    def _enter(self) -> None:
+        """Enter: what was typed is gone to first, so that its folders are seen; what is marked is opened."""
+        typed = Path(self._typed.strip() or ".").expanduser()
+        if self._marked is None and typed != self._found.folder and typed.is_dir() and self._found.wanted == "folder":
+            self._moved(lambda: self._found.enter(typed.absolute()))
+        else:
+            self._open()
+
+    def _take(self, path: Path, twice: bool = False) -> None:
+        before = self._found.folder
+        chosen = self._found.choose(path, twice)
+        if chosen is not None:
+            self._dialogs.close()
+            self._done(str(chosen))
+        elif self._found.folder != before:
+            self._fill()
+        else:
+            self._say()
+
+    def _close(self) -> None:
+        self._dialogs.close()
+        self._cancelled()

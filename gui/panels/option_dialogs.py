@@ -1,0 +1,128 @@
+"""Dialogs with a few choices each: preferences, exports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from open3d.visualization import gui
+
+from gui.panels.dialogs import Dialogs
+from gui.panels.folder_dialog import ask_path
+from gui.presenters.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportWish
+from gui.presenters.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
+
+
+def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferences], None]) -> None:
+    """Picture size, background, playing at once."""
+    dialogs.widgets = {}
+    chosen = replace(now, recent=list(now.recent))
+    form = _Form(dialogs, chosen)
+    form.choice("picture_size", "Splats are drawn with at most", list(PICTURE_SIZES))
+    form.choice("background", "Background", BACKGROUND_NAMES)
+    play = gui.Checkbox("")
+    play.checked = chosen.play_on_opening
+    play.set_on_checked(lambda on: setattr(chosen, "play_on_opening", on))
+    form.add("play", "Play on opening", play)
+
+    def done() -> None:
+        dialogs.close()
+        save(chosen)
+
+    answers = [("save", "Save", done), ("close", "Cancel", dialogs.close)]
+    dialogs.show("preferences", "Preferences", [form.grid], answers, 60, done)
+    dialogs.widgets |= form.widgets
+
+
+def ask_export(dialogs: Dialogs, wish: ExportWish, sources: Sequence[str], start: Callable[[ExportWish], None]) -> None:
+    """What of, where to, and a movie's options.
+
+    Args:
+        dialogs: where it is shown.
+        wish: the defaults; changed while the dialog is open.
+        sources: what a take has of "decoded" and "trained"; none for a bare stream.
+        start: called at "Export", once the dialog is closed.
+    """
+    dialogs.widgets = {}
+    form = _Form(dialogs, wish)
+    target = gui.TextEdit()
+    if sources:
+
+        def renamed() -> None:
+            target.text_value = wish.target
+
+        form.choice("of", "Of the splats", sources, renamed)
+    if wish.kind in MOVIES:
+        if wish.kind == "turntable":
+            form.line("seconds", "Seconds")
+        form.choice("size", "Size", MOVIE_SIZES)
+        form.choice("background", "Background", list(MOVIE_BACKGROUNDS))
+
+    def browse() -> None:
+        def done(folder: str) -> None:
+            wish.move_to(Path(folder))
+            again()
+
+        def again() -> None:
+            ask_export(dialogs, wish, sources, start)
+
+        ask_path(dialogs, "Folder to write to", Path(wish.target).parent, "folder", done, again)
+
+    def go() -> None:
+        dialogs.close()
+        start(wish)
+
+    target.text_value = wish.target
+    target.set_on_text_changed(wish.set_target)
+    row = gui.Horiz(0.4 * dialogs.em)
+    row.add_child(dialogs.label("Write to"))
+    row.add_child(target)
+    folder = dialogs.button("browse_target", "Browse", browse)
+    folder.vertical_padding_em = 0
+    row.add_child(folder)
+    words = {
+        "of": "decoded is what a player of the stream shows (the default, as of v3studio export);\n"
+        "trained is what it was baked from.",
+        "stream": "The splats are those that the stream gives back.",
+    }["of" if sources else "stream"]
+    parts: list[gui.Widget] = [form.grid, dialogs.label(words), row, dialogs.label("Nothing is overwritten.")]
+    answers = [("save", "Export", go), ("close", "Cancel", dialogs.close)]
+    dialogs.show("export", f"Export: {FORMATS[wish.kind][0]}", parts, answers, 90, go)
+    dialogs.widgets |= {**form.widgets, "line": target}
+
+
+class _Form:
+    """Labelled fields, each bound to an attribute of an object."""
+
+    def __init__(self, dialogs: Dialogs, target: Any) -> None:
+        self._dialogs, self._target = dialogs, target
+        self.grid = gui.VGrid(2, 0.6 * dialogs.em)
+        self.widgets: dict[str, gui.Widget] = {}
+
+    def add(self, key: str, label: str, widget: gui.Widget) -> None:
+        self.grid.add_child(self._dialogs.label(label))
+        self.grid.add_child(widget)
+        self.widgets[key] = widget
+
+    def choice(
+        self, attribute: str, label: str, names: Sequence[str], after: Callable[[], None] = lambda: None
+    ) -> None:
+        box = gui.Combobox()
+        for name in names:
+            box.add_item(name)
+        box.selected_text = getattr(self._target, attribute)
+
+        def chosen(text: str, _number: int) -> None:
+            setattr(self._target, attribute, text)
+            after()
+
+        box.set_on_selection_changed(chosen)
+        self.add(attribute, label, box)
+
+    def line(self, attribute: str, label: str) -> None:
+        edit = gui.TextEdit()
+        edit.text_value = getattr(self._target, attribute)
+        edit.set_on_text_changed(lambda text: setattr(self._target, attribute, text))
+        self.add(attribute, label, edit)

@@ -1,0 +1,127 @@
+"""The settings of a stage under headings, each with its documentation as a tooltip, and a field that filters them."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable
+
+from open3d.visualization import gui
+
+from gui.panels.picture import colour
+from gui.presenters.palette import ACCENT, DIM, PANEL
+from gui.presenters.settings import SettingField, fields_of, matching
+from pipelines.config import Config
+
+
+class SettingsList:
+    """See the module.
+
+    Args:
+        stage: key of `TITLES`.
+        em: font size, pixels.
+        set_value: called with the field and what was typed or chosen.
+        changed: called when the filter was changed; `refilter` is then due.
+    """
+
+    def __init__(
+        self, stage: str, em: float, set_value: Callable[[SettingField, str], None], changed: Callable[[], None]
+    ) -> None:
+        self._em, self._set_value, self._changed = em, set_value, changed
+        self._fields = fields_of(stage)
+        self.editors: dict[str, tuple[SettingField, gui.Widget]] = {}
+        self._shown: dict[str, str] = {}
+        self._words: str | None = None
+        self._typed = ""
+        self.widget = gui.Widget()
+        self.widget.background_color = colour(PANEL)
+        self.filter = gui.TextEdit()
+        self.filter.placeholder_text = "filter the settings"
+        self.filter.tooltip = "Shows the settings in whose name, heading or documentation these words occur"
+        self.filter.set_on_text_changed(self._type)
+        self._scroll = gui.ScrollableVert(0, gui.Margins(0.6 * em, 0.2 * em, 1.2 * em, 0.4 * em))
+        self._scroll.background_color = colour(PANEL)
+        self._content = gui.WidgetProxy()
+        self._scroll.add_child(self._content)
+        self.widget.add_child(self.filter)
+        self.widget.add_child(self._scroll)
+        self.refilter()
+
+    def _type(self, text: str) -> None:
+        self._typed = text
+        self._changed()
+
+    def place(self, x: float, y: float, width: float, height: float) -> None:
+        """Take this rectangle of the window (pixels)."""
+        em = self._em
+        self.widget.frame = gui.Rect(int(x), int(y), int(width), int(height))
+        top = 1.9 * em
+        self.filter.frame = gui.Rect(int(x + 0.6 * em), int(y + 0.2 * em), int(width - 1.2 * em), int(1.4 * em))
+        self._scroll.frame = gui.Rect(int(x), int(y + top), int(width), max(int(height - top), 1))
+
+    def refilter(self) -> bool:
+        """Show what fits the filter; returns whether that is something else than before: `show` and a new layout are
+        then due. Not done at once when a letter is typed, for that is told while the window is being drawn."""
+        if self._words == self._typed:
+            return False
+        self._words = self._typed
+        self.editors.clear()
+        grid = gui.VGrid(2, 0.25 * self._em)
+        heading = ""
+        found = matching(self._fields, self._words)
+        for field in found:
+            if field.heading != heading:
+                heading = field.heading
+                title = gui.Label(heading)
+                title.text_color = colour(ACCENT)
+                grid.add_child(title)
+                grid.add_child(gui.Label(""))
+            label = gui.Label(field.label)
+            label.tooltip = _broken(field.documentation)
+            label.text_color = colour(DIM)
+            grid.add_child(label)
+            editor = self._editor(field)
+            editor.tooltip = _broken(field.documentation)
+            grid.add_child(editor)
+            self.editors[field.name] = (field, editor)
+        if not found:
+            grid.add_child(gui.Label("No setting has these words."))
+        self._content.set_widget(grid)
+        return True
+
+    def _editor(self, field: SettingField) -> gui.Widget:
+        set_value = self._set_value
+        if field.kind == "switch":
+            switch = gui.Checkbox("")
+            switch.set_on_checked(lambda on: set_value(field, "true" if on else "false"))
+            return switch
+        if field.kind == "choice":
+            box = gui.Combobox()
+            for choice in field.choices:
+                box.add_item(choice)
+            box.set_on_selection_changed(lambda text, _: set_value(field, text))
+            return box
+        edit = gui.TextEdit()
+
+        def typed(text: str) -> None:
+            if text != self._shown.get(field.name):
+                set_value(field, text)
+
+        edit.set_on_value_changed(typed)
+        return edit
+
+    def show(self, config: Config) -> None:
+        """Bring all editors in line with the settings."""
+        for name, (field, editor) in self.editors.items():
+            text = field.shown(config)
+            self._shown[name] = text
+            if field.kind == "switch":
+                editor.checked = text == "true"
+            elif field.kind == "choice":
+                editor.selected_text = text
+            else:
+                editor.text_value = text
+
+
+def _broken(text: str) -> str:
+    """Tooltips are one long line unless they are broken."""
+    return "\n".join(textwrap.wrap(text, 70))

@@ -1,0 +1,38 @@
+"""How often a second something happens."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+SPAN = 2.0
+"""Seconds that are looked back."""
+
+
+class Rate:
+    """Count with `hit`, read `value`.
+
+    Attributes:
+        hits: how often it has happened in all.
+
+    Args:
+        now: a clock in seconds that never runs backwards.
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self.hits = 0
+        self._times: deque[float] = deque(maxlen=240)
+
+    def hit(self) -> None:
+        """It happened now."""
+        self.hits += 1
+        self._times.append(self._now())
+
+    @property
+    def value(self) -> float:
+        """A second, over the last `SPAN` seconds."""
+        horizon = self._now() - SPAN
+        recent = [moment for moment in self._times if moment >= horizon]
+        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
