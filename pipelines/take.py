@@ -182,6 +182,11 @@ class Take:
         return self.private / "work" / stage
 
     @property
+    def footage_cache(self) -> Path:
+        """Mattes and backgrounds that were slow to make. Its files are never out of date, and may be deleted."""
+        return self.private / "footage"
+
+    @property
     def previews(self) -> Path:
         """Pictures shown while training."""
         return self.private / "previews"

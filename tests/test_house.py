@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FLOORS = ("gui", "pipelines", "studio")  # each may import the ones after it
-HEAVY = ("torch", "open3d", "pycolmap", "pymeshlab", "cv2", "av", "matplotlib")
+HEAVY = ("torch", "open3d", "pycolmap", "pymeshlab", "cv2", "av", "matplotlib", "onnxruntime")
 
 
 def imported_names(path: Path) -> Iterator[tuple[int, str]]:
@@ -119,7 +119,8 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
     from packaging.requirements import Requirement
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    wanted = [*project["dependencies"], *project["optional-dependencies"]["cuda"]]
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *extras["cuda"], *extras["matting"]]
     names = {Requirement(text).name for text in wanted} - NEVER_IMPORTED
     declared = {MODULES.get(name, name) for name in names}
     imported = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -66,9 +67,15 @@ class CaptureBoard(Board):
         if config is None:
             return None
         if self._footage is None or self._footage_of is None or self._footage_of.capture != config.capture:
-            self._footage = open_footage(capture_spec(config.capture), None, strict=False)
+            self._footage = open_footage(
+                capture_spec(config.capture, config.run), None, strict=False, cache_folder=self._cache_folder()
+            )
             self._footage_of = config
         return self._footage
+
+    def _cache_folder(self) -> Path | None:
+        take = self.workspace.take
+        return take.footage_cache if take is not None else None
 
     def _thumbnails(self, canvas: Canvas, footage: Footage, frame: int, height: float) -> None:
         names = footage.camera_names
@@ -115,7 +122,7 @@ class CaptureBoard(Board):
         """Read all of the footage once and name what is bad, on a thread of its own."""
         config = self.workspace.config
         if config is not None:
-            self._check.start(config)
+            self._check.start(config, self._cache_folder())
 
     def stop_check(self) -> None:
         """Stop it."""
@@ -169,28 +176,30 @@ class FootageCheck:
         """Whether it is at work."""
         return self._thread is not None and self._thread.is_alive()
 
-    def start(self, config: Config) -> None:
+    def start(self, config: Config, cache_folder: Path | None = None) -> None:
         """Begin, unless it is at work."""
         if self.running:
             return
         self._stop.clear()
         self.words, self.problems = "checking the footage", ()
-        self._thread = threading.Thread(target=self._run, args=(config,), name="v3studio check", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=(config, cache_folder), name="v3studio check", daemon=True
+        )
         self._thread.start()
 
     def stop(self) -> None:
         """Stop at the next image."""
         self._stop.set()
 
-    def _run(self, config: Config) -> None:
+    def _run(self, config: Config, cache_folder: Path | None) -> None:
         def tell(done: int, total: int, **figures: object) -> None:
             if self._stop.is_set():
                 raise Cancelled
             self.words = f"checking the footage, {done} of {total} images"
 
         try:
-            spec = replace(capture_spec(config.capture), cache_bytes=64 << 20)
-            problems = open_footage(spec, None, strict=False).check(tell)
+            spec = replace(capture_spec(config.capture, config.run), cache_bytes=64 << 20)
+            problems = open_footage(spec, None, strict=False, cache_folder=cache_folder).check(tell)
         except Cancelled:
             self.words = "the check was stopped"
         except StudioError as error:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
 from pipelines.config.section import Colour, Section
+
+_Deviation = Annotated[float, Field(gt=0, le=10)]
 
 
 class CaptureSection(Section):
@@ -16,6 +18,8 @@ class CaptureSection(Section):
     headings: ClassVar[dict[str, str]] = {
         "root": "Files",
         "masks": "Masks",
+        "key_color": "Masks: coloured screen",
+        "garbage_mattes": "Masks: model, garbage mattes",
         "fps": "Rate and colour",
         "cameras": "Cameras",
         "scale": "Frames and sizes",
@@ -34,10 +38,11 @@ class CaptureSection(Section):
     relative to root. auto takes the one that lies there under a usual name, and calibrates from the footage where
     there is none; null always calibrates from the footage."""
 
-    masks: Literal["auto", "none", "alpha", "files", "clean_plate", "median_background"] = "auto"
+    masks: Literal["auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "model"] = "auto"
     """How the performer is told from the room: the images' alpha channel, mask files, pictures of the empty room
-    (clean_plate), the footage's median over time as such a picture (median_background), or not at all (none). auto
-    takes the first of alpha, files, clean_plate that the capture has, else the median of 10 frames or more."""
+    (clean_plate), the footage's median over time as such a picture (median_background), a screen of one colour behind
+    him (chroma_key), a matting model (model), or not at all (none). auto takes the first of alpha, files, clean_plate
+    that the capture has, else the median of 10 frames or more. docs/MASKS.md tells which to choose."""
 
     mask_files: str = "auto"
     """Pattern of the mask files, white = performer; auto looks in folders named mask, masks, matte, mattes, alpha."""
@@ -50,13 +55,46 @@ class CaptureSection(Section):
     """Pattern of exact mattes, where the capture has them; only evaluation looks at them, training never does."""
 
     mask_sensitivity: float = Field(default=1.0, gt=0, le=10)
-    """Masks from plates or the median: above 1 finds more performer, below 1 less."""
+    """Masks from plates, the median or a screen: above 1 finds more performer, below 1 less."""
 
     mask_shadows: bool = True
-    """Masks from plates or the median: what looks like the background under less light is shadow, not performer."""
+    """Masks from plates, the median or a screen: what looks like the background under less light is shadow, not
+    performer."""
 
     mask_components: int = Field(default=0, ge=0)
-    """Masks from plates or the median: separate pieces of performer a camera may see, largest first; 0 is any."""
+    """Masks from plates, the median, a screen or a model: separate pieces of performer a camera may see, largest first;
+    0 is any."""
+
+    key_color: Colour | Literal["auto"] = "auto"
+    """Masks from a screen: about its colour as the footage shows it, red green blue, 0 to 1. auto finds, for each
+    camera, the saturated colour that covers most of the picture."""
+
+    despill: bool = True
+    """Masks from a screen: take its light off the performer's outline, in the images that training and evaluation
+    see."""
+
+    garbage_mattes: str = ""
+    """Masks from a screen or a model: pattern of pictures that are black where the performer never is (the studio's
+    ceiling, stands) and white elsewhere, garbage/{camera}.png; cameras without one are looked at whole."""
+
+    mask_model: str = ""
+    """Masks from a model: its ONNX file, relative to root. It must take one RGB picture (1x3xHxW, floats) and give a
+    matte of 0 to 1. Needs the extra matting (onnxruntime)."""
+
+    mask_model_size: int = Field(default=0, ge=0, multiple_of=32)
+    """Masks from a model: pixels of the longer side that pictures are resized to for it, a multiple of 32; 0 is the
+    size that the file has fixed, else the pictures' own."""
+
+    mask_model_mean: Colour = (0.485, 0.456, 0.406)
+    """Masks from a model: subtracted from pictures of 0 to 1 before it sees them, red green blue. The default (of
+    ImageNet) suits BiRefNet and U2-Net; MODNet and IS-Net want [0.5, 0.5, 0.5]."""
+
+    mask_model_std: tuple[_Deviation, _Deviation, _Deviation] = (0.229, 0.224, 0.225)
+    """Masks from a model: what they are divided by then. The default (of ImageNet) suits BiRefNet and U2-Net; MODNet
+    wants [0.5, 0.5, 0.5], IS-Net [1, 1, 1]."""
+
+    mask_model_sigmoid: bool = False
+    """Masks from a model: it gives logits, as BiRefNet does, which a sigmoid turns into 0 to 1."""
 
     fps: float | None = Field(default=None, gt=0, lt=10_000)
     """Frames per second of the footage; null takes it from the videos, and 30 for still images."""
@@ -99,6 +137,14 @@ class CaptureSection(Section):
 
     cache_megabytes: int | None = Field(default=None, ge=16)
     """Memory that decoded images may take; null is an eighth of the machine's memory, at most 2 GiB."""
+
+    @field_validator("key_color", mode="wrap")
+    @classmethod
+    def _colour_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return check(value)
+        except ValidationError:  # one sentence, not one for each of the two forms
+            raise ValueError("must be auto or three numbers from 0 to 1, as in [0.2, 0.6, 0.3]") from None
 
     @model_validator(mode="after")
     def _fits_together(self) -> CaptureSection:

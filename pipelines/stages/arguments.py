@@ -32,13 +32,14 @@ _RIG_FOLDERS = (
 )  # fmt: skip
 
 
-def capture_spec(section: CaptureSection) -> CaptureSpec:
-    """What `studio.capture` is told of the footage."""
+def capture_spec(section: CaptureSection, run: RunSection | None = None) -> CaptureSpec:
+    """What `studio.capture` is told of the footage; `run` says what matting models are run on (None: the defaults)."""
     from studio.capture import CaptureSpec
 
+    run = run or RunSection()
     values = section.model_dump(exclude={"rig", "cache_megabytes"})
     cache = None if section.cache_megabytes is None else section.cache_megabytes * 2**20
-    return CaptureSpec(**values, cache_bytes=cache)
+    return CaptureSpec(**values, cache_bytes=cache, mask_device=run.device, mask_threads=run.threads)
 
 
 def sfm_settings(section: CalibrateSection, run: RunSection) -> SfmSettings:

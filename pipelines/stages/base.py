@@ -49,7 +49,7 @@ class Context:
         """
         from studio.capture import open_footage
 
-        return open_footage(self._capture_spec(), None)
+        return open_footage(self._capture_spec(), None, cache_folder=self.take.footage_cache)
 
     @cached_property
     def footage(self) -> Footage:
@@ -61,12 +61,12 @@ class Context:
         from studio.camera_files import read_rig
         from studio.capture import open_footage
 
-        return open_footage(self._capture_spec(), read_rig(self.take.rig))
+        return open_footage(self._capture_spec(), read_rig(self.take.rig), cache_folder=self.take.footage_cache)
 
     def _capture_spec(self) -> Any:
         from pipelines.stages.arguments import capture_spec
 
-        return capture_spec(self.config.capture)
+        return capture_spec(self.config.capture, self.config.run)
 
     @cached_property
     def footage_digest(self) -> str:

@@ -185,7 +185,7 @@ def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.
 _NO_MATTER_FOR_MASKS = (
     "capture.root", "capture.rig", "capture.fps", "capture.background", "capture.held_out", "capture.held_out_every",
     "capture.evaluation_mattes", "capture.cache_megabytes", "capture.stop", "capture.start", "capture.step",
-    "capture.scale", "capture.size_rule",
+    "capture.scale", "capture.size_rule", "capture.despill",
 )  # fmt: skip
 
 

@@ -2,7 +2,17 @@
 
 from studio.capture.footage import Footage, View
 from studio.capture.masks import Matter
+from studio.capture.matting import FunctionMatter, MattingFunction
 from studio.capture.opening import match_rig, open_footage
 from studio.capture.spec import CaptureSpec
 
-__all__ = ["CaptureSpec", "Footage", "Matter", "View", "match_rig", "open_footage"]
+__all__ = [
+    "CaptureSpec",
+    "Footage",
+    "FunctionMatter",
+    "Matter",
+    "MattingFunction",
+    "View",
+    "match_rig",
+    "open_footage",
+]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.cameras import Camera, Rig
-from studio.capture.masks import Matter, PlateMatter
+from studio.capture.masks import Matter, PlateMatter, Recolors
 from studio.capture.memory import ByteCache
 from studio.capture.sources import DecoderPool, FrameSource
 from studio.capture.spec import CaptureSpec
@@ -127,10 +127,11 @@ class Footage:
 
     def raw_matte(self, camera: str, frame: int) -> np.ndarray:
         """(H, W) uint8 foreground matte in the file's pixels, as `raw_image`."""
-        return self._matter.matte(camera, frame, self._raw(camera, frame))
+        return self._raw_matte(camera, frame).copy()
 
     def image(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W, 3) uint8 RGB, undistorted and scaled. The array is the caller's own.
+        """(H, W, 3) uint8 RGB, undistorted and scaled; without a coloured screen's light where the masks take it off.
+        The array is the caller's own.
 
         Raises:
             StudioError: no such camera or frame, or its file cannot be read.
@@ -229,14 +230,28 @@ class Footage:
 
     def _image(self, camera: str, frame: int) -> np.ndarray:
         warp = self._warp(camera)
-        if warp.is_identity:
+        if warp.is_identity and not isinstance(self._matter, Recolors):
             return np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
         key = ("image", camera, frame)
         kept = self._cache.get(key)
         if kept is None:
-            raw = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
-            kept = (warp.apply(raw, self._maps(camera, warp), smooth=True),)
+            image = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
+            if isinstance(self._matter, Recolors):
+                image = self._matter.recolored(camera, image, self._raw_matte(camera, frame))
+            if not warp.is_identity:
+                image = warp.apply(image, self._maps(camera, warp), smooth=True)
+            kept = (image,)
             self._cache.put(key, *kept)
+        return kept[0]
+
+    def _raw_matte(self, camera: str, frame: int) -> np.ndarray:
+        """Kept only where it serves both the image and the matte."""
+        key = ("raw matte", camera, frame)
+        kept = self._cache.get(key)
+        if kept is None:
+            kept = (self._matter.matte(camera, frame, self._raw(camera, frame)),)
+            if isinstance(self._matter, Recolors):
+                self._cache.put(key, *kept)
         return kept[0]
 
     def _matte(self, camera: str, frame: int, matter: Matter, kind: str) -> np.ndarray:
@@ -244,7 +259,10 @@ class Footage:
         kept = self._cache.get(key)
         if kept is None:
             warp = self._warp(camera)
-            raw = matter.matte(camera, frame, self._raw(camera, frame))
+            if matter is self._matter:
+                raw = self._raw_matte(camera, frame)
+            else:
+                raw = matter.matte(camera, frame, self._raw(camera, frame))
             matte = raw if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=False)
             kept = (matte,)
             self._cache.put(key, *kept)

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from studio.capture.background import Background, cached_background, estimate_background
 from studio.capture.checks import number_ranges
+from studio.capture.chroma_masks import ChromaMatter, DespillingMatter
 from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside
 from studio.capture.difference import DifferenceSettings
 from studio.capture.digest import digest_files
+from studio.capture.garbage import garbage_mattes
+from studio.capture.kept_mattes import KeptMattes
 from studio.capture.masks import AlphaMatter, FileMatter, FullMatter, Matter, PlateMatter, plates_from_files
+from studio.capture.matting import FunctionMatter
+from studio.capture.onnx_model import OnnxModel, OnnxSettings
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.sources import DecoderPool, FrameSource, make_sources
 from studio.capture.spec import CaptureSpec
@@ -58,6 +64,10 @@ def mask_source(
             paths = [match.path for match in matches]
             matter = PlateMatter(load, paths, _difference(spec))
             return matter, f"Masks: difference to the clean plates '{pattern}'."
+    if kind == "chroma_key":
+        return _chroma(spec, sources, pool), "Masks: what has not the colour of the screen."
+    if kind == "model":
+        return _model(spec, names, pool, cache_folder), f"Masks: by the model {spec.mask_model}."
     count = min(len(source.frames) for source in sources.values())
     if kind == "median_background" and count < 3:
         raise StudioError(
@@ -71,13 +81,50 @@ def mask_source(
             def read(frame: int) -> np.ndarray:
                 return source.read(frame)[:, :, :3]
 
-            key = digest_files(spec.root, source.files()) if cache_folder is not None else ""
+            key = f"{digest_files(spec.root, source.files())[:24]}_{spec.color_matrix}" if cache_folder else ""
             return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
 
         paths = [path for source in sources.values() for path in source.files()]
         matter = PlateMatter(behind, paths, _difference(spec))
         return matter, "Masks: difference to the set as recovered from the footage."
     return FullMatter(), "Masks: none, everything is foreground."
+
+
+def _chroma(spec: CaptureSpec, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatter:
+    def read(camera: str, frame: int) -> np.ndarray:
+        return sources[camera].read(frame)[:, :, :3]
+
+    key = None if isinstance(spec.key_color, str) else spec.key_color
+    kind = DespillingMatter if spec.despill else ChromaMatter
+    garbage = garbage_mattes(spec, tuple(sources), pool)
+    return kind(read, lambda camera: sources[camera].frames, key, _difference(spec), garbage)
+
+
+def _model(spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool, cache_folder: Path | None) -> FunctionMatter:
+    if not spec.mask_model:
+        raise StudioError("Masks are to come from a model, but none is given; set mask_model to its ONNX file.")
+    path = spec.root / Path(spec.mask_model).expanduser()
+    settings = OnnxSettings(
+        spec.mask_model_size,
+        spec.mask_model_mean,
+        spec.mask_model_std,
+        spec.mask_model_sigmoid,
+        spec.mask_device,
+        spec.mask_threads,
+    )
+    model = OnnxModel(path, settings)
+    kept = None
+    if cache_folder is not None:
+        recipe = replace(settings, device="", threads=0)  # where it runs does not decide the mattes
+        kept = KeptMattes(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
+    return FunctionMatter(
+        model,
+        f"The matting model {path}",
+        files=model.files(),
+        kept=kept,
+        components=spec.mask_components,
+        garbage=garbage_mattes(spec, names, pool),
+    )
 
 
 def _difference(spec: CaptureSpec) -> DifferenceSettings:

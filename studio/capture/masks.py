@@ -1,21 +1,21 @@
 """Where a capture's mattes come from: one small protocol, one class a source.
 
-A `Matter` works on raw footage pixels; `Footage` undistorts and scales what it returns like the image. A matting model
-needs nothing but this protocol to take part.
+A `Matter` works on raw footage pixels; `Footage` undistorts and scales what it returns like the image. Any other source
+needs nothing but this protocol to take part; for a matting function there is `FunctionMatter`.
 """
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from studio.capture.background import Background, median_plate
 from studio.capture.difference import DifferenceSettings, difference_matte
 from studio.capture.images import read_image
+from studio.capture.once import PerCamera
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.sources import FrameSource
 from studio.errors import StudioError
@@ -30,6 +30,15 @@ class Matter(Protocol):
 
     def files(self) -> list[Path]:
         """The files that the mattes are made from, apart from the footage."""
+        ...
+
+
+@runtime_checkable
+class Recolors(Protocol):
+    """A `Matter` that also takes something off the performer's colours: a screen's light, say."""
+
+    def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:
+        """(H, W, 3) uint8 to use for the raw `image` (H, W, 3) uint8, of which `matte` (H, W) is the matte."""
         ...
 
 
@@ -116,21 +125,13 @@ class PlateMatter:
     def __init__(
         self, background: Callable[[str], Background], files: list[Path], settings: DifferenceSettings | None = None
     ) -> None:
-        self._make = background
         self._files = files
         self._settings = settings or DifferenceSettings()
-        self._backgrounds: dict[str, Background] = {}
-        self._locks: dict[str, threading.Lock] = {}
-        self._lock = threading.Lock()
+        self._backgrounds = PerCamera(background)
 
     def background(self, camera: str) -> Background:
         """The empty set as `camera` sees it, in raw pixels."""
-        with self._lock:
-            lock = self._locks.setdefault(camera, threading.Lock())
-        with lock:
-            if camera not in self._backgrounds:
-                self._backgrounds[camera] = self._make(camera)
-            return self._backgrounds[camera]
+        return self._backgrounds(camera)
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `Matter`."""

@@ -32,8 +32,8 @@ def open_footage(
             extension in a rig's name (COLMAP has them) is passed over.
         strict: raise where cameras lack frames that others have. Otherwise such problems stand in
             `Footage.problems`, and `Footage.frames` are those that all cameras have.
-        cache_folder: where backgrounds recovered from the footage are kept (masks "median_background"), so that
-            another process need not recover them again; None keeps them in memory only.
+        cache_folder: where backgrounds recovered from the footage (masks "median_background") and mattes made by a
+            model are kept, so that another process need not make them again; None keeps them in memory only.
 
     Raises:
         StudioError: nothing found, a file cannot be opened, two files for one camera and frame, cameras of rig and

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from studio.capture.screen import saturated
 from studio.errors import StudioError
 
-MASK_KINDS = ("auto", "none", "alpha", "files", "clean_plate", "median_background")
+MASK_KINDS = ("auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "model")
 SIZE_RULES = ("auto", "stretch", "crop", "letterbox")
 
 
@@ -26,19 +27,29 @@ class CaptureSpec:
         masks: where the foreground comes from. "none": everything is foreground. "alpha": the images' alpha channel.
             "files": separate images or videos, white is foreground. "clean_plate": difference to a picture of the empty
             set. "median_background": difference to the set as recovered from the footage itself over time, for footage
-            without a plate (the cameras must stand still). "auto": the first of alpha, files, clean plates that the
-            capture has, else the recovered set where there are at least 10 frames, else none.
+            without a plate (the cameras must stand still). "chroma_key": what has not the colour of the screen behind.
+            "model": a matting model. "auto": the first of alpha, files, clean plates that the capture has, else the
+            recovered set where there are at least 10 frames, else none.
         mask_files: pattern of the mask files; they may have another extension than the images. "auto" looks in folders
             named mask, masks, matte, mattes or alpha.
         clean_plates: pattern of the clean plates, one image (or video, of which the median is taken) a camera. "auto"
             looks in folders named clean_plates, clean_plate, bg, background or backgrounds.
         evaluation_mattes: pattern of exact mattes, used for measuring only; "" where there are none.
         mask_sensitivity: how far from the background a pixel must be to become foreground, relative to the noise of
-            the footage: above 1 finds more foreground, below 1 less. Clean plates and median only.
+            the footage: above 1 finds more foreground, below 1 less. Clean plates, median and coloured screens only.
         mask_components: how many separate foreground pieces a camera may see at most, largest first; 0 is any number
-            above the size of noise. Clean plates and median only.
+            above the size of noise. Clean plates, median, coloured screens and models only.
         mask_shadows: take pixels that look like the background under less light for shadows, not for the performer.
-            Clean plates and median only.
+            Clean plates, median and coloured screens only.
+        key_color: about the colour of the screen, (r, g, b) in 0..1, or "auto": found for each camera. "chroma_key"
+            only.
+        despill: take the screen's light off the performer's outline in the images handed out. "chroma_key" only.
+        garbage_mattes: pattern of pictures that are black where the performer never is (the studio's ceiling, stands),
+            one a camera, or a camera and frame; cameras without one keep all. "" where there are none. "chroma_key" and
+            "model" only.
+        mask_model: ONNX file of the matting model, below `root` or absolute; see `OnnxModel` for what it must be.
+        mask_model_size, mask_model_mean, mask_model_std, mask_model_sigmoid: as in `OnnxSettings`.
+        mask_device, mask_threads: what it is run on, as `device` and `threads` there.
         fps: frames a second; None takes the videos' own, or 30 for images.
         color_matrix: YUV to RGB of videos: "auto" believes the file's tag and takes BT.601 where there is none (as
             FFmpeg does); "bt601" or "bt709" overrule it.
@@ -65,6 +76,16 @@ class CaptureSpec:
     mask_sensitivity: float = 1.0
     mask_components: int = 0
     mask_shadows: bool = True
+    key_color: str | tuple[float, float, float] = "auto"
+    despill: bool = True
+    garbage_mattes: str = ""
+    mask_model: str = ""
+    mask_model_size: int = 0
+    mask_model_mean: tuple[float, float, float] = (0.485, 0.456, 0.406)
+    mask_model_std: tuple[float, float, float] = (0.229, 0.224, 0.225)
+    mask_model_sigmoid: bool = False
+    mask_device: str = "auto"
+    mask_threads: int = 0
     fps: float | None = None
     color_matrix: str = "auto"
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -104,3 +125,16 @@ class CaptureSpec:
             raise StudioError(f"Capture: mask_sensitivity is {self.mask_sensitivity:g}; it must be in 0 to 10, not 0.")
         if self.mask_components < 0:
             raise StudioError(f"Capture: mask_components is {self.mask_components}; it must be 0 (any) or more.")
+        if self.key_color != "auto":
+            key = self.key_color
+            if isinstance(key, str) or len(key) != 3 or not all(0.0 <= value <= 1.0 for value in key):
+                raise StudioError(f"Capture: key_color is {key!r}; it must be auto or three numbers in 0..1.")
+            if not saturated(key):
+                raise StudioError(
+                    f"Capture: key_color is {list(key)}, which is grey or black; give a saturated colour, as "
+                    "[0.2, 0.6, 0.3], or auto."
+                )
+        if self.mask_model_size < 0 or self.mask_model_size % 32:
+            raise StudioError(f"Capture: mask_model_size is {self.mask_model_size}; it must be a multiple of 32, or 0.")
+        if min(self.mask_model_std) <= 0.0:
+            raise StudioError(f"Capture: mask_model_std is {self.mask_model_std}; its numbers must be above 0.")

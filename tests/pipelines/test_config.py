@@ -43,7 +43,7 @@ def test_defaults_are_the_papers():
         ("initialise", hull_settings, set()),
         ("calibrate", lambda section: sfm_settings(section, Config().run), {"threads", "seed"}),
         ("bake", lambda section: bake_settings(section, 1), {"threads"}),
-        ("capture", capture_spec, {"cache_bytes"}),
+        ("capture", capture_spec, {"cache_bytes", "mask_device", "mask_threads"}),
     ],
 )
 def test_every_argument_of_the_library_can_be_set(section, make, theirs):
