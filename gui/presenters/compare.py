@@ -91,12 +91,11 @@ def heat_map(size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray
     levels = difference(one, other)
     canvas = Canvas(*size)
     canvas.image(box.x, box.y, heat(levels))
-    label(
-        canvas,
-        box.x + 8,
-        box.y + 8,
-        f"difference of {LABELS[names[0]]} and {LABELS[names[1]]}: mean {levels.mean():.2f} of 255 levels",
-    )
+    pair, mean = f"{LABELS[names[0]]} and {LABELS[names[1]]}", f"mean {levels.mean():.2f}"
+    for text in (f"difference of {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
+        if text_width(text, LABEL_SIZE) <= size[0] - 2 * box.x - 32:
+            break  # the longest that fits: the number must not be cut
+    label(canvas, box.x + 8, box.y + 8, text)
     height = min(max(box.height - 80, 40), 220)
     x, y = size[0] - 24, (size[1] - height) // 2
     canvas.rect(x - 46, y - 14, 66, height + 28, GROUND)
