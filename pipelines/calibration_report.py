@@ -20,13 +20,18 @@ _TRUSTED = 0.6
 
 def calibration_lenses(report: dict[str, Any]) -> list[str]:
     """Sentences on lenses in common, where the footage was asked."""
-    found = []
+    found: list[str] = []
+    if report.get("explained", 1.0) < _TRUSTED:
+        return found  # what a wrong solution says of lenses means nothing
     for each in report.get("sharing", []):
         which = f"{len(each['images'])} cameras ({each['images'][0]} to {each['images'][-1]})"
         if each["shared"]:
             found.append(f"One lens for {which}: it fits as well as a lens each.")
         else:
-            found.append(f"A lens each for {which}: one for all fits worse than chance ({each['misfit']:.0f} times).")
+            found.append(
+                f"A lens each for {which}: with one for all the errors grow {each['misfit']:.0f} times as much as by "
+                "chance (up to 8 would pass; calibrate.shared_lens decides it beforehand)."
+            )
     return found
 
 
@@ -45,20 +50,27 @@ def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
 def calibration_warnings(report: dict[str, Any]) -> list[str]:
     """Sentences on what should be looked at."""
     found = []
-    if report["quality"] == "review":
+    if report["reprojection"]["mean"] > 1:
         found.append(
             f"The cameras' mean reprojection error is {report['reprojection']['mean']:.2f} px; over 1 px something is "
             "wrong: cameras that moved, footage that is not synchronized, or a lens model with too few terms."
         )
-    poor = [name for name, figures in report["cameras"].items() if figures.get("quality") == "review"]
-    if poor and report["quality"] != "review":
+    for name, figures in report["cameras"].items():
+        if "usual_focal" in figures:
+            found.append(
+                f"Camera '{name}' has a focal length of {figures['focal']:.0f} px where the others have "
+                f"{figures['usual_focal']:.0f}: unless it is zoomed so, its lens was not found; try "
+                "calibrate.shared_lens or lens_groups, or give its lens (calibrate.known)."
+            )
+    poor = [name for name, figures in report["cameras"].items() if figures["mean"] > 1]
+    if poor and report["reprojection"]["mean"] <= 1:
         found.append(f"The reprojection error is over 1 px for {', '.join(poor)}; look at them before you train.")
     explained = report.get("explained", 1.0)
     if explained < _TRUSTED:
         found.append(
             f"Only {explained:.0%} of the matches between cameras agree with where they were put (0.75 and more is "
-            "usual): some may stand wrongly, whatever their reprojection error; try more moments (calibrate.frames), "
-            "another frame, or a board."
+            "usual): some may stand wrongly, whatever their reprojection error; try calibrate.shared_lens where the "
+            "lenses are alike, other or more moments (calibrate.frame, frames), or a board."
         )
     sparse = [name for name, figures in report["cameras"].items() if figures["coverage"] < _SPARSE]
     if sparse:

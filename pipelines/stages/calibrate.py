@@ -92,7 +92,12 @@ class CalibrateStage:
                 reporter.warn(sentence)
         context.forget_footage()
         reporter.progress(1.0, "cameras stand")
-        return {"cameras": len(rig), "source": report["source"]}
+        figures = {"cameras": len(rig), "source": report["source"]}
+        if "reprojection" in report:
+            figures |= {"quality": report["quality"], "mean_error_px": report["reprojection"]["mean"]}
+        if "explained" in report:
+            figures["explained"] = report["explained"]
+        return figures
 
     def _from_file(self, context: Context, path: Path) -> tuple[Any, dict[str, Any]]:
         from studio.camera_files import read_rig
@@ -138,6 +143,7 @@ class CalibrateStage:
         footage, section = context.raw_footage, context.config.calibrate
         frames = self._frames(context)
         names = footage.camera_names
+        distance = known_distance(section, names)
         images = {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names}
         masks = None
         if section.look_at != "everything":
@@ -163,7 +169,7 @@ class CalibrateStage:
             poses=before if section.known_poses else None,
             focal_lengths={} if lenses else focal_lengths(footage, frames[0]),
             settings=sfm_settings(section, context.config.run),
-            distance=known_distance(section),
+            distance=distance,
             progress=reporter.part("structure from motion", 0.2 if section.lens_images else 0.0, 1.0),
         )
         rig, points = result.rig, result.points

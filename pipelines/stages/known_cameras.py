@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,11 +62,11 @@ def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
     return Warp(camera, width, height, 1.0, fit_size(camera, width, height, rule, image)).source
 
 
-def known_distance(section: CalibrateSection) -> tuple[str, str, float] | None:
-    """calibrate.scale_between and scale_distance.
+def known_distance(section: CalibrateSection, names: Sequence[str]) -> tuple[str, str, float] | None:
+    """calibrate.scale_between and scale_distance; `names` are the cameras that there are.
 
     Raises:
-        StudioError: one without the other, or not two cameras.
+        StudioError: one without the other, or not two cameras of the footage.
     """
     if not section.scale_between and section.scale_distance is None:
         return None
@@ -74,6 +75,11 @@ def known_distance(section: CalibrateSection) -> tuple[str, str, float] | None:
             "A known scale needs two cameras in calibrate.scale_between and their distance in metres in "
             f"calibrate.scale_distance; given are {list(section.scale_between)} and {section.scale_distance}."
         )
+    for name in section.scale_between:
+        if name not in names:
+            raise StudioError(
+                f"calibrate.scale_between names camera '{name}', which the footage has not; it has {', '.join(names)}."
+            )
     return section.scale_between[0], section.scale_between[1], section.scale_distance
 
 

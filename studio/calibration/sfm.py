@@ -16,11 +16,15 @@ from studio.calibration.child import run_reporting
 from studio.calibration.gauge import Similarity, align_rigs, compare_rigs, scale_to_distance, upright
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.sfm_job import SfmSettings, sfm_job
+from studio.calibration.sfm_judge import TRUSTED
 from studio.calibration.sfm_pictures import Pictures, write_pictures
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
+
+_FOCAL = 1.6
+"""Factor from the median of like cameras beyond which a focal length is to be looked at."""
 
 _STEPS = {
     "features": (5, 25),
@@ -165,10 +169,23 @@ def _read(
     report = reprojection_report(rig, points, observations)
     report |= {"unregistered": missing, "mapper": solution["mapper"], "features": features, "matches": matches}
     report["explained"] = solution["explained"]
+    _judge(report, rig)
     report["sharing"] = [
         {**each, "images": [names[number] for number in each["images"]]} for each in solution["sharing"]
     ]
     return CalibrationResult(rig, points, colors, report)
+
+
+def _judge(report: dict[str, Any], rig: Rig) -> None:
+    """A small reprojection error is no good calibration where matches disagree or focal lengths cannot be."""
+    if report["explained"] < TRUSTED:
+        report["quality"] = "review"
+    for camera in rig:
+        like = [other.fx for other in rig if (other.width, other.height) == (camera.width, camera.height)]
+        usual = float(np.median(like))
+        if len(like) > 2 and not 1 / _FOCAL < camera.fx / usual < _FOCAL:
+            report["cameras"][camera.name] |= {"quality": "review", "usual_focal": round(usual, 1)}
+            report["quality"] = "review"
 
 
 def _reason(features: int, best: int) -> str:

@@ -67,6 +67,14 @@ class SfmSettings:
             raise StudioError(f"The lens model '{self.lens}' is unknown; choose one of {', '.join(_START)}.")
         if self.mapper not in ("auto", "incremental", "global"):
             raise StudioError(f"The mapper '{self.mapper}' is unknown; choose auto, incremental or global.")
+        grouped = [name for group in self.lens_groups for name in group]
+        twice = [name for name in grouped if grouped.count(name) > 1]
+        if twice:
+            raise StudioError(f"Camera '{twice[0]}' stands twice in lens_groups; it has one lens only.")
+        if any(len(group) < 2 for group in self.lens_groups):
+            raise StudioError(
+                "lens_groups has a group of fewer than two cameras; name those that have one lens in common."
+            )
         if self.threads < 0 or self.max_features < 100 or self.max_image_size < 64 or not self.focal_factor > 0:
             raise StudioError(
                 "Calibration needs threads >= 0, max_features >= 100, max_image_size >= 64 and focal_factor > 0."

@@ -7,7 +7,10 @@ a little worse than a lens each, by little if that is chance and by much if it i
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,6 +57,62 @@ def try_one_lens(
         if growth < LIMIT:
             model = one
     return model, told
+
+
+def try_own_lenses(
+    model: Any, own: dict[int, int], width: float, adjust: Callable[[Any], None]
+) -> tuple[Any, list[dict[str, Any]]]:
+    """The other way round: a model in which cameras have one lens, with a lens each where that fits much better.
+
+    Args:
+        model: pycolmap.Reconstruction, adjusted.
+        own: id of each image to that of the camera that it would have on its own.
+        width: see `try_one_lens`.
+        adjust: see `try_one_lens`.
+
+    Returns:
+        as `try_one_lens`.
+    """
+    joint = camera_of_image(model)
+    apart = rebuilt(model, {own[image]: model.cameras[joint[image]] for image in joint}, {i: own[i] for i in joint})
+    adjust(apart)
+    told = []
+    for key in sorted(set(joint.values())):
+        images = [image for image in joint if joint[image] == key]
+        if len(images) < 2:
+            continue
+        given_up = (len(images) - 1) * _free_parameters(model.cameras[key])
+        growth = (_misfit(model, width) - _misfit(apart, width)) / noise(apart) ** 2 / given_up
+        told.append({"images": images, "shared": bool(growth < LIMIT), "misfit": round(float(growth), 2)})
+    return (model if all(each["shared"] for each in told) else apart), told
+
+
+def focal_spread(model: Any, free: set[int]) -> float:
+    """Largest focal length by smallest, of free cameras whose images have the same size; 1 where there is nothing to
+    compare."""
+    sizes: dict[tuple[int, int], list[float]] = {}
+    for key in {model.images[image_id].camera_id for image_id in model.reg_image_ids()} & free:
+        camera = model.cameras[key]
+        sizes.setdefault((camera.width, camera.height), []).append(camera.mean_focal_length())
+    return max((max(lengths) / max(min(lengths), 1e-9) for lengths in sizes.values()), default=1.0)
+
+
+def share_lenses(database: Path, free: set[int]) -> None:
+    """Change a database so that images of one size have one camera, as far as their cameras are free."""
+    with closing(sqlite3.connect(database)) as rows, rows:
+        sizes: dict[tuple[int, int, int], int] = {}
+        listed = "SELECT camera_id, model, width, height FROM cameras ORDER BY camera_id"
+        for key, model, width, height in rows.execute(listed).fetchall():
+            first = sizes.setdefault((model, width, height), key) if key in free else key
+            if first == key:
+                continue
+            (rig,) = rows.execute("SELECT rig_id FROM rigs WHERE ref_sensor_id = ?", (first,)).fetchone()
+            rows.execute(
+                "UPDATE frames SET rig_id = ? WHERE frame_id IN (SELECT frame_id FROM frame_data WHERE sensor_id = ?)",
+                (rig, key),
+            )
+            rows.execute("UPDATE frame_data SET sensor_id = ? WHERE sensor_id = ?", (first, key))
+            rows.execute("UPDATE images SET camera_id = ? WHERE camera_id = ?", (first, key))
 
 
 def joined(model: Any, keys: list[int]) -> Any:

@@ -10,10 +10,19 @@ import numpy as np
 
 from studio.calibration.sfm_features import say
 from studio.calibration.sfm_judge import TRUSTED, explained_share, noise
-from studio.calibration.sfm_lenses import camera_of_image, rebuilt, try_one_lens, with_richer_lenses
+from studio.calibration.sfm_lenses import (
+    camera_of_image,
+    focal_spread,
+    rebuilt,
+    share_lenses,
+    try_one_lens,
+    try_own_lenses,
+    with_richer_lenses,
+)
 
 _ORDER = {"incremental": ("incremental", "lenient"), "global": ("global",)}
 _POLISHINGS = 2  # the second knows the noise of what the first has found
+_SPREAD = 1.2  # largest focal length by smallest, above which one lens for all is tried from the beginning
 _CAUCHY = 2.4
 """Width of the Cauchy loss in standard deviations: 95 % as sure as least squares where the noise is Gaussian."""
 
@@ -59,9 +68,41 @@ class Mapper:
                     best, how = model, attempt
             if best is not None and self._rank(best) >= (len(self.job["names"]), TRUSTED):
                 break
-        return (best if best is None else self._polished(best)), how
+        if best is None:
+            return None, how
+        one = self._with_one_lens(best)
+        if one is not None:
+            return self._polished(one, joint=True), f"{how}, from one lens"
+        return self._polished(best), how
 
-    def _polished(self, model: Any) -> Any:
+    def _with_one_lens(self, best: Any) -> Any:
+        """Where a lens each leads to a doubtful solution or to focal lengths far apart: one with a lens in common (None
+        unless it explains as much). Few cameras can explain their few matches by any focal lengths."""
+        free = self._free()
+        doubtful = explained_share(best, self.database) < TRUSTED or focal_spread(best, free) > _SPREAD
+        if not (self.job["find_shared"] and doubtful and len(free) > 1) or self.job["poses"]:
+            return None
+        database, self.database = self.database, self.folder / "one_lens.db"
+        shutil.copyfile(database, self.database)
+        try:
+            share_lenses(self.database, free)
+            self._guess_focal_lengths()
+            found = self._incremental(lenient=False)
+            if max(map(self._rank, found), default=(0, 0.0)) < (len(self.job["names"]), TRUSTED):
+                found += self._incremental(lenient=True)
+            one = max(found, key=self._rank, default=None)
+        finally:
+            self.database.unlink()
+            self.database = database
+        if one is None or one.num_reg_images() < best.num_reg_images():
+            return None
+        return one if explained_share(one, database) >= explained_share(best, database) - 0.05 else None
+
+    def _free(self) -> set[int]:
+        """Lenses (numbers in the database) that are not known."""
+        return {i + 1 for i, lens in enumerate(self.job["lenses"]) if not lens["known"]}
+
+    def _polished(self, model: Any, joint: bool = False) -> Any:
         """Adjusted to the end under a robust loss as wide as the noise.
 
         COLMAP's mapper stops early and squares all errors, but features are not off by a Gaussian: most by a tenth of a
@@ -79,8 +120,15 @@ class Mapper:
         if len(self._broken_lenses(better)) > len(self._broken_lenses(model)):
             better = model
         if self.job["find_shared"]:
-            free = {i + 1 for i, lens in enumerate(self.job["lenses"]) if not lens["known"]}
-            better, self.sharing = try_one_lens(better, free, width, lambda one: self._adjust(one, width=width))
+
+            def adjust(other: Any) -> None:
+                self._adjust(other, width=width)
+
+            if joint:
+                own = {image: self.job["lens_of"][image - 1] + 1 for image in camera_of_image(better)}
+                better, self.sharing = try_own_lenses(better, own, width, adjust)
+            else:
+                better, self.sharing = try_one_lens(better, self._free(), width, adjust)
         say(step="adjusting", done=total - 1, total=total)
         return self._enriched(better)
 

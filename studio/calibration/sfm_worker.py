@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import threading
 from pathlib import Path
@@ -41,6 +42,7 @@ class Worker:
         import pycolmap
 
         pycolmap.logging.minloglevel = 3
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # COLMAP's own handler prints a stack
         pycolmap.set_random_seed(int(self.job["seed"]))
         self.solve(find_matches(self.folder, self.job))
 
@@ -114,7 +116,6 @@ def _die_with_parent() -> None:
     """Ask Linux to kill this process when its parent dies: a native call may keep every Python thread waiting."""
     if sys.platform == "linux":
         import ctypes
-        import signal
 
         PR_SET_PDEATHSIG = 1
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

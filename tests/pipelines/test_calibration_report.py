@@ -66,13 +66,19 @@ def test_warnings():
     assert calibration_warnings(report_with(0.3))[-1] == "Camera 'lost' found no place: only 3 features were found."
     assert "mean reprojection error is 1.50 px" in calibration_warnings(report_with(1.5))[0]
     report = report_with(0.3)
-    report["cameras"]["right"]["quality"] = "review"
+    report["cameras"]["right"]["mean"] = 1.4
     report["cameras"]["right"]["coverage"] = 0.2
     said = calibration_warnings(report)
     assert said[0].startswith("The reprojection error is over 1 px for right;")
     assert said[1].startswith("Less than 40% of the image")
     assert "Only 45% of the matches" in calibration_warnings({**report_with(0.3), "explained": 0.45})[0]
     assert "matches" not in " ".join(calibration_warnings({**report_with(0.3), "explained": 0.78}))
+
+
+def test_a_focal_length_that_cannot_be():
+    report = report_with(0.3)
+    report["cameras"]["right"]["usual_focal"] = 50.0
+    assert "Camera 'right' has a focal length of 100 px where the others have 50" in calibration_warnings(report)[0]
 
 
 def test_lenses_in_common():
@@ -84,7 +90,10 @@ def test_lenses_in_common():
     page = Page()
     page.feed(render_calibration(report, cameras))
     text = " ".join(" ".join(page.words).split())
-    assert "80 % of the matches between cameras agree with where they stand. One lens for 2 cameras" in text
+    assert (
+        "80 % of the matches between cameras agree with where they stand (75 and more is usual). One lens for 2 cameras"
+        in text
+    )
     report["sharing"][0] |= {"shared": False, "misfit": 91.2}
     assert "A lens each for 2 cameras" in calibration_lenses(report)[0]
     assert "91 times" in calibration_lenses(report)[0]

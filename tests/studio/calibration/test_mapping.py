@@ -135,6 +135,33 @@ def test_one_lens_is_found_where_there_is_one(tmp_path: Path) -> None:
     assert difference.rotation_degrees < 0.02
 
 
+def test_focal_lengths_far_apart_are_tried_as_one(tmp_path: Path) -> None:
+    """A lens each that leads astray gives way to one lens that explains as much; a good one does not."""
+    from studio.calibration import sfm_mapping
+    from studio.calibration.sfm_lenses import focal_spread
+
+    synthesise(tmp_path, 6, 500)
+    path = tmp_path / "database.db"
+    mapper = sfm_mapping.Mapper(tmp_path, path, job_of(6, find_shared=True))
+    (model,) = mapper._incremental(False)
+    assert focal_spread(model, mapper._free()) < 1.05
+    assert mapper._with_one_lens(model) is None
+    camera = model.cameras[2]
+    camera.params = [2.0 * camera.params[0], *camera.params[1:]]
+    assert focal_spread(model, mapper._free()) == pytest.approx(2.0, rel=0.05)
+    assert focal_spread(model, mapper._free() - {2}) < 1.05
+    one = mapper._with_one_lens(model)
+    assert one.num_reg_images() == 6
+    assert len({image.camera_id for image in one.images.values()}) == 1
+    assert mapper.database == path
+    assert not (tmp_path / "one_lens.db").exists()
+    polished = mapper._polished(one, joint=True)
+    (told,) = mapper.sharing
+    assert told["shared"]
+    assert told["images"] == list(range(1, 7))
+    assert next(iter(polished.cameras.values())).mean_focal_length() == pytest.approx(1280, rel=2e-3)
+
+
 def test_lenses_that_differ_are_left_apart(tmp_path: Path) -> None:
     """By two percent; all else as above."""
     zooms = [1 + 0.02 * (number % 2) for number in range(8)]

@@ -183,7 +183,11 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
     with pytest.raises(StudioError, match=r"'view 1' has pictures of 1 moments, 'view 0' of 2"):
         calibrate_from_images({first: [images[first]] * 2, second: [images[second]]}, workdir=tmp_path)
     with pytest.raises(StudioError, match="lens_groups names camera 'nobody'"):
-        calibrate_from_images(images, workdir=tmp_path, settings=SfmSettings(lens_groups=(("nobody",),)))
+        calibrate_from_images(images, workdir=tmp_path, settings=SfmSettings(lens_groups=((first, "nobody"),)))
+    with pytest.raises(StudioError, match=f"Camera '{first}' stands twice in lens_groups"):
+        SfmSettings(lens_groups=((first, second), (first, "view 2")))
+    with pytest.raises(StudioError, match="fewer than two cameras"):
+        SfmSettings(lens_groups=((),))
 
 
 def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
