@@ -56,16 +56,19 @@ def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> No
 
 
 def test_a_known_distance_needs_both_parts() -> None:
-    assert known_distance(CalibrateSection()) is None
+    names = ("a", "b", "c")
+    assert known_distance(CalibrateSection(), names) is None
     section = CalibrateSection(scale_between=("a", "b"), scale_distance=2.5)
-    assert known_distance(section) == ("a", "b", 2.5)
+    assert known_distance(section, names) == ("a", "b", 2.5)
+    with pytest.raises(StudioError, match="names camera 'b', which the footage has not; it has a, c"):
+        known_distance(section, ("a", "c"))
     for values in (
         {"scale_between": ("a", "b")},
         {"scale_distance": 1.0},
         {"scale_between": ("a",), "scale_distance": 1},
     ):
         with pytest.raises(StudioError, match="needs two cameras"):
-            known_distance(CalibrateSection(**values))
+            known_distance(CalibrateSection(**values), names)
 
 
 def test_focal_lengths_from_exif(tmp_path: Path) -> None:

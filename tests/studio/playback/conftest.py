@@ -21,11 +21,19 @@ class GatedSource(FolderSource):
         self.gate = threading.Event()
         self.gate.set()
         self.reads: list[str] = []
+        self.finished: list[str] = []
 
     def read(self, path: str, limit: int) -> bytes:
         assert self.gate.wait(20)
         self.reads.append(path)
-        return super().read(path, limit)
+        data = super().read(path, limit)
+        self.finished.append(path)
+        return data
+
+    def whole(self, group: str) -> bool:
+        """Whether all files of a group have been read."""
+        files = {f"{group}/{file.name}" for file in (Path(self.name) / group).iterdir()}
+        return files <= set(self.finished)
 
     def groups_read(self) -> list[str]:
         """Group folders in the order in which they were first read."""

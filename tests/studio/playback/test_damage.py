@@ -145,6 +145,7 @@ def test_a_slow_fetch_is_waited_for_and_nothing_is_dropped(long_stream, gate, cl
         player.play()
         until(lambda: player.frame() is not None)
         until(lambda: source.groups_read() == ["group_000", "group_001", "group_002"])
+        until(lambda: source.whole("group_002"))  # or the gate would hold back the rest of it
         source.gate.clear()
         clock.forward(30)
         until(lambda: number(player.frame()) == 30)  # what was fetched goes on playing; group 3 is held back
