@@ -43,8 +43,7 @@ def paint(rng: np.random.Generator, width: float, height: float) -> np.ndarray:
 
 def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Generator) -> np.ndarray:
     """(H, W, 3) uint8: what the camera sees, with 2 grey levels of noise."""
-    scale = 2
-    x, y = np.meshgrid(*[(np.arange(n * scale) + 0.5) / scale for n in (camera.width, camera.height)])
+    x, y = np.meshgrid(*[np.arange(n, dtype=np.float32) + 0.5 for n in (camera.width, camera.height)])
     rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], -1)
     rays = rays.astype(np.float32) @ camera.rotation.astype(np.float32)  # R^T d, for rows
     image = np.zeros((*x.shape, 3), np.uint8)
@@ -52,21 +51,37 @@ def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Gener
     for number, walls in enumerate([room, *pillars]):
         low, high = box(number)
         with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.stack([(low - camera.center) / rays, (high - camera.center) / rays]).astype(np.float32)
+            ends = np.stack([(end - camera.center).astype(np.float32) / rays for end in (low, high)])
         enter, leave = ends.min(0), ends.max(0)
         # the room is seen from within, where a ray leaves it; a pillar where it enters
         reach, axis = (leave.min(-1), leave.argmin(-1)) if number == 0 else (enter.max(-1), enter.argmax(-1))
         seen = (enter.max(-1) < leave.min(-1)) & (reach > 0) & (reach < nearest)
-        hit = camera.center.astype(np.float32) + rays * reach[..., None]
         for side, wall in enumerate(walls):
-            across, up = ((1, 2), (0, 2), (0, 1))[side // 2]
-            middle = (low[side // 2] + high[side // 2]) / 2
-            here = seen & (axis == side // 2) & ((hit[..., side // 2] > middle) == bool(side % 2))
-            u, v = (((hit[..., a] - low[a]) * PER_METRE).astype(np.float32) for a in (across, up))
-            image[here] = cv2.remap(wall, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[here]
+            number_of_axis, (across, up) = side // 2, ((1, 2), (0, 2), (0, 1))[side // 2]
+            rows, columns = np.nonzero(seen & (axis == number_of_axis))
+            hit = camera.center + rays[rows, columns] * reach[rows, columns, None]
+            there = (hit[:, number_of_axis] > (low + high)[number_of_axis] / 2) == bool(side % 2)
+            rows, columns, hit = rows[there], columns[there], hit[there]
+            places = ((hit[:, [across, up]] - low[[across, up]]) * PER_METRE).astype(np.float32)
+            image[rows, columns] = sample(wall, places)
         nearest[seen] = reach[seen]
-    small = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    return np.clip(small + rng.normal(0, 2, small.shape), 0, 255).astype(np.uint8)
+    soft = cv2.GaussianBlur(image, (0, 0), 0.7)  # a lens's; or the finest grain would alias
+    return np.clip(soft + rng.normal(0, 2, soft.shape), 0, 255).astype(np.uint8)
+
+
+def sample(wall: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(N, 3) uint8 colours of a wall at (N, 2) places, between its pixels; in rows, as OpenCV's maps are no longer
+    than 32,767."""
+    width = 4096
+    rows = -(-len(places) // width)
+    if rows == 0:
+        return np.zeros((0, 3), np.uint8)
+    maps = np.zeros((rows * width, 2), np.float32)
+    maps[: len(places)] = places
+    x, y = maps.reshape(rows, width, 2).transpose(2, 0, 1)
+    colours = cv2.remap(wall, np.ascontiguousarray(x), np.ascontiguousarray(y), cv2.INTER_LINEAR,
+                        borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
+    return colours.reshape(-1, 3)[: len(places)]
 
 
 def box(number: int) -> tuple[np.ndarray, np.ndarray]:
