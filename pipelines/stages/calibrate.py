@@ -146,6 +146,15 @@ class CalibrateStage:
         distance = known_distance(section, names)
         images = {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names}
         masks = None
+        if section.frames > len(frames):
+            reporter.warn(
+                f"calibrate.frames asks for {section.frames} moments, but only {len(frames)} are used of the footage."
+            )
+        if section.look_at != "everything" and context.config.capture.masks == "none":
+            raise StudioError(
+                f"calibrate.look_at = {section.look_at} needs masks, but capture.masks is none; choose how masks are "
+                "made, or look at everything."
+            )
         if section.look_at != "everything":
             room = section.look_at == "room"
             masks = {

@@ -71,6 +71,16 @@ def test_a_known_distance_needs_both_parts() -> None:
             known_distance(CalibrateSection(**values), names)
 
 
+def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:
+    from pipelines.stages.base import StageReporter
+    from pipelines.stages.calibrate import CalibrateStage
+
+    made = context(tmp_path, look_at="room")
+    stage = CalibrateStage()
+    with pytest.raises(StudioError, match="look_at = room needs masks, but capture.masks is none"):
+        stage.run(made, StageReporter(stage.name, made))
+
+
 def test_focal_lengths_from_exif(tmp_path: Path) -> None:
     made = context(tmp_path, suffix="jpg")
     found = focal_lengths(made.raw_footage, 0)
