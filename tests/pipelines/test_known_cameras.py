@@ -77,7 +77,7 @@ def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:
 
     made = context(tmp_path, look_at="room")
     stage = CalibrateStage()
-    with pytest.raises(StudioError, match="look_at = room needs masks, but capture.masks is none"):
+    with pytest.raises(StudioError, match="look_at = room needs masks"):
         stage.run(made, StageReporter(stage.name, made))
 
 
