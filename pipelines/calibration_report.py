@@ -14,14 +14,13 @@ _SPARSE = 0.4
 """Share of the image that observations should cover at least, or the lens is a guess in the rest."""
 
 
-_TRUSTED = 0.6
-"""Share of explained matches below which a solution was found to be wrong."""
-
-
 def calibration_lenses(report: dict[str, Any]) -> list[str]:
     """Sentences on lenses in common, where the footage was asked."""
+    from studio.calibration.sfm_judge import TRUSTED
+    from studio.calibration.sfm_lenses import LIMIT
+
     found: list[str] = []
-    if report.get("explained", 1.0) < _TRUSTED:
+    if report.get("explained", 1.0) < TRUSTED:
         return found  # what a wrong solution says of lenses means nothing
     for each in report.get("sharing", []):
         which = f"{len(each['images'])} cameras ({each['images'][0]} to {each['images'][-1]})"
@@ -30,7 +29,7 @@ def calibration_lenses(report: dict[str, Any]) -> list[str]:
         else:
             found.append(
                 f"A lens each for {which}: with one for all the errors grow {each['misfit']:.0f} times as much as by "
-                "chance (up to 8 would pass; calibrate.shared_lens decides it beforehand)."
+                f"chance (up to {LIMIT:.0f} would pass; calibrate.shared_lens decides it beforehand)."
             )
     return found
 
@@ -49,6 +48,8 @@ def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
 
 def calibration_warnings(report: dict[str, Any]) -> list[str]:
     """Sentences on what should be looked at."""
+    from studio.calibration.sfm_judge import TRUSTED
+
     found = []
     if report["reprojection"]["mean"] > 1:
         found.append(
@@ -66,7 +67,7 @@ def calibration_warnings(report: dict[str, Any]) -> list[str]:
     if poor and report["reprojection"]["mean"] <= 1:
         found.append(f"The reprojection error is over 1 px for {', '.join(poor)}; look at them before you train.")
     explained = report.get("explained", 1.0)
-    if explained < _TRUSTED:
+    if explained < TRUSTED:
         found.append(
             f"Only {explained:.0%} of the matches between cameras agree with where they were put (0.75 and more is "
             "usual): some may stand wrongly, whatever their reprojection error; try calibrate.shared_lens where the "

@@ -50,11 +50,9 @@ def try_one_lens(
             continue
         one = joined(model, keys)
         adjust(one)
-        given_up = (len(keys) - 1) * _free_parameters(model.cameras[keys[0]])
-        growth = (_misfit(one, width) - _misfit(model, width)) / noise(model) ** 2 / given_up
         images = [i for i in sorted(model.reg_image_ids()) if model.images[i].camera_id in keys]
-        told.append({"images": images, "shared": bool(growth < LIMIT), "misfit": round(float(growth), 2)})
-        if growth < LIMIT:
+        told.append(_compared(one, model, width, images, (len(keys) - 1) * _free_parameters(model.cameras[keys[0]])))
+        if told[-1]["shared"]:
             model = one
     return model, told
 
@@ -81,9 +79,7 @@ def try_own_lenses(
         images = [image for image in joint if joint[image] == key]
         if len(images) < 2:
             continue
-        given_up = (len(images) - 1) * _free_parameters(model.cameras[key])
-        growth = (_misfit(model, width) - _misfit(apart, width)) / noise(apart) ** 2 / given_up
-        told.append({"images": images, "shared": bool(growth < LIMIT), "misfit": round(float(growth), 2)})
+        told.append(_compared(model, apart, width, images, (len(images) - 1) * _free_parameters(model.cameras[key])))
     return (model if all(each["shared"] for each in told) else apart), told
 
 
@@ -194,6 +190,12 @@ def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
         point = model.points3D[key]
         copy.add_point3D(point.xyz, point.track, point.color)
     return copy
+
+
+def _compared(one: Any, apart: Any, width: float, images: list[int], given_up: int) -> dict[str, Any]:
+    """What is told of one lens for `images` against a lens each, which has `given_up` parameters more."""
+    growth = (_misfit(one, width) - _misfit(apart, width)) / noise(apart) ** 2 / given_up
+    return {"images": images, "shared": bool(growth < LIMIT), "misfit": round(float(growth), 2)}
 
 
 def _free_parameters(camera: Any) -> int:

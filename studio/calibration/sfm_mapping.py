@@ -53,7 +53,7 @@ class Mapper:
         The best has the most cameras, and of those the most explained matches. The first that has all cameras and can
         be trusted is taken.
         """
-        best, how = None, ""
+        best, how, rank = None, "", (0, 0.0)
         self._guess_focal_lengths()
         wanted = _ORDER.get(self.job["mapper"], ("incremental", "lenient", "global"))
         if self.job["poses"]:
@@ -64,9 +64,10 @@ class Mapper:
             if broken and attempt != "known poses":
                 models += self._steadied(models, broken, attempt)
             for model in models:
-                if best is None or self._rank(model) > self._rank(best):
-                    best, how = model, attempt
-            if best is not None and self._rank(best) >= (len(self.job["names"]), TRUSTED):
+                own = self._rank(model)
+                if best is None or own > rank:
+                    best, how, rank = model, attempt, own
+            if best is not None and rank >= (len(self.job["names"]), TRUSTED):
                 break
         if best is None:
             return None, how
