@@ -21,10 +21,7 @@ def known_file(context: Context) -> Path:
     Raises:
         StudioError: it is not there.
     """
-    path = context.config.capture.root / context.config.calibrate.known
-    if not path.exists():
-        raise StudioError(f"{path}: there is no such camera file; mend calibrate.known.")
-    return path
+    return _named(context, "known", "camera file")
 
 
 def tie_file(context: Context) -> Path:
@@ -33,9 +30,13 @@ def tie_file(context: Context) -> Path:
     Raises:
         StudioError: it is not there.
     """
-    path = context.config.capture.root / context.config.calibrate.tie_points
+    return _named(context, "tie_points", "file of tie points")
+
+
+def _named(context: Context, setting: str, what: str) -> Path:
+    path: Path = context.config.capture.root / getattr(context.config.calibrate, setting)
     if not path.exists():
-        raise StudioError(f"{path}: there is no such file of tie points; mend calibrate.tie_points.")
+        raise StudioError(f"{path}: there is no such {what}; mend calibrate.{setting}.")
     return path
 
 
