@@ -146,7 +146,7 @@ class RunSection(Section):
     @classmethod
     def _known_device(cls, value: str) -> str:
         kind, _, index = value.partition(":")
-        if kind not in ("auto", "cpu", "cuda") or (index and (kind != "cuda" or not index.isdigit())):
+        if kind not in ("auto", "cpu", "cuda") or (index and (kind != "cuda" or not index.isdecimal())):
             raise ValueError("must be auto, cpu, cuda or cuda:N")
         return value
 

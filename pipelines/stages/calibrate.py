@@ -19,7 +19,14 @@ from pipelines.point_files import write_points
 from pipelines.stages.arguments import camera_file, sfm_settings
 from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
 from pipelines.stages.boards import BOARD_SETTINGS, board_digest, calibrate_with_boards, lenses_from_boards
-from pipelines.stages.known_cameras import at_footage_size, focal_lengths, known_cameras, known_distance, known_file
+from pipelines.stages.known_cameras import (
+    at_footage_size,
+    check_sizes,
+    focal_lengths,
+    known_cameras,
+    known_distance,
+    known_file,
+)
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -108,7 +115,9 @@ class CalibrateStage:
         rig = read_rig(path)
         if context.config.capture.cameras:
             rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
-        return Rig(tuple(match_rig(rig, names).values())), {"source": "file", "file": str(path)}
+        rig = Rig(tuple(match_rig(rig, names).values()))
+        check_sizes(context, rig, path)
+        return rig, {"source": "file", "file": str(path)}
 
     def _frames(self, context: Context) -> list[int]:
         frames = context.raw_footage.frames
