@@ -43,6 +43,7 @@ class CalibrateSection(Section):
     headings: ClassVar[dict[str, str]] = {
         "board_images": "From a board",
         "board_frames": "Finding the board",
+        "tie_points": "From points by hand",
         "frame": "From the footage",
         "lens": "Lenses",
         "known": "Known cameras",
@@ -69,6 +70,16 @@ class CalibrateSection(Section):
 
     board_stands: bool = False
     """In board_origin's frame the board stands upright, instead of lying on the floor."""
+
+    tie_points: str = ""
+    """File of points that were marked by hand in several cameras (docs/CALIBRATION.md shows one), relative to
+    capture.root; the cameras then come from these. For cameras that see too little in common to find it themselves."""
+
+    tie_accuracy: float = Field(default=1.0, gt=0, le=100)
+    """How exactly tie points were marked, in pixels."""
+
+    tie_world_accuracy: float = Field(default=0.01, gt=0, le=10)
+    """How exactly places in the world of tie points were measured, in metres."""
 
     frame: int | None = None
     """Frame to calibrate from, in the numbers that the files have; null is the first that is used."""

@@ -18,7 +18,7 @@ from pipelines.config import (
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from studio.calibration import Board, BoardSettings, SfmSettings
+    from studio.calibration import Board, BoardSettings, SfmSettings, TieSettings
     from studio.capture import CaptureSpec
     from studio.meshing import HullSettings
     from studio.stream import BakeSettings
@@ -67,6 +67,18 @@ def board_settings(section: CalibrateSection, run: RunSection) -> BoardSettings:
         origin=section.board_origin,
         stands=section.board_stands,
         threads=run.threads,
+    )
+
+
+def tie_settings(section: CalibrateSection, run: RunSection) -> TieSettings:
+    """How cameras are found from points marked by hand."""
+    from studio.calibration import Accuracy, TieSettings
+
+    return TieSettings(
+        accuracy=Accuracy(mark=section.tie_accuracy, world=section.tie_world_accuracy),
+        shared_lens=section.shared_lens,
+        radial=section.lens not in ("SIMPLE_PINHOLE", "PINHOLE"),
+        seed=run.seed,
     )
 
 

@@ -16,7 +16,7 @@ from pipelines.calibration_report import (
 )
 from pipelines.files import atomic_path, digest_of_file, write_json
 from pipelines.point_files import write_points
-from pipelines.stages.arguments import camera_file, sfm_settings
+from pipelines.stages.arguments import camera_file, sfm_settings, tie_settings
 from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
 from pipelines.stages.boards import BOARD_SETTINGS, board_digest, calibrate_with_boards, lenses_from_boards
 from pipelines.stages.known_cameras import (
@@ -26,11 +26,20 @@ from pipelines.stages.known_cameras import (
     known_cameras,
     known_distance,
     known_file,
+    tie_file,
 )
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
+    from studio.cameras import Camera, Rig
     from studio.capture import Footage
+
+TIE_SETTINGS = (
+    "calibrate.tie_accuracy", "calibrate.tie_world_accuracy", "calibrate.board", "calibrate.board_frames",
+    "calibrate.lens", "calibrate.lens_images", "calibrate.shared_lens", "calibrate.scale_between",
+    "calibrate.scale_distance", "calibrate.refine_principal_point", "capture.color_matrix", "capture.size_rule",
+)  # fmt: skip
+"""Settings that cameras from tie points follow from."""
 
 
 class CalibrateStage:
@@ -44,13 +53,22 @@ class CalibrateStage:
 
     def ingredients(self, context: Context) -> Ingredients:
         """A calibration file's content, or the footage and how it is calibrated."""
-        given = camera_file(context.config.capture)
+        given = _given(context)
         if given is not None:
             return {"camera file": _digest(given), "capture.cameras": list(context.config.capture.cameras)}
         if context.config.calibrate.board_images:
             return {
                 "board footage": board_digest(context),
                 **settings_of(context.config, "capture.cameras", "capture.color_matrix", *BOARD_SETTINGS),
+            }
+        if context.config.calibrate.tie_points:
+            section = context.config.calibrate
+            return {
+                "tie points": _digest(tie_file(context)),
+                "sizes": {name: context.raw_footage.raw_size(name) for name in context.raw_footage.camera_names},
+                **settings_of(context.config, "capture.cameras", "run.seed", *TIE_SETTINGS),
+                **({"known": _digest(known_file(context))} if section.known else {}),
+                **({"board footage": board_digest(context)} if section.lens_images else {}),
             }
         capture = settings_of(
             context.config, "capture.images", "capture.cameras", "capture.color_matrix", "capture.offsets"
@@ -78,11 +96,13 @@ class CalibrateStage:
         """Write rig.json and report.json."""
         from studio.camera_files import write_rig
 
-        given = camera_file(context.config.capture)
+        given = _given(context)
         if given is not None:
             rig, report = self._from_file(context, given)
         elif context.config.calibrate.board_images:
             rig, report = self._from_board(context, reporter)
+        elif context.config.calibrate.tie_points:
+            rig, report = self._from_tie_points(context, reporter)
         else:
             rig, report = self._from_footage(context, reporter)
         with atomic_path(context.take.rig) as temporary:
@@ -171,14 +191,9 @@ class CalibrateStage:
             }
         work = context.take.work(self.name)
         work.mkdir(parents=True, exist_ok=True)
-        lenses: dict[str, Any] = {}
         report: dict[str, Any] = {"source": "footage", "frame": frames[0], "frames": frames}
-        if section.lens_images:
-            lenses, report["lenses"] = lenses_from_boards(context, reporter, 0.0, 0.2)
-            lenses = {name: at_footage_size(context, name, camera) for name, camera in lenses.items()}
-        before = known_cameras(context)
-        if before is not None:
-            lenses = {camera.name: camera for camera in before} | lenses
+        lenses, before, found_lenses = _known_lenses(context, reporter)
+        report |= found_lenses
         result = calibrate_from_images(
             images,
             masks,
@@ -198,6 +213,61 @@ class CalibrateStage:
         with atomic_path(context.take.calibration_points) as temporary:
             write_points(temporary, points, None, result.colors)
         return rig.subset(names), {**report, **result.report}
+
+    def _from_tie_points(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
+        from studio.calibration import calibrate_from_tie_points, read_tie_points
+
+        footage, section = context.raw_footage, context.config.calibrate
+        names = footage.camera_names
+        points = read_tie_points(tie_file(context))
+        strange = sorted({camera for point in points for camera in point.pixels} - set(names))
+        if strange and not context.config.capture.cameras:
+            raise StudioError(
+                f"{tie_file(context)} has marks in camera '{strange[0]}', which the footage has not; it has "
+                f"{', '.join(names)}."
+            )
+        lenses, _, report = _known_lenses(context, reporter)
+        result = calibrate_from_tie_points(
+            points,
+            {name: footage.raw_size(name) for name in names},
+            known=lenses,
+            focal_lengths={} if lenses else focal_lengths(footage, footage.frames[0]),
+            distance=known_distance(section, names),
+            settings=tie_settings(section, context.config.run),
+            progress=reporter.part("placing the cameras", 0.2 if section.lens_images else 0.0, 1.0),
+        )
+        with atomic_path(context.take.calibration_points) as temporary:
+            write_points(temporary, result.points, None, result.colors)
+        return result.rig, {"source": "tie points", "file": str(tie_file(context)), **report, **result.report}
+
+
+def _given(context: Context) -> Path | None:
+    """The camera file to take; one that merely lies there gives way to what the settings ask for by name.
+
+    Raises:
+        StudioError: the settings ask for several ways at once.
+    """
+    section, rig = context.config.calibrate, context.config.capture.rig
+    ways = [name for name in ("board_images", "tie_points") if getattr(section, name)]
+    if rig not in (None, "auto"):
+        ways.insert(0, "capture.rig")
+    if len(ways) > 1:
+        named = " and ".join(way if "." in way else f"calibrate.{way}" for way in ways)
+        raise StudioError(f"{named} each say where the cameras come from; keep one of them (capture.rig can be null).")
+    return None if ways and ways != ["capture.rig"] else camera_file(context.config.capture)
+
+
+def _known_lenses(context: Context, reporter: StageReporter) -> tuple[dict[str, Camera], Rig | None, dict[str, Any]]:
+    """Lenses that are known beforehand at the footage's size, the cameras of calibrate.known, and what to report."""
+    lenses: dict[str, Camera] = {}
+    report: dict[str, Any] = {}
+    if context.config.calibrate.lens_images:
+        lenses, report["lenses"] = lenses_from_boards(context, reporter, 0.0, 0.2)
+        lenses = {name: at_footage_size(context, name, camera) for name, camera in lenses.items()}
+    before = known_cameras(context)
+    if before is not None:
+        lenses = {camera.name: camera for camera in before} | lenses
+    return lenses, before, report
 
 
 def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.ndarray:

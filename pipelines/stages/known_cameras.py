@@ -27,6 +27,18 @@ def known_file(context: Context) -> Path:
     return path
 
 
+def tie_file(context: Context) -> Path:
+    """calibrate.tie_points.
+
+    Raises:
+        StudioError: it is not there.
+    """
+    path = context.config.capture.root / context.config.calibrate.tie_points
+    if not path.exists():
+        raise StudioError(f"{path}: there is no such file of tie points; mend calibrate.tie_points.")
+    return path
+
+
 def known_cameras(context: Context) -> Rig | None:
     """The cameras of calibrate.known, at the footage's size and under its names; None where it is empty.
 

@@ -7,24 +7,33 @@ from studio.calibration.gauge import RigDifference, Similarity, align_points, al
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.sfm import calibrate_from_images
 from studio.calibration.sfm_job import SfmSettings
+from studio.calibration.tie_adjust import Accuracy
+from studio.calibration.tie_file import TiePoint, read_tie_points, write_tie_points
+from studio.calibration.tie_points import TieSettings, calibrate_from_tie_points
 
 __all__ = [
     "PAPERS",
+    "Accuracy",
     "Board",
     "BoardSettings",
     "CalibrationResult",
     "RigDifference",
     "SfmSettings",
     "Similarity",
+    "TiePoint",
+    "TieSettings",
     "View",
     "align_points",
     "align_rigs",
     "calibrate_from_boards",
     "calibrate_from_images",
+    "calibrate_from_tie_points",
     "calibrate_lenses",
     "compare_rigs",
     "detect_boards",
     "floor_world",
+    "read_tie_points",
     "reprojection_report",
     "write_board_pdf",
+    "write_tie_points",
 ]
