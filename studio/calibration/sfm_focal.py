@@ -44,6 +44,16 @@ def guess_focal_lengths(database: Path, folder: Path, lenses: Sequence[int], see
     guessed.unlink()
 
 
+def is_any_unknown(database: Path) -> bool:
+    """Whether nothing is known of the focal length of a lens in the database: not given, and not guessed either."""
+    import pycolmap
+
+    opened = pycolmap.Database.open(database)
+    found = not all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
+    opened.close()
+    return found
+
+
 def focal_ratio(camera: Any) -> float:
     """Focal length by the image's longer side."""
     return float(camera.mean_focal_length()) / longer_side(camera)

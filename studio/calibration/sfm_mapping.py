@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from studio.calibration.sfm_features import say
-from studio.calibration.sfm_focal import focal_ratio, guess_focal_lengths, longer_side
+from studio.calibration.sfm_focal import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
 from studio.calibration.sfm_judge import TRUSTED, explained_share, noise
 from studio.calibration.sfm_lenses import (
     camera_of_image,
@@ -295,8 +295,9 @@ class Mapper:
         out = self.folder / "models_global"
         out.mkdir(exist_ok=True)
         say(step="global mapping", done=0, total=1)
-        if not all(lens["prior"] for lens in self.job["lenses"]):
-            # Unlike the incremental mapper the global one cannot find its way from a guessed focal length.
+        if not all(lens["prior"] for lens in self.job["lenses"]) and is_any_unknown(self.database):
+            # Unlike the incremental mapper the global one cannot find its way from a guessed focal length. Where the
+            # pairs agreed on one for every lens (`_guess_focal_lengths`), asking them again changes nothing.
             calibration = pycolmap.ViewGraphCalibrationOptions()
             calibration.random_seed = self.seed
             pycolmap.calibrate_view_graph(self.database, calibration)
