@@ -15,6 +15,7 @@ from gui.output_actions import OutputActions
 from gui.panels.folder_dialog import ask_path
 from gui.panels.option_dialogs import ask_preferences
 from gui.panels.take_dialog import ask_new_take
+from gui.point_actions import PointActions
 from gui.presenters.exports import FORMATS
 from gui.presenters.new_take import NewTake
 from gui.presenters.preferences import Preferences
@@ -37,6 +38,7 @@ class Actions:
     def __init__(self, window: MainWindow) -> None:
         self._window = window
         self._marks, self._outputs = MarkActions(window), OutputActions(window)
+        self.points = PointActions(window)
 
     def menu(self) -> dict[str, Action]:
         """By key of `gui.menus.MENUS`."""
@@ -101,6 +103,7 @@ class Actions:
             key.PERIOD: menu["next_mark"],
             key.LESS_THAN: menu["previous_mark"],
             key.GREATER_THAN: menu["next_mark"],
+            **self.points.keys(),
         }
         return actions.get(event.key)
 

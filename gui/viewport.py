@@ -24,6 +24,10 @@ def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[i
     return max(int(width * shrink), 16), max(int(height * shrink), 16)
 
 
+_STILL = 3.0
+"""Pixels that the mouse may move between pressing and letting go of a click."""
+
+
 class Gestures(Protocol):
     """What is shown, as far as the mouse goes. Places are pixels of the picture."""
 
@@ -43,6 +47,14 @@ class Gestures(Protocol):
         """Move what was taken hold of."""
         ...
 
+    def click(self, x: float, y: float) -> None:
+        """The left button was pressed and let go at one place."""
+        ...
+
+    def hover(self, x: float, y: float) -> None:
+        """Where the mouse is when the wheel turns."""
+        ...
+
 
 class Viewport:
     """Shows pictures and turns mouse events into gestures.
@@ -57,6 +69,8 @@ class Viewport:
         self._changed = changed
         self._last: tuple[float, float] | None = None
         self._pulling = False
+        self._clicking = False
+        self._start = (0.0, 0.0)
         self._picture_size = (16, 16)
         self.most_pixels = MAX_PIXELS
         self.picture = PictureWidget(self._on_mouse)
@@ -81,9 +95,13 @@ class Viewport:
         # Gestures are in widget pixels; the picture may have fewer.
         scale = self._picture_size[0] / max(self.picture.size[0], 1)
         if event.type == kind.BUTTON_DOWN:
-            self._last = (x, y)
-            self._pulling = event.is_button_down(gui.MouseButton.LEFT) and gestures.grabs(x * scale)
+            self._last = self._start = (x, y)
+            self._clicking = event.is_button_down(gui.MouseButton.LEFT)
+            self._pulling = self._clicking and gestures.grabs(x * scale)
         elif event.type == kind.DRAG and self._last is not None:
+            if self._clicking and max(abs(x - self._start[0]), abs(y - self._start[1])) <= _STILL:
+                return True  # a click with an unsteady hand is no drag
+            self._clicking = False
             dx, dy = x - self._last[0], y - self._last[1]
             self._last = (x, y)
             if self._pulling:
@@ -94,9 +112,13 @@ class Viewport:
                 gestures.drag(*((dx, dy) if turn else (dx * scale, dy * scale)), turn, self._picture_size[1])
             self._changed()
         elif event.type == kind.BUTTON_UP:
+            if self._clicking and not self._pulling:
+                gestures.click(x * scale, y * scale)
+                self._changed()
             self._last = None
-            self._pulling = False
+            self._pulling = self._clicking = False
         elif event.type == kind.WHEEL:
+            gestures.hover(x * scale, y * scale)
             gestures.wheel(event.wheel_dy)
             self._changed()
         else:

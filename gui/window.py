@@ -238,6 +238,7 @@ class MainWindow:
             if self.exports.result:
                 self.dialogs.message("Export", self.exports.result)
                 self.exports.result = ""
+        changed |= self.actions.points.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
         if pixels is not None:

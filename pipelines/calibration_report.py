@@ -73,11 +73,17 @@ def calibration_warnings(report: dict[str, Any]) -> list[str]:
             "usual): some may stand wrongly, whatever their reprojection error; try calibrate.shared_lens where the "
             "lenses are alike, other or more moments (calibrate.frame, frames), or a board."
         )
-    sparse = [name for name, figures in report["cameras"].items() if figures["coverage"] < _SPARSE]
+    known = report.get("known_lenses", ())
+    sparse = [n for n, figures in report["cameras"].items() if figures["coverage"] < _SPARSE and n not in known]
     if sparse:
         found.append(
             f"Less than {_SPARSE:.0%} of the image holds anything to calibrate by for {', '.join(sparse)}; elsewhere "
             "their lenses are a guess."
+        )
+    for mark in report.get("left_out", []):
+        found.append(
+            f"Point '{mark['point']}' was left out in {mark['camera']}: it is marked {mark['error']:.1f} px from where "
+            "the other marks say; look at it again."
         )
     for name, reason in report.get("unregistered", {}).items():
         found.append(f"Camera '{name}' found no place: {reason}.")

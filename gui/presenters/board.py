@@ -91,6 +91,15 @@ class Board:
     def wheel(self, notches: float) -> None:
         """The wheel."""
 
+    def click(self, x: float, y: float) -> None:
+        """A click at a pixel of the picture."""
+
+    def hover(self, x: float, y: float) -> None:
+        """Where the mouse is when the wheel turns."""
+
+    def reset(self) -> None:
+        """Back to the first view."""
+
     @property
     def status(self) -> str:
         """A line of figures."""

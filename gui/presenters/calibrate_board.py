@@ -30,7 +30,7 @@ UNKNOWN: tuple[str, RGB] = ("no error known: cameras were given", SECOND)
 class CalibrateBoard(OrbitBoard):
     """See the module."""
 
-    modes = ("cameras", "report")
+    modes = ("cameras", "report", "points by hand")  # the last is `PointsBoard`'s
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from gui.presenters.calibrate_board import CalibrateBoard
 from gui.presenters.capture_board import CaptureBoard
 from gui.presenters.initialise_board import InitialiseBoard, Mesh
 from gui.presenters.player import PlayerPresenter
+from gui.presenters.points_board import PointsBoard
 from gui.presenters.train_board import TrainBoard
 from gui.presenters.workspace import Workspace
 
@@ -35,6 +35,7 @@ TOOLTIPS = {
     "performer": "What the masks leave",
     "cameras": "Cameras where they stand, with their images; sparse points where they were found",
     "report": "Errors camera by camera",
+    "points by hand": "Mark the same points in several cameras, where these find too little in common by themselves",
     "mesh": "The visual hull of the group's first frame",
     "points": "The points that training starts from",
     "progress": "Loss, PSNR and splats as they change, and a held-out camera beside its newest render",
@@ -64,6 +65,7 @@ class Views:
             "train": TrainBoard(workspace),
             "bake": BakeBoard(workspace),
         }
+        self.points = PointsBoard(workspace)
         self.stage = "review"
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
@@ -102,7 +104,7 @@ class Views:
     def shown_anew(self) -> None:
         """What is shown must be drawn again, because something else was shown."""
         self.player.show_again()
-        for board in self.boards.values():
+        for board in (*self.boards.values(), self.points):
             board.show_again()
 
     @property
@@ -113,7 +115,14 @@ class Views:
     @property
     def board(self) -> Board | None:
         """What is shown otherwise."""
-        return None if self.shows_player else self.boards[self.stage]
+        if self.shows_player:
+            return None
+        return self.points if self.marks_points else self.boards[self.stage]
+
+    @property
+    def marks_points(self) -> bool:
+        """Whether points are marked by hand."""
+        return self.stage == "calibrate" and self.boards["calibrate"].mode in self.points.modes
 
     def fit_transport(self) -> bool:
         """Let the transport run over what the shown stage has frames of; returns whether it did not before."""
@@ -175,6 +184,16 @@ class Views:
         else:
             self.player.wheel(notches)
 
+    def click(self, x: float, y: float) -> None:
+        """A click."""
+        if self.board is not None:
+            self.board.click(x, y)
+
+    def hover(self, x: float, y: float) -> None:
+        """Where the mouse is."""
+        if self.board is not None:
+            self.board.hover(x, y)
+
     def grabs(self, x: float) -> bool:
         """Whether a press at a column takes hold of the wipe's line."""
         return self.board is None and self.player.wipe_at(x)
@@ -185,12 +204,12 @@ class Views:
 
     def reset(self) -> None:
         """Back to the first view of what is shown."""
-        board: Any = self.board
+        board = self.board
         if board is None:
             self.player.reset_view()
-        elif board.orbits:
+        else:
             board.reset()
 
     def close(self) -> bool:
         """End all threads. Returns whether they ended in time."""
-        return all([board.close() for board in self.boards.values()] + [self.player.close()])
+        return all([board.close() for board in (*self.boards.values(), self.points)] + [self.player.close()])

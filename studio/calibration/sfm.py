@@ -156,7 +156,7 @@ def _read(
         raise StudioError(
             f"Structure from motion found no solution for these {len(names)} images; fewest matches has '{worst}' "
             f"({missing.get(worst, 'no place')}); use images with more of the same background in view, or calibrate "
-            "with a board."
+            "with a board, or from points that you mark by hand (calibrate.tie_points)."
         )
     if missing and not allow_unregistered:
         text = "; ".join(f"'{name}': {reason}" for name, reason in missing.items())

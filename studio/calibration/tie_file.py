@@ -19,8 +19,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from studio.camera_files.common import read_text, write_atomic
+import yaml
+
+from studio.camera_files.common import naming, read_text, write_atomic
 from studio.errors import StudioError
+
+
+class _Loader(yaml.BaseLoader):
+    """YAML in which nothing is named twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = [key.value for key, _ in node.value]
+        for name in names:
+            if names.count(name) > 1:
+                raise StudioError(
+                    f"line {node.start_mark.line + 1} and below: two points are called '{name}', or two cameras of one."
+                )
+        return super().construct_mapping(node, deep)
 
 
 @dataclass(frozen=True)
@@ -46,12 +61,11 @@ def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
     Raises:
         StudioError: the file is missing, is no YAML, or a value is not what it should be (named).
     """
-    import yaml
-
     text = read_text(path)
     try:
         # everything as text, or camera 01 would become 1
-        content = yaml.load(text, yaml.BaseLoader)
+        with naming(path):
+            content = yaml.load(text, _Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark is not None else ""
@@ -64,8 +78,6 @@ def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
 
 def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
     """Write them; `read_tie_points` gives the same back (pixels to a hundredth)."""
-    import yaml
-
     content = {}
     for point in points:
         values: dict[str, Any] = {}

@@ -75,7 +75,7 @@ def calibrate_from_tie_points(
         cameras and the points. With three measured places or more the world is theirs; else it is as in
         `gauge.upright`. The report has, beside `reprojection_report`'s figures, `tie_points`: name to `error` (mean,
         pixels), `cameras` (how many see it) and `off` (metres from where it was measured, where it was);
-        `left_out`: marks taken for mistakes, {point, camera, error}; `metric`; `unregistered` (empty).
+        `left_out`: marks taken for mistakes, {point, camera, error}; `known_lenses`; `metric`; `unregistered` (empty).
 
     Raises:
         StudioError: a camera sees too few of the points that others see (named), or nothing fits.
@@ -104,7 +104,9 @@ def calibrate_from_tie_points(
         raise StudioError(_lonely(sightings, sizes, best))
     best, left_out = _settled(best, sightings, groups, settings)
     progress(len(guesses) + 1, len(guesses) + 1)
-    return _result(best, sightings, left_out, distance, sizes)
+    result = _result(best, sightings, left_out, distance, sizes)
+    result.report["known_lenses"] = [name for name in sizes if name in known]
+    return result
 
 
 def _sightings(points: Sequence[TiePoint], sizes: Mapping[str, tuple[int, int]]) -> Sightings:
@@ -196,7 +198,7 @@ def _settled(
 
 def _lonely(sightings: Sightings, sizes: Mapping[str, tuple[int, int]], best: TieRig | None) -> str:
     """Who could not be placed, and what is missing."""
-    standing = list(best.cameras) if best is not None else []
+    standing = [name for name in sizes if best is not None and name in best.cameras]
     lost = [name for name in sizes if name not in standing]
     marks = {name: int(sightings.seen(name).sum()) for name in sizes}
     measured = {name: int((sightings.seen(name) & sightings.measured).sum()) for name in sizes}

@@ -91,7 +91,7 @@ def starts(lenses: Mapping[str, Camera], sightings: Sightings, seed: int) -> Ite
 def _grown(lenses: Mapping[str, Camera], sightings: Sightings, rig: TieRig, seed: int) -> TieRig:
     """With all cameras and points that follow from those that stand, the surest first."""
     while True:
-        _triangulate(sightings, rig)
+        triangulate(sightings, rig)
         placed = ~np.isnan(rig.places[:, 0])
         counts = {name: int((sightings.seen(name) & placed).sum()) for name in lenses if name not in rig.cameras}
         found = False
@@ -108,7 +108,7 @@ def _grown(lenses: Mapping[str, Camera], sightings: Sightings, rig: TieRig, seed
             return rig
 
 
-def _triangulate(sightings: Sightings, rig: TieRig) -> None:
+def triangulate(sightings: Sightings, rig: TieRig) -> None:
     """Places of points that two standing cameras see, by the linear method; in place."""
     rays = {name: _rays(camera, sightings.pixels[name]) for name, camera in rig.cameras.items()}
     for number in np.flatnonzero(np.isnan(rig.places[:, 0])):

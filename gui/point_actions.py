@@ -1,0 +1,87 @@
+"""What keys and the points board's requests do while points are marked by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from open3d.visualization import gui
+
+if TYPE_CHECKING:
+    from gui.window import MainWindow
+
+
+class PointActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: MainWindow) -> None:
+        self._window = window
+
+    def keys(self) -> dict[Any, Callable[[], object]]:
+        """Keys that mean something else while points are marked."""
+        key, board = gui.KeyName, self._window.views.points
+        if not self._window.views.marks_points:
+            return {}
+        return {
+            key.N: board.new_point,
+            key.E: self._describe,
+            key.DELETE: board.unmark,
+            key.BACKSPACE: board.unmark,
+            key.A: board.toggle_snap,
+            key.C: lambda: board.step_camera(1),
+            key.UP: lambda: board.step_point(-1),
+            key.DOWN: lambda: board.step_point(1),
+        }
+
+    def poll(self) -> bool:
+        """Do what the board asks for; returns whether it asked."""
+        board = self._window.views.points
+        asked, board.asks = board.asks, ""
+        if asked == "describe":
+            self._describe()
+        elif asked == "run":
+            self._run()
+        return bool(asked)
+
+    def _describe(self, problem: str = "", text: str | None = None) -> None:
+        marks = self._window.views.points.marks
+        point = marks.point if marks is not None else None
+        if marks is None or point is None:
+            return
+        if text is None:
+            text = point.name + ("; " + " ".join(f"{value:g}" for value in point.world) if point.world else "")
+
+        def save(words: str) -> None:
+            wrong = marks.describe(words)
+            if wrong:
+                self._describe(wrong, words)
+
+        help_text = "Name; and after a semicolon, where it was measured, x y z in metres (z up):\nmat corner; 0 0.3 0"
+        self._window.dialogs.line(
+            "point",
+            "The point",
+            f"{problem}\n\n{help_text}" if problem else help_text,
+            text,
+            [("save", "Save", save), ("close", "Cancel", lambda _: None)],
+        )
+
+    def _run(self) -> None:
+        """Let the take's cameras come from these points."""
+        window, board = self._window, self._window.views.points
+        workspace, path = window.workspace, board.path
+        if path is None or board.marks is None or not path.is_file():
+            board.problem = "Mark some points first."
+            return
+        config = workspace.config
+        if config is not None and not config.calibrate.tie_points:
+            for name, value in (("capture.rig", None), ("calibrate.tie_points", str(path.resolve()))):
+                wrong = workspace.change_setting(name, value)
+                if wrong:
+                    board.problem = wrong
+                    return
+        if workspace.start("calibrate", again=False):
+            window.select("calibrate")

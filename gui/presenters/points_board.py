@@ -1,0 +1,287 @@
+"""Points by hand: a camera's picture to mark points in, the list of points, and how others see the chosen one."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from gui.presenters.board import Board, Size
+from gui.presenters.canvas import Canvas
+from gui.presenters.palette import FAIR, GROUND
+from gui.presenters.points_drawing import MOST_PICTURES, Action, Spots, crops, cross, point_list, tabs
+from gui.presenters.tie_marks import LEAST, TieMarks, expected
+from gui.presenters.workspace import Workspace
+from gui.presenters.zoom import Zoom
+from pipelines.files import read_json
+from studio.cameras import Rig
+from studio.errors import StudioError
+
+
+class PointsBoard(Board):
+    """See the module. Clicks fall on what the last picture had where.
+
+    Attributes:
+        asks: what the window shall ask the user for: "describe" or "", and "run" for a calibration.
+    """
+
+    modes = ("points by hand",)
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self.marks: TieMarks | None = None
+        self.camera = ""
+        self.snaps = True
+        self.asks = ""
+        self.problem = ""
+        self._zooms: dict[str, Zoom] = {}
+        self._images: dict[tuple[str, int], np.ndarray] = {}
+        self._spots = Spots()
+        self._hover = (0.0, 0.0)
+        self._changes = 0
+        self._scroll = 0
+        self._rig: tuple[float, Rig | None] = (0.0, None)
+
+    # What it depends on
+
+    @property
+    def path(self) -> Path | None:
+        """The file of points: the settings' one, else points.yaml in the take."""
+        take, config = self.workspace.take, self.workspace.config
+        if take is None or config is None:
+            return None
+        named = config.calibrate.tie_points
+        return config.capture.root / named if named else take.root / "points.yaml"
+
+    def state(self) -> Hashable:
+        """See `Board`."""
+        path = self.path
+        if path is not None and (self.marks is None or self.marks.path != path or self.marks.stale):
+            self._load(path)
+        take = self.workspace.take
+        solved = take.rig.stat().st_mtime if take is not None and take.rig.is_file() else 0.0
+        changes = self.marks.changes if self.marks is not None else 0
+        zoom = self._zooms.get(self.camera)
+        return (path, changes, self._changes, self.camera, self.frame, self.em, solved, zoom.key if zoom else None)
+
+    def _load(self, path: Path) -> None:
+        chosen = self.marks.chosen if self.marks is not None and self.marks.path == path else 0
+        try:
+            self.marks, self.problem = TieMarks(path), ""
+        except StudioError as error:
+            self.marks, self.problem = None, str(error)
+        else:
+            self.marks.choose(chosen)
+            self._changes += 1
+
+    def names(self) -> tuple[str, ...]:
+        """The cameras."""
+        context = self.workspace.context
+        return context.raw_footage.camera_names if context is not None else ()
+
+    # Pictures
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `Board`."""
+        marks = self.marks
+        if marks is None or self.workspace.context is None:
+            raise StudioError(self.problem or "Open a take to mark points in its footage.")
+        names = self.names()
+        if self.camera not in names:
+            self.camera = names[0]
+        canvas, spots = Canvas(*size, GROUND), Spots()
+        small = round(0.85 * self.em)
+        left, right = min(15 * self.em, 0.3 * size[0]), min(9 * self.em, 0.2 * size[0])
+        top = tabs(canvas, spots, (left, size[0] - left), names, marks, self.camera, self.em, self.show_camera)
+        self._picture(canvas, marks, (left, top, size[0] - left - right, size[1] - top), small)
+        if marks.point is not None:
+            shown = [name for name in names if name in marks.point.pixels][:MOST_PICTURES]
+            images = {name: self._image(name) for name in shown}
+            rect = (size[0] - right, top, right, size[1] - top)
+            crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
+        rows = point_list(canvas, spots, (left, size[1]), marks, self._scroll, self._solved(), self._buttons(), self.em)
+        self._scroll = min(max(self._scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
+        self._spots = spots
+        return canvas.pixels
+
+    def _image(self, camera: str) -> np.ndarray:
+        assert self.workspace.context is not None
+        key = (camera, self._number())
+        if key not in self._images:
+            if len(self._images) > MOST_PICTURES + 2:
+                self._images.clear()
+            self._images[key] = self.workspace.context.raw_footage.raw_image(*key)
+        return self._images[key]
+
+    def _number(self) -> int:
+        """The footage's number of the frame that is shown."""
+        assert self.workspace.context is not None
+        frames = self.workspace.context.raw_footage.frames
+        return int(frames[min(self.frame, len(frames) - 1)])
+
+    def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float], small: int) -> None:
+        image = self._image(self.camera)
+        zoom = self._zooms.get(self.camera)
+        if zoom is None:
+            zoom = self._zooms[self.camera] = Zoom((image.shape[1], image.shape[0]))
+        zoom.place(rect)
+        zoom.draw(canvas, image)
+        for index, point in enumerate(marks.points):
+            if self.camera in point.pixels:
+                here = point.pixels[self.camera]
+                cross(canvas, zoom, here, point.name, index == marks.chosen, small, 0.6 * self.em)
+        rig = self._cameras()
+        chosen = marks.point
+        if rig is not None and chosen is not None and self.camera in rig:
+            guess = expected(chosen, rig[self.camera], rig)
+            if guess is not None:
+                shown = [zoom.shown(x, y) for x, y in guess]
+                if len(shown) == 1:
+                    if zoom.holds(*shown[0]):
+                        canvas.dot(*shown[0], 0.7 * self.em, FAIR, filled=False)
+                else:
+                    canvas.line([place for place in shown if zoom.holds(*place)] or [(-9, -9), (-9, -9)], FAIR)
+
+    def _buttons(self) -> list[tuple[str, Action]]:
+        return [
+            ("New point (N)", self.new_point),
+            ("Name, place in metres (E)", partial(self._ask, "describe")),
+            ("Not in this camera (Delete)", self.unmark),
+            ("Remove the point", self.remove),
+            (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
+            ("Calibrate from the points", partial(self._ask, "run")),
+        ]
+
+    def _solved(self) -> dict[str, dict[str, float]]:
+        """The last calibration's figures by point, where it was made from points."""
+        take = self.workspace.take
+        if take is None or not take.calibration_report.is_file():
+            return {}
+        found = read_json(take.calibration_report).get("tie_points", {})
+        return found if isinstance(found, dict) else {}
+
+    def _cameras(self) -> Rig | None:
+        """Cameras that stand and fit the footage's size."""
+        take, context = self.workspace.take, self.workspace.context
+        if take is None or context is None or not take.rig.is_file():
+            return None
+        stamp = take.rig.stat().st_mtime
+        if stamp != self._rig[0]:
+            from studio.camera_files import read_rig
+
+            footage = context.raw_footage
+            rig = read_rig(take.rig)
+            fits = all(
+                name in rig and footage.raw_size(name) == (rig[name].width, rig[name].height)
+                for name in footage.camera_names
+            )
+            self._rig = (stamp, rig if fits else None)
+        return self._rig[1]
+
+    # What a user does
+
+    def click(self, x: float, y: float) -> None:
+        """A click at a pixel of the board's picture."""
+        action = self._spots.at(x, y)
+        if action is not None:
+            self._try(action)
+            self._changes += 1
+            return
+        zoom = self._zooms.get(self.camera)
+        if zoom is not None and zoom.holds(x, y) and self.marks is not None:
+            self._try(partial(self._mark, *zoom.pixel(x, y)))
+
+    def _mark(self, x: float, y: float) -> None:
+        from studio.calibration.tie_snap import snap
+
+        assert self.marks is not None
+        image = self._image(self.camera)
+        if not (0 <= x < image.shape[1] and 0 <= y < image.shape[0]):
+            return
+        if self.snaps:
+            x, y = snap(image, x, y, max(4, round(5 * max(image.shape[:2]) / 1500)))
+        self.marks.mark(self.camera, x, y, self._number())
+
+    def _try(self, action: Action) -> None:
+        try:
+            action()
+            self.problem = ""
+        except StudioError as error:
+            self.problem = str(error)
+
+    def _ask(self, what: str) -> None:
+        self.asks = what
+
+    def show_camera(self, name: str) -> None:
+        """Show another camera's picture."""
+        self.camera = name
+        self._changes += 1
+
+    def step_camera(self, direction: int) -> None:
+        """The next camera (1), or the one before."""
+        names = self.names()
+        if names:
+            here = names.index(self.camera) if self.camera in names else 0
+            self.show_camera(names[(here + direction) % len(names)])
+
+    def new_point(self) -> None:
+        """Begin a point."""
+        if self.marks is not None:
+            self.marks.add()
+
+    def step_point(self, direction: int) -> None:
+        """Choose the next point of the list (1), or the one before."""
+        if self.marks is not None:
+            self.marks.choose(self.marks.chosen + direction)
+
+    def unmark(self) -> None:
+        """The chosen point is not in this camera."""
+        if self.marks is not None:
+            marks, camera = self.marks, self.camera
+            self._try(lambda: marks.unmark(camera))
+
+    def remove(self) -> None:
+        """Remove the chosen point."""
+        if self.marks is not None:
+            self._try(self.marks.remove)
+
+    def toggle_snap(self) -> None:
+        """Whether clicks fall on the nearest corner or dot."""
+        self.snaps = not self.snaps
+        self._changes += 1
+
+    def hover(self, x: float, y: float) -> None:
+        """Where the mouse is."""
+        self._hover = (x, y)
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Move the picture."""
+        zoom = self._zooms.get(self.camera)
+        if zoom is not None:
+            zoom.pan(dx, dy)
+
+    def wheel(self, notches: float) -> None:
+        """Nearer, about the mouse; over the list the next or the previous point."""
+        zoom = self._zooms.get(self.camera)
+        if zoom is not None and zoom.holds(*self._hover):
+            zoom.nearer(notches, *self._hover)
+        else:
+            self.step_point(-1 if notches > 0 else 1)
+
+    def reset(self) -> None:
+        """The whole picture."""
+        self._zooms.pop(self.camera, None)
+        self._changes += 1
+
+    @property
+    def status(self) -> str:
+        """See `Board`."""
+        if self.problem:
+            return self.problem
+        if self.marks is None:
+            return ""
+        few = [name for name in self.names() if self.marks.count(name) < LEAST]
+        words = "click marks the chosen point, drag moves, wheel comes nearer, arrows up and down choose, C next camera"
+        return f"{words}; fewer than {LEAST} marks: {', '.join(few)}" if few else words
