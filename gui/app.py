@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--log-state", type=Path, metavar="FILE", help="append what the window shows, as JSON lines")
     options = parser.parse_args(arguments)
     width, _, height = options.size.partition("x")
-    if not (width.isdigit() and height.isdigit() and int(width) >= 480 and int(height) >= 320):
+    if not (width.isdecimal() and height.isdecimal() and int(width) >= 480 and int(height) >= 320):
         parser.error(f"--size is '{options.size}'; give WIDTHxHEIGHT of at least 480x320, as in 1280x800")
     try:
         device = check_display()

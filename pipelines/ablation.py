@@ -14,6 +14,7 @@ from pipelines.files import digest_of, read_json, write_json
 from pipelines.runner import run
 from pipelines.take import Take
 
+_KEPT = ("psnr_decoded", "psnr_trained", "ssim_decoded", "lpips_decoded")
 _METHOD: dict[str, Any] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
 
 
@@ -40,8 +41,8 @@ def ablate(
 
     Returns:
         What stands in ablation.json: `variants`, each with `points` (qp, kb_per_frame, psnr_decoded, psnr_trained,
-        ssim_decoded) and, but for the first, `bd_rate_percent` and `bd_psnr_db` against it (None where the curves do
-        not overlap).
+        ssim_decoded, and lpips_decoded where evaluate.lpips asks for it) and, but for the first, `bd_rate_percent` and
+        `bd_psnr_db` against it (None where the curves do not overlap).
 
     Raises:
         StudioError, Cancelled: as of `run`.
@@ -89,7 +90,7 @@ def _measure(
             {
                 "qp": qp,
                 "kb_per_frame": round(summary["bytes_per_frame"] / 1000, 3),
-                **{name: summary[name] for name in ("psnr_decoded", "psnr_trained", "ssim_decoded")},
+                **{name: summary[name] for name in _KEPT if name in summary},
             }
         )
     entry["points"].sort(key=lambda point: point["qp"])

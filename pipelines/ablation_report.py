@@ -14,11 +14,16 @@ from pipelines.files import atomic_path, write_text
 def table_rows(results: dict[str, Any], qp: int) -> list[list[str]]:
     """Header and a row a variant: at the given QP, and over the whole curve."""
     rows = [["variant", f"KB a frame at QP {qp}", "PSNR trained", "PSNR decoded", "BD-rate", "BD-PSNR"]]
+    perceptual = any("lpips_decoded" in point for entry in results["variants"] for point in entry["points"])
+    if perceptual:
+        rows[0].insert(4, "LPIPS decoded")
     for index, entry in enumerate(results["variants"]):
         point = next((point for point in entry["points"] if point["qp"] == qp), None)
         figures = ["", "", ""]
         if point is not None:
             figures = [f"{point['kb_per_frame']:.1f}", f"{point['psnr_trained']:.2f}", f"{point['psnr_decoded']:.2f}"]
+        if perceptual:
+            figures.append("" if point is None else f"{point['lpips_decoded']:.4f}")
         against = ["", ""]
         if index:
             rate, quality = entry["bd_rate_percent"], entry["bd_psnr_db"]

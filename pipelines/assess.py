@@ -22,7 +22,7 @@ class StageStatus:
         stage: its name.
         state: done, partial (some units are finished and valid), stale (made from something else than what would be
             taken now), failed (the last attempt), missing (never run).
-        reason: why it is not done; "" where it is.
+        reason: why it is not done; "" where it is. Of a failed one what was wrong "last time: ...": it may be mended.
         units_done, units, unit: finished units, units in all, and what they are called ("frames"); 0, 0, "" if none.
         seconds: what the finished run took.
         summary: figures of the finished run.
@@ -93,7 +93,7 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
         found = replace(found, units_done=units[0], units=units[1], unit=units[2])
     failure = read_failure(context.take, stage.name)
     if failure:
-        return replace(found, state=FAILED, reason=failure)
+        return replace(found, state=FAILED, reason=f"last time: {failure}")
     # finished once and all units stand, but still not done: what is wrong is no unit
     partial = found.units_done and (record is None or found.units_done < found.units)
     return replace(found, state=PARTIAL if partial else found.state, reason=reason)

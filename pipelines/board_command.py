@@ -38,6 +38,17 @@ def _board(arguments: argparse.Namespace) -> int:
     if arguments.file.suffix.lower() != ".pdf":
         raise StudioError(f"{arguments.file}: the board is written as a PDF; give a name that ends in .pdf.")
     marker = arguments.marker if arguments.marker is not None else 0.75 * arguments.square
+    # told here in millimetres, as they were given: `Board` knows metres
+    if not 0 < arguments.square < 10_000:
+        raise StudioError(
+            f"--square is {arguments.square:g}; give the side of a square in millimetres, above 0 and below 10000, as "
+            "in 60."
+        )
+    if arguments.kind == "charuco" and not 0 < marker < arguments.square:
+        raise StudioError(
+            f"--marker is {marker:g} mm; give the side of a marker in millimetres, above 0 and below that of a square, "
+            f"which is {arguments.square:g} mm."
+        )
     board = Board(
         kind=arguments.kind,
         columns=arguments.columns,
@@ -80,13 +91,15 @@ def _sync(arguments: argparse.Namespace) -> int:
 
     from pipelines.config import load_config
     from pipelines.stages.arguments import capture_spec
-    from studio.capture import open_footage
+    from studio.capture import open_footage, refuse_unknown_cameras
     from studio.capture.sync import check_sync
 
     capture = load_config(arguments.config, arguments.overrides).capture
     spec = replace(capture_spec(capture), offsets={}, masks="none", evaluation_mattes="")
     footage = open_footage(spec, None, strict=False)
     try:
+        # they do not count here, where offsets are looked for; one that names no camera is a slip all the same
+        refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "The setting capture.offsets")
         report = check_sync(footage, method=arguments.method, seconds=arguments.seconds)
     finally:
         footage.close()

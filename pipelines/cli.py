@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 bad input or a failure (one sentence on stderr), 2 wrong u
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -69,7 +70,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     from pipelines import ablate_command, export, importing, play, serve
     from pipelines.take import program_version
 
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="v3studio",
         description="From synchronized multi-camera footage of a performer to a streamable Gaussian video.",
         allow_abbrev=False,
@@ -114,6 +115,32 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     config.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     config.set_defaults(command=_config)
     return parser, dict(commands.choices)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reads numbers with errors in plain words; its commands' parsers are of this kind too."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.register("type", int, _whole)
+        self.register("type", float, _number)
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no whole number; give one, as in 24") from None
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is no number; give one, as in 2.5")
+    return value
 
 
 class _Target(argparse.Action):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -52,8 +53,8 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
         header, _, body = path.read_bytes().partition(b"end_header\n")
     except OSError as error:
         raise StudioError(f"{path}: cannot be read ({error.strerror}); run `v3studio initialise --force`.") from None
-    count = next((int(line.split()[2]) for line in header.decode("ascii", "replace").splitlines()
-                  if line.startswith("element vertex ")), -1)  # fmt: skip
+    found = re.search(rb"^element vertex ([0-9]{1,12})$", header, re.MULTILINE)
+    count = int(found[1]) if found else -1
     if count < 0 or len(body) != count * _POINT.itemsize:
         raise StudioError(f"{path}: is damaged; run `v3studio initialise --force`.")
     rows = np.frombuffer(body, dtype=_POINT)

@@ -125,6 +125,8 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
     )
     if {"train", "bake", "evaluate"} & set(todo) and context.config.run.device not in ("auto", "cpu"):
         _ = context.device  # a GPU that is not there is told before the hours of work that come first
+    if "evaluate" in todo:
+        _ = context.lpips  # nor is a metric that cannot be loaded found out at the very end
     _limit_threads(context.threads)
     weights = {name: stage_named(name).weight for name in todo}
     reporter: StageReporter | None = None

@@ -18,13 +18,16 @@ if TYPE_CHECKING:
 
 _COLOURS = {"done": "green", "partial": "yellow", "stale": "yellow", "failed": "red", "missing": "dim"}
 
+_FOUR_DIGITS = ("ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
+
 
 def print_evaluation(take: Take) -> None:
     """A row a frame, the means, and how it was measured."""
     evaluation = read_json(take.evaluation)
     summary, protocol = evaluation["summary"], evaluation["protocol"]
     screen = console()
-    table = _table("frame", "group", "splats", "PSNR trained", "decoded", "SSIM trained", "decoded", "KB")
+    lpips = ("LPIPS trained", "decoded") if "lpips_trained" in summary else ()
+    table = _table("frame", "group", "splats", "PSNR trained", "decoded", "SSIM trained", "decoded", *lpips, "KB")
     for row in evaluation["frames"]:
         mark = "*" if row["keyframe"] else ""
         table.add_row(
@@ -36,7 +39,8 @@ def print_evaluation(take: Take) -> None:
     which = "held-out" if protocol["held_out"] else "TRAINING (none is held out)"
     screen.print(
         f"{which} cameras {', '.join(protocol['cameras'])}; {protocol['crop']}; background "
-        f"{tuple(protocol['background'])}; {protocol['total_bytes']:,} bytes in all. * keyframe",
+        f"{tuple(protocol['background'])}; {protocol['total_bytes']:,} bytes in all. * keyframe"
+        + (f"\nLPIPS: {protocol['lpips']}" if lpips else ""),
         style="dim",
         markup=False,
     )
@@ -91,10 +95,10 @@ def print_playback(report: PlaybackReport) -> None:
     )
 
 
-def _quality(row: dict[str, Any]) -> tuple[str, str, str, str]:
+def _quality(row: dict[str, Any]) -> tuple[str, ...]:
     return (
         f"{row['psnr_trained']:.2f}", f"{row['psnr_decoded']:.2f}",
-        f"{row['ssim_trained']:.4f}", f"{row['ssim_decoded']:.4f}",
+        *(f"{row[name]:.4f}" for name in _FOUR_DIGITS if name in row),
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from studio.checked import array, whole
 from studio.errors import StudioError
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
@@ -197,19 +198,18 @@ class Camera:
         Raises:
             StudioError: a key is missing or a value is not usable.
         """
-        try:
-            return cls(
-                name=str(values["name"]),
-                width=int(values["width"]),
-                height=int(values["height"]),
-                K=np.array(values["K"], dtype=np.float64),
-                world_to_camera=np.array(values["world_to_camera"], dtype=np.float64),
-                distortion=np.array(values.get("distortion", []), dtype=np.float64),
-            )
-        except KeyError as error:
-            raise StudioError(f"Camera '{values.get('name', '?')}': the key {error} is missing.") from None
-        except (TypeError, ValueError) as error:
-            raise StudioError(f"Camera '{values.get('name', '?')}': {error}.") from None
+        who = f"Camera '{values.get('name', '?')}'"
+        for key in ("name", "K", "world_to_camera"):
+            if key not in values:
+                raise StudioError(f"{who}: the key '{key}' is missing.")
+        return cls(
+            name=str(values["name"]),
+            width=whole(values, "width", who),
+            height=whole(values, "height", who),
+            K=array(values["K"], "K", who),
+            world_to_camera=array(values["world_to_camera"], "world_to_camera", who),
+            distortion=array(values.get("distortion", []), "distortion", who),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from pipelines.files import read_json
 from pipelines.take import Take
 from studio.errors import StudioError
 
-MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded")
+MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
 
 
 class EvaluationFile:
@@ -58,8 +58,8 @@ class Evaluation:
             return cls(error=f"{path}: is not what `v3studio evaluate` writes; run it again.")
 
     def figures(self, frame: int, camera: str = "") -> tuple[dict[str, float], str]:
-        """PSNR and SSIM of a frame and whose they are: the camera's own where it was measured, else the mean over the
-        measured cameras ("mean of 2 cameras"); ({}, "") where the frame was not measured."""
+        """PSNR, SSIM and (where measured) LPIPS of a frame and whose they are: the camera's own where it was measured,
+        else the mean over the measured cameras ("mean of 2 cameras"); ({}, "") where the frame was not measured."""
         row = self.rows.get(frame)
         if row is None:
             return {}, ""

@@ -132,4 +132,4 @@ def kind_of(folder: Path) -> str:
 def _natural(name: str) -> list[tuple[bool, int, str]]:
     """cam2 before cam10."""
     parts = re.split(r"(\d+)", name.lower())
-    return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in parts]
+    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]

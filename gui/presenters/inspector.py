@@ -56,7 +56,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     ]  # fmt: skip
     figures, whose = evaluation.figures(frame, player.camera)
     rows: list[Row] = []
-    for name in ("psnr", "ssim"):
+    for name in ("psnr", "ssim", "lpips"):
         for what in ("trained", "decoded"):
             value = figures.get(f"{name}_{what}")
             if value is not None:

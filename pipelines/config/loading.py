@@ -18,6 +18,15 @@ from studio.errors import StudioError
 class _Loader(yaml.SafeLoader):
     """YAML's safe loader that refuses a key written twice and reads 1e-3 as a number (YAML 1.2, as users expect)."""
 
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep=deep)
+        except (ValueError, KeyError):  # 2026-02-30, or !!int with something else behind it
+            kind = {"timestamp": "date", "bool": "truth value"}.get(str(node.tag).rpartition(":")[2], "number")
+            raise yaml.constructor.ConstructorError(
+                None, None, f"'{node.value}' is no {kind} though it is written as one", node.start_mark
+            ) from None
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
         for key_node, _ in node.value:

@@ -108,6 +108,10 @@ class EvaluateSection(Section):
     crop_padding: int = Field(default=8, ge=0, le=10_000)
     """Figures are taken in the box of the performer's mask, padded by this many pixels."""
 
+    lpips: Literal["alex", "vgg"] | None = None
+    """Measure LPIPS as well, through AlexNet (alex, its authors' choice for comparing) or VGG16 (vgg); null does not.
+    The network's weights (244 or 553 MB) are fetched from download.pytorch.org on first use."""
+
     report_frames: int = Field(default=4, ge=1, le=100)
     """How many frames the report shows pictures of, spread over the take."""
 
@@ -142,7 +146,7 @@ class RunSection(Section):
     @classmethod
     def _known_device(cls, value: str) -> str:
         kind, _, index = value.partition(":")
-        if kind not in ("auto", "cpu", "cuda") or (index and (kind != "cuda" or not index.isdigit())):
+        if kind not in ("auto", "cpu", "cuda") or (index and (kind != "cuda" or not index.isdecimal())):
             raise ValueError("must be auto, cpu, cuda or cuda:N")
         return value
 

@@ -128,7 +128,7 @@ def camera_file(section: CaptureSection) -> Path | None:
     for folder in (section.root / name for name in _RIG_FOLDERS):
         found += find_camera_files(folder) if folder.is_dir() else []
     if not found:  # VideoGS: a folder a frame with its own transforms.json, the same in all
-        frames = [part for part in section.root.glob("*/transforms.json") if part.parent.name.isdigit()]
+        frames = [part for part in section.root.glob("*/transforms.json") if part.parent.name.isdecimal()]
         found = sorted(frames, key=lambda part: int(part.parent.name))[:1]
     if len(found) > 1:
         names = ", ".join(str(path.relative_to(section.root)) for path in found)

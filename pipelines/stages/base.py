@@ -21,6 +21,7 @@ from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from studio.capture import Footage
+    from studio.perceptual import Lpips
 
 Ingredients = dict[str, Any]
 """What a result is made from: settings by dotted name, digests of inputs and of other stages' results."""
@@ -94,6 +95,19 @@ class Context:
         from pipelines.stages.arguments import choose_device
 
         return choose_device(self.config.run.device)
+
+    @cached_property
+    def lpips(self) -> Lpips | None:
+        """What LPIPS is measured with, loaded when it is first asked for; None where it is not to be measured.
+
+        Raises:
+            StudioError: the network's weights cannot be fetched or read.
+        """
+        if self.config.evaluate.lpips is None:
+            return None
+        from studio.perceptual import Lpips
+
+        return Lpips(self.config.evaluate.lpips, self.device)
 
     def forget_footage(self) -> None:
         """Open the footage anew when it is next asked for (cameras have changed)."""

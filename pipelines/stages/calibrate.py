@@ -21,6 +21,7 @@ from pipelines.stages.base import Context, Ingredients, StageReporter, settings_
 from pipelines.stages.boards import BOARD_SETTINGS, board_digest, calibrate_with_boards, lenses_from_boards
 from pipelines.stages.known_cameras import (
     at_footage_size,
+    check_sizes,
     focal_lengths,
     known_cameras,
     known_distance,
@@ -134,7 +135,9 @@ class CalibrateStage:
         rig = read_rig(path)
         if context.config.capture.cameras:
             rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
-        return Rig(tuple(match_rig(rig, names).values())), {"source": "file", "file": str(path)}
+        rig = Rig(tuple(match_rig(rig, names).values()))
+        check_sizes(context, rig, path)
+        return rig, {"source": "file", "file": str(path)}
 
     def _frames(self, context: Context) -> list[int]:
         frames = context.raw_footage.frames

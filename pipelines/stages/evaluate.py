@@ -19,7 +19,8 @@ from studio.errors import StudioError
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
 
-MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded")
+MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
+"""What a row may hold; the last two only where evaluate.lpips asks for them."""
 _HIGHEST_PSNR = 100.0
 
 
@@ -74,7 +75,9 @@ class EvaluateStage:
         from pipelines.report import render_report
         from studio.stream import StreamReader
 
-        footage = context.footage
+        footage, lpips = context.footage, context.lpips
+        if lpips is not None and lpips.remark:
+            reporter.warn(lpips.remark)
         held_out = bool(footage.held_out_cameras)
         cameras = footage.held_out_cameras or footage.train_cameras
         if not held_out:
@@ -125,6 +128,7 @@ class EvaluateStage:
                 "frames": [int(frame) for frame in footage.frames],
                 "mean": "of the views' values, views of a frame first; PSNR of equal images counts as 100 dB",
                 "ssim": "11x11 Gaussian window, sigma 1.5",
+                **({} if lpips is None else {"lpips": lpips.protocol}),
                 "total_bytes": manifest.total_bytes,
                 "total_bytes_are": "all videos and the manifest",
                 "bytes_of_a_frame": "of its group's videos, divided by the group's frames",
@@ -168,12 +172,16 @@ class EvaluateStage:
                         image, truth = _tensor(getattr(sample, what)), _tensor(sample.truth)
                         views[camera][f"psnr_{what}"] = round(min(float(psnr(image, truth)), _HIGHEST_PSNR), 4)
                         views[camera][f"ssim_{what}"] = round(float(ssim(image, truth)), 5)
+                        if context.lpips is not None:
+                            pair = (_at_least(one, context.config.capture.background) for one in (image, truth))
+                            views[camera][f"lpips_{what}"] = round(context.lpips(*pair), 5)
                     if index in shown and camera in cameras[:3]:
                         measured.samples.append(sample)
                 if views:
-                    measured.frames.append(self._row(group, index, frame, views, sizes[index], trained))
+                    row = self._row(group, index, frame, views, sizes[index], trained)
+                    measured.frames.append(row)
                     reporter.metrics(
-                        {name: measured.frames[-1][name] for name in MEASURES}, group=group.index, frame=frame
+                        {name: row[name] for name in MEASURES if name in row}, group=group.index, frame=frame
                     )
         return measured
 
@@ -235,7 +243,19 @@ def _tensor(image: np.ndarray) -> Any:
     return torch.from_numpy(np.ascontiguousarray(image))
 
 
+def _at_least(image: Any, background: tuple[float, float, float]) -> Any:
+    """An (h, w, 3) tensor as large as LPIPS needs: the background goes on to the right and below."""
+    from studio.perceptual import SMALLEST
+
+    height, width = image.shape[:2]
+    if min(height, width) >= SMALLEST:
+        return image
+    larger = image.new_tensor(background).repeat(max(height, SMALLEST), max(width, SMALLEST), 1)
+    larger[:height, :width] = image
+    return larger
+
+
 def _means(rows: Iterable[dict[str, Any]]) -> dict[str, float]:
-    """Mean of each measure over rows."""
+    """Mean over rows of each measure that was taken."""
     rows = list(rows)
-    return {name: round(sum(row[name] for row in rows) / len(rows), 4) for name in MEASURES}
+    return {name: round(sum(row[name] for row in rows) / len(rows), 4) for name in MEASURES if name in rows[0]}

@@ -71,8 +71,28 @@ def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
     footage = context.raw_footage
     width, height = footage.raw_size(name)
     rule = context.config.capture.size_rule
-    image = footage.raw_image(name, footage.frames[0]) if rule == "auto" else None
+    same_shape = width * camera.height == height * camera.width
+    image = footage.raw_image(name, footage.frames[0]) if rule == "auto" and not same_shape else None
     return Warp(camera, width, height, 1.0, fit_size(camera, width, height, rule, image)).source
+
+
+def check_sizes(context: Context, rig: Rig, path: Path) -> None:
+    """See to it that the footage can be shown by cameras of another image size, before later stages find out.
+
+    Cameras of the footage's aspect ratio always can: the footage scales them. They keep the size of their file here.
+
+    Args:
+        rig: the cameras, under the footage's names.
+        path: the file that they are from.
+
+    Raises:
+        StudioError: the aspect ratios differ and `capture.size_rule` does not say what to do; names the file.
+    """
+    from studio.camera_files.common import naming
+
+    with naming(path):
+        for camera in rig:
+            at_footage_size(context, camera.name, camera)
 
 
 def known_distance(section: CalibrateSection, names: Sequence[str]) -> tuple[str, str, float] | None:

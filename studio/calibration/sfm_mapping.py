@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from studio.calibration.sfm_features import say
+from studio.calibration.sfm_focal import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
 from studio.calibration.sfm_judge import TRUSTED, explained_share, noise
 from studio.calibration.sfm_lenses import (
     camera_of_image,
@@ -175,36 +176,15 @@ class Mapper:
         return model.num_reg_images() - len(self._broken_lenses(model)), explained_share(model, self.database)
 
     def _guess_focal_lengths(self) -> None:
-        """Where nothing is known of a lens begin with the focal length that the pairs of images agree on.
-
-        From a guess that is far off, the mapper can close a ring of cameras wrongly.
-        """
-        import pycolmap
-
+        """Where nothing is known of a lens begin with the focal length that the pairs of images agree on."""
         free = [i + 1 for i, lens in enumerate(self.job["lenses"]) if not lens["known"] and not lens["prior"]]
-        if not free or self.job["poses"]:
-            return
-        guessed = self.folder / "focal_lengths.db"
-        shutil.copyfile(self.database, guessed)
-        options = pycolmap.ViewGraphCalibrationOptions()
-        options.random_seed = self.seed
-        options.reestimate_relative_pose = False
-        pycolmap.calibrate_view_graph(guessed, options)
-        source, target = pycolmap.Database.open(guessed), pycolmap.Database.open(self.database)
-        found = {key: source.read_camera(key) for key in free}
-        ratios = {key: lens.mean_focal_length() / max(_size(lens)) for key, lens in found.items()}
-        middle = float(np.median([ratios[key] for key in free if found[key].has_prior_focal_length] or [np.nan]))
-        for key, lens in found.items():
-            if lens.has_prior_focal_length and 0.7 < ratios[key] / middle < 1.4:
-                target.update_camera(lens)
-        source.close()
-        target.close()
-        guessed.unlink()
+        if free and not self.job["poses"]:
+            guess_focal_lengths(self.database, self.folder, free, self.seed)
 
     def _broken_lenses(self, model: Any) -> set[int]:
         """Lenses that ran away: a camera with few points far off can explain them by any focal length."""
         used = {image.camera_id for image in model.images.values() if image.has_pose}
-        ratios = {key: model.cameras[key].mean_focal_length() / max(_size(model.cameras[key])) for key in used}
+        ratios = {key: focal_ratio(model.cameras[key]) for key in used}
         if not ratios:
             return set()
         middle = float(np.median(list(ratios.values())))
@@ -217,15 +197,13 @@ class Mapper:
 
         model = max(models, key=self._rank)
         good = [i for i in range(len(self.job["lenses"])) if i not in broken and i + 1 in model.cameras]
-        focal = float(
-            np.median([model.cameras[i + 1].mean_focal_length() / max(_size(model.cameras[i + 1])) for i in good])
-        )
+        focal = float(np.median([focal_ratio(model.cameras[i + 1]) for i in good]))
         database = pycolmap.Database.open(self.database)
         for index in range(len(self.job["lenses"])):
             camera = model.cameras[index + 1] if index in good else database.read_camera(index + 1)
             if index in broken:
                 camera = pycolmap.Camera.create_from_model_id(
-                    index + 1, camera.model, focal * max(_size(camera)), camera.width, camera.height
+                    index + 1, camera.model, focal * longer_side(camera), camera.width, camera.height
                 )
             # what the others have found is where they begin, or the start could fall on the camera that ran away
             camera.has_prior_focal_length = index not in broken
@@ -317,8 +295,9 @@ class Mapper:
         out = self.folder / "models_global"
         out.mkdir(exist_ok=True)
         say(step="global mapping", done=0, total=1)
-        if not all(lens["prior"] for lens in self.job["lenses"]):
-            # Unlike the incremental mapper the global one cannot find its way from a guessed focal length.
+        if not all(lens["prior"] for lens in self.job["lenses"]) and is_any_unknown(self.database):
+            # Unlike the incremental mapper the global one cannot find its way from a guessed focal length. Where the
+            # pairs agreed on one for every lens (`_guess_focal_lengths`), asking them again changes nothing.
             calibration = pycolmap.ViewGraphCalibrationOptions()
             calibration.random_seed = self.seed
             pycolmap.calibrate_view_graph(self.database, calibration)
@@ -400,7 +379,3 @@ class Mapper:
         # what a robust loss has pushed aside is no observation
         manager = pycolmap.ObservationManager(model)
         manager.filter_all_points3D(4.0 if last else 12.0, 1.5)
-
-
-def _size(camera: Any) -> tuple[int, int]:
-    return int(camera.width), int(camera.height)

@@ -97,7 +97,7 @@ def _read_folder(folder: Path) -> Rig:
         raise StudioError(f"{folder}: holds several calibrations ({names}); name one.")
     if files and files[0] != folder:
         return read_rig(files[0])
-    frames = [part for part in folder.iterdir() if part.is_dir() and part.name.isdigit()]
+    frames = [part for part in folder.iterdir() if part.is_dir() and part.name.isdecimal()]
     with_cameras = [frame for frame in frames if (frame / "transforms.json").is_file()]
     if with_cameras and not files:  # VideoGS: a folder a frame, each with the same cameras
         return read_rig(min(with_cameras, key=lambda frame: int(frame.name)) / "transforms.json")

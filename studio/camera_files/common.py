@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from studio.checked import array, check_finite
 from studio.errors import StudioError
 
 
@@ -72,39 +73,6 @@ def write_atomic(path: Path, data: bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def number(values: Mapping[str, Any], key: str, who: str, default: float | None = None) -> float:
-    """A finite number of a mapping.
-
-    Raises:
-        StudioError: it is missing (and has no default), no number, or not finite.
-    """
-    value = values.get(key, default)
-    if value is None:
-        raise StudioError(f"{who}: the key '{key}' is missing.")
-    try:
-        result = float(value)
-    except (TypeError, ValueError):
-        raise StudioError(f"{who}: '{key}' is {value!r}, which is not a number.") from None
-    if not np.isfinite(result):
-        raise StudioError(f"{who}: '{key}' is {result}, which is not a finite number; mend the calibration file.")
-    return result
-
-
-def check_finite(value: np.ndarray, what: str, who: str) -> None:
-    """Refuse an array with NaN or infinity, naming the first such entry.
-
-    Raises:
-        StudioError: as said.
-    """
-    broken = np.argwhere(~np.isfinite(value))
-    if len(broken):
-        place = "".join(f"[{index}]" for index in broken[0]) if value.size > 1 else ""
-        raise StudioError(
-            f"{who}: {what}{place} is {value[tuple(broken[0])]}, which is not a finite number; mend the calibration "
-            "file."
-        )
-
-
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """The rows of a CSV file with a heading (which may begin with #), as column to text.
 
@@ -141,10 +109,7 @@ def matrix(value: Any, rows: tuple[int, ...], columns: int, what: str, who: str)
     Raises:
         StudioError: the wrong shape, something that is not a number, or not finite.
     """
-    try:
-        result = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise StudioError(f"{who}: {what} holds something that is not a number.") from None
+    result = array(value, what, who)
     if result.ndim != 2 or result.shape[0] not in rows or result.shape[1] != columns:
         wanted = " or ".join(f"{n}x{columns}" for n in rows)
         raise StudioError(f"{who}: {what} has shape {result.shape}; {wanted} is needed.")

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import check_finite, naming, read_text, write_atomic
+from studio.camera_files.common import naming, read_text, write_atomic
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
+from studio.checked import check_finite, whole
 from studio.errors import StudioError
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
@@ -75,10 +76,14 @@ class _File:
             raise StudioError(f"{self.path}: {who}: the key '{key}' is missing.")
         return matrix
 
-    def whole(self, key: str) -> int | None:
+    def whole(self, key: str, who: str) -> int | None:
         """A whole number, or None."""
         node = self.storage.getNode(key)
-        return None if node.empty() else int(node.real())
+        if node.empty():
+            return None
+        value = node.real() if node.isInt() or node.isReal() else node.string() if node.isString() else None
+        with naming(self.path):
+            return whole({key: value}, key, who)
 
 
 def read_easymocap(folder: Path) -> Rig:
@@ -112,7 +117,7 @@ def _camera(folder: Path, name: str, lens: _File, pose: _File) -> Camera:
     transform = np.eye(4)
     transform[:3, :3] = rotation
     transform[:3, 3] = pose.needed(f"T_{name}", who, ((3, 1), (1, 3))).ravel()
-    width, height = lens.whole(f"W_{name}"), lens.whole(f"H_{name}")
+    width, height = lens.whole(f"W_{name}", who), lens.whole(f"H_{name}", who)
     with naming(lens.path):
         if width is None or height is None or width < 1 or height < 1:
             width, height = size_nearby(folder, name, who)

@@ -15,9 +15,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, check_finite, naming, rigid_inverse
+from studio.camera_files.common import camera_names, naming, rigid_inverse
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig
+from studio.checked import array, check_finite
 from studio.errors import StudioError
 
 Element = ElementTree.Element
@@ -62,10 +63,7 @@ def _numbers(element: Element | None, tag: str, count: int, who: str) -> np.ndar
     part = element.find(tag) if element is not None else None
     if part is None or not part.text:
         raise StudioError(f"{who}: the element <{tag}> is missing.")
-    try:
-        value = np.array(part.text.split(), np.float64)
-    except ValueError:
-        raise StudioError(f"{who}: <{tag}> holds something that is not a number.") from None
+    value = array(part.text.split(), f"<{tag}>", who)
     if value.size != count:
         raise StudioError(f"{who}: <{tag}> has {value.size} numbers; {count} are needed.")
     check_finite(value, f"<{tag}>", who)
@@ -82,7 +80,7 @@ def _camera(name: str, entry: Element, sensor: Element, world: Element | None, w
         raise StudioError(f"{who}: its sensor has no <calibration>; align the photos first.")
     size = calibration.find("resolution")
     size = size if size is not None else sensor.find("resolution")
-    if size is None or not (size.get("width", "").isdigit() and size.get("height", "").isdigit()):
+    if size is None or not (size.get("width", "").isdecimal() and size.get("height", "").isdecimal()):
         raise StudioError(f"{who}: its sensor has no <resolution> with width and height.")
     width, height = int(size.get("width", "")), int(size.get("height", ""))
 

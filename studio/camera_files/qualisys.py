@@ -17,8 +17,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import naming, number
+from studio.camera_files.common import naming
 from studio.cameras import Camera, Rig
+from studio.checked import number
 from studio.errors import StudioError
 
 _SUBPIXELS = 64.0

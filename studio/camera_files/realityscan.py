@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, naming, number, read_csv, rigid_inverse
+from studio.camera_files.common import camera_names, naming, read_csv, rigid_inverse
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
+from studio.checked import number
 from studio.errors import StudioError
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import check_finite, naming, read_text, rigid_inverse
+from studio.camera_files.common import naming, read_text, rigid_inverse
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
+from studio.checked import array, check_finite
 from studio.errors import StudioError
 
 POSES, INTRINSICS = "CamPose.inf", "Intrinsic.inf"
@@ -46,10 +47,8 @@ def read_rerf(folder: Path) -> Rig:
 def _rows(path: Path) -> list[tuple[int, list[float]]]:
     rows = []
     for number, line in enumerate(read_text(path).splitlines(), 1):
-        try:
-            values = [float(word) for word in line.split()]
-        except ValueError:
-            raise StudioError(f"{path}: line {number} holds something that is not a number.") from None
+        with naming(path):
+            values = array(line.split(), f"line {number}", "Cameras").tolist()
         if values:
             rows.append((number, values))
     return rows
@@ -86,7 +85,8 @@ def _lenses(path: Path) -> list[np.ndarray]:
 
 def _footage(folder: Path, index: int, who: str) -> tuple[str, tuple[int, int]]:
     """Name and image size of a camera, as its footage has them."""
-    frames = sorted((part for part in (folder / "image").glob("[0-9]*") if part.is_dir()), key=lambda p: int(p.name))
+    numbered = (part for part in (folder / "image").glob("[0-9]*") if part.is_dir() and part.name.isdecimal())
+    frames = sorted(numbered, key=lambda part: int(part.name))
     if frames:
         return f"{index:04d}", size_nearby(frames[0], f"img_{index:04d}", who)
     return f"{index:03d}", size_nearby(folder, f"{index:03d}", who)

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import check_finite, matrix, naming, number, read_json, write_atomic
+from studio.camera_files.common import matrix, naming, read_json, write_atomic
 from studio.cameras import Camera, Rig
+from studio.checked import array, check_finite, whole
 from studio.errors import StudioError
 
 FORMAT = "v3studio-rig"
@@ -54,17 +55,17 @@ def _camera(entry: Any, index: int) -> Camera:
             raise StudioError(f"{who}: the key '{key}' is missing.")
     pose = np.eye(4)
     pose[:3, :3] = matrix(entry["R"], (3,), 3, "R", who)
-    try:
-        pose[:3, 3] = np.array(entry["t"], dtype=np.float64).reshape(3)
-        distortion = np.array(entry.get("distortion") or [], dtype=np.float64).reshape(-1)
-    except (TypeError, ValueError):
-        raise StudioError(f"{who}: 't' must be three numbers and 'distortion' a list of numbers.") from None
+    place = array(entry["t"], "t", who)
+    if place.size != 3:
+        raise StudioError(f"{who}: 't' has {place.size} numbers; three are needed.")
+    pose[:3, 3] = place.reshape(3)
+    distortion = array(entry.get("distortion") or [], "distortion", who).reshape(-1)
     check_finite(pose[:3, 3], "t", who)
     check_finite(distortion, "distortion", who)
     return Camera(
         name=str(entry["name"]),
-        width=int(number(entry, "width", who)),
-        height=int(number(entry, "height", who)),
+        width=whole(entry, "width", who),
+        height=whole(entry, "height", who),
         K=matrix(entry["K"], (3,), 3, "K", who),
         world_to_camera=pose,
         distortion=distortion,

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import check_finite, naming, read_text, write_atomic
+from studio.camera_files.common import naming, read_text, write_atomic
 from studio.cameras import Camera, Rig
+from studio.checked import array, check_finite
 from studio.errors import StudioError
 
 
@@ -68,10 +69,7 @@ def _camera(key: str, table: dict[str, Any], nested: bool) -> Camera:
 def _array(table: dict[str, Any], key: str, who: str, shapes: tuple[tuple[int, ...], ...] = ()) -> np.ndarray:
     if key not in table:
         raise StudioError(f"{who}: the key '{key}' is missing.")
-    try:
-        value = np.array(table[key], np.float64)
-    except (TypeError, ValueError):
-        raise StudioError(f"{who}: '{key}' holds something that is not a number.") from None
+    value = array(table[key], key, who)
     if shapes and value.shape not in shapes:
         wanted = " or ".join("x".join(map(str, shape)) for shape in shapes)
         raise StudioError(f"{who}: '{key}' has shape {value.shape}; {wanted} is needed.")

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, matrix, naming, number, read_json, rigid_inverse, write_atomic
+from studio.camera_files.common import camera_names, matrix, naming, read_json, rigid_inverse, write_atomic
 from studio.cameras import Camera, Rig
+from studio.checked import number
 from studio.errors import StudioError
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -3,7 +3,7 @@
 from studio.capture.footage import Footage, View
 from studio.capture.masks import Matter
 from studio.capture.matting import FunctionMatter, MattingFunction
-from studio.capture.opening import match_rig, open_footage
+from studio.capture.opening import match_rig, open_footage, refuse_unknown_cameras
 from studio.capture.spec import CaptureSpec
 
 __all__ = [
@@ -15,4 +15,5 @@ __all__ = [
     "View",
     "match_rig",
     "open_footage",
+    "refuse_unknown_cameras",
 ]

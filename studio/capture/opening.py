@@ -51,7 +51,7 @@ def open_footage(
         pool.close()
         raise
     pool.limit = min(decoder_limit(source.width, source.height) for source in sources.values())
-    _unknown(tuple(spec.offsets), tuple(sources), "The setting offsets")
+    refuse_unknown_cameras(tuple(spec.offsets), tuple(sources), "The setting offsets")
     frames, problems = _frames(spec, sources)
     if strict and problems:
         raise StudioError(problems[0] if len(problems) == 1 else f"{problems[0]} ({len(problems) - 1} more like it.)")
@@ -87,19 +87,31 @@ def _find_images(spec: CaptureSpec) -> tuple[str, list[Match]]:
     return spec.images, matches
 
 
-def _unknown(names: Sequence[str], known: Sequence[str], where: str) -> None:
+def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], where: str) -> None:
+    """See to it that settings name cameras that there are.
+
+    Args:
+        names: what they name.
+        known: the footage's cameras.
+        where: begins the sentence, as in "The setting held_out".
+
+    Raises:
+        StudioError: one is not there.
+    """
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-            hint = f"did you mean '{near[0]}'?" if near else f"there is {', '.join(known)}."
-            raise StudioError(f"{where} names camera '{name}', which the footage has not; {hint}")
+            hint = f"did you mean '{near[0]}'? There" if near else "there"
+            raise StudioError(
+                f"{where} names camera '{name}', which the footage has not; {hint} is {', '.join(known)}."
+            )
 
 
 def _chosen(spec: CaptureSpec, matches: list[Match]) -> list[Match]:
     if not spec.cameras:
         return matches
     known = list(dict.fromkeys(match.camera for match in matches))
-    _unknown(spec.cameras, known, "The setting cameras")
+    refuse_unknown_cameras(spec.cameras, known, "The setting cameras")
     return [match for match in matches if match.camera in spec.cameras]
 
 
@@ -226,7 +238,7 @@ def _warps(
 
 
 def _held_out(spec: CaptureSpec, names: tuple[str, ...]) -> tuple[str, ...]:
-    _unknown(spec.held_out, names, "The setting held_out")
+    refuse_unknown_cameras(spec.held_out, names, "The setting held_out")
     nth = set(names[spec.held_out_every - 1 :: spec.held_out_every]) if spec.held_out_every else set()
     chosen = tuple(name for name in names if name in nth or name in spec.held_out)
     if len(chosen) == len(names):

@@ -27,7 +27,7 @@ class Match:
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sorts cam2 before cam10."""
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 
 def _expression(pattern: str, whole: str) -> re.Pattern[str]:

@@ -144,8 +144,10 @@ def check_sync(
         progress: called for every camera and, by motion, every frame.
 
     Raises:
-        StudioError: fewer than two cameras, too few frames, or no sound where it was asked for.
+        StudioError: seconds that cannot be, fewer than two cameras, too few frames, or no sound where it was asked for.
     """
+    if not 0 < seconds < float("inf"):
+        raise StudioError(f"Offsets of up to {seconds:g} s cannot be looked for; give seconds above 0, as in 1.")
     names = footage.camera_names
     if len(names) < 2:
         raise StudioError("Synchronisation is between cameras; there is only one.")

@@ -200,3 +200,20 @@ def test_a_rule_over_several_settings_names_the_command_line_too(tmp_path: Path)
     path.write_text("capture: {root: .}\n")
     with pytest.raises(StudioError, match=r"a\.yaml with the command line: capture: .*stop"):
         load_config(path, [("capture.start", 20), ("capture.stop", 4)])
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"), [("2026-02-30", "date"), ("!!int abc", "number"), ("!!float x", "number"), ("!!bool 3", "truth")]
+)
+def test_values_that_yaml_cannot_make(tmp_path, value, kind):
+    """PyYAML raises ValueError or KeyError there, in Python's own words."""
+    (tmp_path / "a.yaml").write_text(f"train:\n  max_splats: {value}\n")
+    with pytest.raises(StudioError, match=rf"a\.yaml, line 2: '.*' is no {kind}.*though it is written as one"):
+        load_config(tmp_path / "a.yaml")
+    with pytest.raises(StudioError, match=r"The value of train\.max_splats, .* cannot be read"):
+        parse_override(f"train.max_splats={value}")
+
+
+def test_a_superscript_is_no_device():
+    with pytest.raises(StudioError, match="must be auto, cpu, cuda or cuda:N"):
+        load_config(None, [("run.device", "cuda:²")])

@@ -55,6 +55,27 @@ def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> No
     assert known_cameras(context(tmp_path)) is None
 
 
+def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> None:
+    """One in proportion is scaled by the footage and written as it came; one of another shape needs a rule."""
+    made = context(tmp_path)
+    file = tmp_path / "capture" / "given.json"
+
+    def calibrated(width: int, **capture) -> Rig:
+        K = np.array([[100.0, 0, width / 2], [0, 100, 30], [0, 0, 1]])
+        write_rig(Rig(tuple(Camera(name, width, 60, K, np.eye(4)) for name in ("a", "b"))), file)
+        section = made.config.capture.model_copy(update=capture)
+        fresh = Context(made.take, made.config.model_copy(update={"capture": section}))
+        return CalibrateStage()._from_file(fresh, file)[0]
+
+    with pytest.raises(StudioError) as caught:
+        calibrated(88)
+    assert str(caught.value).startswith(f"{file}: Camera 'a': the footage is 80x60, but it was calibrated at 88x60")
+    assert "set size_rule to stretch, crop or letterbox" in str(caught.value)
+    assert calibrated(88, size_rule="crop")["a"].width == 88
+    write_rig(rig(("a", "b")), file)
+    assert CalibrateStage()._from_file(made, file)[0]["b"].width == 160
+
+
 def test_a_known_distance_needs_both_parts() -> None:
     names = ("a", "b", "c")
     assert known_distance(CalibrateSection(), names) is None

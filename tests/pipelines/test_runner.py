@@ -303,6 +303,7 @@ def test_an_empty_mask_is_refused_before_anything_is_trained(project):
         project.run("run.seed=3")
     assert trained(project.events) == []
     assert project.states("run.seed=3")["train"] == "failed"
+    assert project.found["train"].reason.startswith("last time: "), "what is told may be mended by now"
 
 
 def test_a_camera_that_misses_a_frame_names_both(project):

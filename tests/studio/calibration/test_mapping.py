@@ -370,3 +370,31 @@ time.sleep(60)
     while Path(f"/proc/{child}").exists() and "State:\tZ" not in Path(f"/proc/{child}/status").read_text():
         assert time.monotonic() < deadline, "the child lives on"
         time.sleep(0.05)
+
+
+def test_the_global_mapper_asks_the_pairs_again_only_where_they_have_not_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from studio.calibration.sfm_focal import is_any_unknown
+    from studio.calibration.sfm_mapping import Mapper
+
+    synthesise(tmp_path, 8, 500)
+    database, asked = tmp_path / "database.db", []
+    calibrate = pycolmap.calibrate_view_graph
+
+    def counted(path: Path, options: Any) -> Any:
+        asked.append(Path(path).name)
+        return calibrate(path, options)
+
+    monkeypatch.setattr(pycolmap, "calibrate_view_graph", counted)
+    opened = pycolmap.Database.open(database)
+    for camera in opened.read_all_cameras():
+        camera.has_prior_focal_length = False
+        opened.update_camera(camera)
+    opened.close()
+    assert is_any_unknown(database)
+    mapper = Mapper(tmp_path, database, job_of(8, mapper="global"))
+    model, how = mapper.solve()
+    assert (model.num_reg_images(), how) == (8, "global")
+    assert not is_any_unknown(database)
+    assert asked == ["focal_lengths.db"]
