@@ -11,7 +11,8 @@ from gui.panels.settings import SettingsList
 from gui.presenters import stage_list
 from gui.presenters.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
 from gui.presenters.settings import SettingField
-from gui.presenters.workspace import TITLES, Workspace
+from gui.presenters.stage_rows import TITLES
+from gui.presenters.workspace import Workspace
 from pipelines.config import Config
 
 _PAUSE = {

@@ -8,7 +8,7 @@ import numpy as np
 
 from gui.presenters.canvas import Canvas, text_width
 from gui.presenters.palette import ACCENT, DIM, LINE, PANEL, RAISED, STATE_COLOURS, TEXT
-from gui.presenters.workspace import StageRow
+from gui.presenters.stage_rows import StageRow
 
 
 def row_height(em: float) -> float:
