@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from studio.calibration.sfm_adjust import adjust, known_model
 from studio.calibration.sfm_features import say
 from studio.calibration.sfm_focal import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
 from studio.calibration.sfm_judge import TRUSTED, explained_share, noise
@@ -306,7 +307,7 @@ class Mapper:
 
     def _from_poses(self) -> Any:
         """Triangulate from poses that are known, then adjust them (unless they are kept) and triangulate again."""
-        model = self._known_model()
+        model = known_model(self.database, self.job["poses"])
         rounds = 1 if self.job["keep_poses"] else 3
         for number in range(rounds):
             say(step="mapping", done=number, total=rounds)
@@ -321,61 +322,6 @@ class Mapper:
         say(step="mapping", done=rounds, total=rounds)
         return model
 
-    def _known_model(self) -> Any:
-        import pycolmap
-
-        database = pycolmap.Database.open(self.database)
-        model = pycolmap.Reconstruction()
-        for camera in database.read_all_cameras():
-            model.add_camera(camera)
-        for rig in database.read_all_rigs():
-            model.add_rig(rig)
-        for frame in database.read_all_frames():
-            number = next(iter(frame.data_ids)).id - 1
-            frame.rig_from_world = pycolmap.Rigid3d(np.array(self.job["poses"][number], np.float64)[:3])
-            model.add_frame(frame)
-        for image in database.read_all_images():
-            model.add_image(image)
-        database.close()
-        for frame_id in list(model.frames):
-            model.register_frame(frame_id)
-        return model
-
     def _adjust(self, model: Any, *, last: bool = True, width: float | None = None) -> None:
-        """Bundle adjustment in place.
-
-        Args:
-            model: what to adjust.
-            last: square the errors, then filter sharply; else a Cauchy loss of a pixel, and a wide filter.
-            width: of a Cauchy loss in pixels; then as many steps as it takes.
-        """
-        import pycolmap
-
-        options = pycolmap.BundleAdjustmentOptions()
-        options.refine_principal_point = bool(self.job["refine_principal_point"])
-        options.refine_rig_from_world = not self.job["keep_poses"]
-        options.print_summary = False
-        robust = width is not None or not last
-        options.ceres.loss_function_type = (
-            pycolmap.LossFunctionType.CAUCHY if robust else pycolmap.LossFunctionType.TRIVIAL
-        )
-        solver = options.ceres.solver_options
-        solver.num_threads = self.threads
-        if width is not None:
-            options.ceres.loss_function_scale = width
-            # a fifth of the steps that 1e-12 takes, and the cameras end within 2 % of the same error
-            solver.max_num_iterations = 100
-            solver.function_tolerance = 1e-6
-            solver.gradient_tolerance = solver.parameter_tolerance = 1e-12
-        config = pycolmap.BundleAdjustmentConfig()
-        for image_id in model.reg_image_ids():
-            config.add_image(image_id)
-        for index, lens in enumerate(self.job["lenses"]):
-            if lens["known"] and self.job["keep_known"]:
-                config.set_constant_cam_intrinsics(index + 1)
-        if not self.job["keep_poses"]:
-            config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-        pycolmap.create_default_bundle_adjuster(options, config, model).solve()
-        # what a robust loss has pushed aside is no observation
-        manager = pycolmap.ObservationManager(model)
-        manager.filter_all_points3D(4.0 if last else 12.0, 1.5)
+        """See `sfm_adjust.adjust`."""
+        adjust(model, self.job, self.threads, last=last, width=width)
