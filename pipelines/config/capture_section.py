@@ -38,11 +38,14 @@ class CaptureSection(Section):
     relative to root. auto takes the one that lies there under a usual name, and calibrates from the footage where
     there is none; null always calibrates from the footage."""
 
-    masks: Literal["auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "model"] = "auto"
+    masks: Literal[
+        "auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model"
+    ] = "auto"
     """How the performer is told from the room: the images' alpha channel, mask files, pictures of the empty room
     (clean_plate), the footage's median over time as such a picture (median_background), a screen of one colour behind
-    him (chroma_key), a matting model (model), or not at all (none). auto takes the first of alpha, files, clean_plate
-    that the capture has, else the median of 10 frames or more. docs/MASKS.md tells which to choose."""
+    him (chroma_key), pictures of him cut out before plain white or black (plain), a matting model (model), or not at
+    all (none). auto takes the first of alpha, files, clean_plate, plain that the capture has, else the median of 10
+    frames or more. docs/MASKS.md tells which to choose."""
 
     mask_files: str = "auto"
     """Pattern of the mask files, white = performer; auto looks in folders named mask, masks, matte, mattes, alpha."""

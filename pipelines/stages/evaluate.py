@@ -157,12 +157,12 @@ class EvaluateStage:
         shown = set(np.linspace(0, total - 1, min(context.config.evaluate.report_frames, total)).round().astype(int))
         for group in context.groups:
             for index, frame in zip(group.indices, group.frames, strict=True):
-                reporter.progress(0.95 * index / total, f"frame {frame}", frame=frame, group=group.index)
                 trained = read_frame(context.take.trained_frame(group.index, index))
                 decoded = reader.gaussians(index)
                 views: dict[str, dict[str, float]] = {}
-                for camera in cameras:
-                    context.cancellation.check()
+                for number, camera in enumerate(cameras):
+                    done = (index + number / len(cameras)) / total
+                    reporter.progress(0.95 * done, f"frame {frame}", frame=frame, group=group.index)
                     sample = self._compare(context, camera, frame, trained, decoded)
                     if sample is None:
                         measured.unseen.append((index, camera))

@@ -17,8 +17,11 @@ if TYPE_CHECKING:
 _MOST = 8
 """More threads than these wait for each other at Python's lock."""
 
-_BYTES_A_PIXEL = 112
-"""Of a training view: 14 float32 channels, and the next frame's while this one trains."""
+_BYTES_A_PIXEL = 16
+"""Of a training view: 8 channels of bytes, and the next frame's while this one trains."""
+
+_BYTES_A_DRAWN_PIXEL = 200
+"""Of the view that is drawn just now: float32 pictures, targets and gradients."""
 
 
 def groups_at_once(context: Context) -> int:
@@ -29,9 +32,10 @@ def groups_at_once(context: Context) -> int:
     if context.device != "cpu":
         return 1
     footage = context.footage
-    pixels = sum(footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras)
+    pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
+    each = _BYTES_A_PIXEL * sum(pixels) + _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
     memory = psutil.virtual_memory().total // 2
-    return max(1, min(groups, context.threads, _MOST, memory // max(1, _BYTES_A_PIXEL * pixels)))
+    return max(1, min(groups, context.threads, _MOST, memory // each))
 
 
 def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:

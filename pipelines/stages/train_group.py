@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from studio.training import TrainSettings, TrainView
 
 
+_MANY_PIXELS, _GOOD_PIXELS = 600_000, 150_000
+"""Of the performer's box: more than a CPU trains in sane time, and what serves it well."""
+
+
 class GroupWork:
     """Trains groups: holds what all frames share. Several threads may train a group each.
 
@@ -43,6 +48,7 @@ class GroupWork:
         self._lock = threading.Lock()  # over the clock, the labels and when the last preview was made
         self._labels: dict[int, str] = {}
         self._last_preview = time.monotonic()
+        self._advised = False
 
     def train(self, group: Group, finished: int, keys: list[str]) -> None:
         """Train the group's frames from the `finished`-th on, each written when it is done.
@@ -57,9 +63,10 @@ class GroupWork:
         before = read_frame(take.trained_frame(group.index, group.first + finished - 2)) if finished > 1 else None
         # one frame ahead: the next frame's images are decoded while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:
-            views: Future[list[TrainView]] = ahead.submit(self._views, group.frames[finished])
+            views: Future[list[TrainView]] = ahead.submit(self._views, group.frames[finished], tell=True)
             for position in range(finished, len(group.frames)):
                 current = views.result()
+                self._advise(current)
                 if position + 1 < len(group.frames):
                     views = ahead.submit(self._views, group.frames[position + 1])
                 started = self.context.clock()
@@ -172,14 +179,20 @@ class GroupWork:
 
         return tell
 
-    def _views(self, frame: int) -> list[TrainView]:
+    def _views(self, frame: int, tell: bool = False) -> list[TrainView]:
+        """What training sees of a frame; `tell`: nothing else goes on that would show progress."""
         from studio.training import TrainView
 
         footage, device = self.context.footage, self.context.device
         views = []
-        for camera in footage.train_cameras:
+        for number, camera in enumerate(footage.train_cameras):
             self.context.cancellation.check()
             self.stop.check()
+            if tell:
+                label = f"reading the pictures of frame {frame}, {number}/{len(footage.train_cameras)}"
+                with self._lock:
+                    fraction = self.clock.fraction
+                self.reporter.progress(fraction, label)
             view = footage.view(camera, frame)
             if (view.matte > 127).any():
                 views.append(TrainView.from_view(view, device, self.settings.crop_margin))
@@ -188,6 +201,21 @@ class GroupWork:
         if not views:
             raise StudioError(f"No training camera sees the performer in frame {frame}; check the masks.")
         return views
+
+    def _advise(self, views: list[TrainView]) -> None:
+        """Without a GPU, say once what smaller pictures would do where they are larger than it can train on."""
+        with self._lock:
+            if self._advised or self.context.device != "cpu":
+                return
+            self._advised = True
+        pixels = sorted(view.camera.width * view.camera.height for view in views)[len(views) // 2]
+        if pixels > _MANY_PIXELS:
+            scale = self.context.config.capture.scale
+            better = max(0.01, math.floor(100 * scale * math.sqrt(_GOOD_PIXELS / pixels)) / 100)
+            self.reporter.warn(
+                f"The performer takes {pixels / 1e6:.1f} megapixels of a picture, and there is no GPU: each step takes "
+                f"about {pixels / _GOOD_PIXELS:.0f} times as long as with capture.scale = {better:g}."
+            )
 
     def _timings(self, group: Group, finished: int) -> list[float]:
         """Seconds that the finished frames took, as far as they are known."""

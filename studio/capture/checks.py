@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from studio.capture.masks import FullMatter
@@ -14,6 +17,16 @@ if TYPE_CHECKING:
 
 _EMPTY = 2e-5  # of the image: 20 pixels of a megapixel
 _FULL = 0.999
+_READERS = 4  # cameras that are read side by side, where there are so many cores
+
+
+@dataclass
+class _Found:
+    """What is wrong with one camera's frames: sentences, and frames with such masks."""
+
+    broken: list[str] = field(default_factory=list)
+    empty: list[int] = field(default_factory=list)
+    full: list[int] = field(default_factory=list)
 
 
 def number_ranges(numbers: list[int]) -> str:
@@ -33,7 +46,7 @@ def number_ranges(numbers: list[int]) -> str:
 def check_footage(
     footage: Footage, progress: ProgressFn = no_progress, frames: tuple[int, ...] | None = None
 ) -> list[str]:
-    """Decode every frame and matte; see `Footage.check`.
+    """Decode every frame and matte, several cameras side by side; see `Footage.check`.
 
     Returns:
         One sentence a problem, those of one kind and camera together.
@@ -41,42 +54,59 @@ def check_footage(
     frames = footage.frames if frames is None else frames
     total = len(frames) * len(footage.camera_names)
     masked = not isinstance(footage.matter, FullMatter)
-    broken: dict[str, list[str]] = defaultdict(list)
-    empty: dict[str, list[int]] = defaultdict(list)
-    full: dict[str, list[int]] = defaultdict(list)
+    lock, stop = threading.Lock(), threading.Event()
     done = 0
-    for camera in footage.camera_names:
-        for frame in frames:
-            progress(done, total)
-            done += 1
+
+    def tell(count: int) -> None:
+        nonlocal done
+        with lock:  # a `progress` need not be thread safe
+            if not stop.is_set():
+                progress(done, total)
+            done += count
+
+    def look(camera: str) -> _Found:
+        found = _Found()
+        for position, frame in enumerate(frames):
+            if stop.is_set():
+                break
+            tell(1)
             try:
-                footage.raw_image(camera, frame)
+                footage.image(camera, frame)  # as training will ask for it, so that short takes are kept
                 if not masked:
                     continue
                 matte = footage.matte(camera, frame)
             except StudioError as error:
-                broken[camera].append(str(error))
-                if len(broken[camera]) > 3:  # a truncated video would give one sentence for each frame
-                    done += len(frames) - frames.index(frame) - 1
+                found.broken.append(str(error))
+                if len(found.broken) > 3:  # a truncated video would give one sentence for each frame
+                    tell(len(frames) - position - 1)
                     break
                 continue
             share = float((matte >= 128).mean())
             if share < _EMPTY:
-                empty[camera].append(frame)
+                found.empty.append(frame)
             elif share > _FULL:
-                full[camera].append(frame)
+                found.full.append(frame)
+        return found
+
+    with ThreadPoolExecutor(min(_READERS, len(os.sched_getaffinity(0))), thread_name_prefix="check") as readers:
+        try:
+            looks = [readers.submit(look, camera) for camera in footage.camera_names]
+            results = [one.result() for one in looks]
+        except BaseException:
+            stop.set()
+            raise
     progress(total, total)
     problems: list[str] = []
-    for camera in footage.camera_names:
-        problems += list(dict.fromkeys(broken[camera]))[:3]
-        if empty[camera]:
+    for camera, found in zip(footage.camera_names, results, strict=True):
+        problems += list(dict.fromkeys(found.broken))[:3]
+        if found.empty:
             problems.append(
-                f"Camera '{camera}': the mask is empty in frame {number_ranges(empty[camera])}; mend the masks, or "
+                f"Camera '{camera}': the mask is empty in frame {number_ranges(found.empty)}; mend the masks, or "
                 "leave the camera or the frames out."
             )
-        if full[camera]:
+        if found.full:
             problems.append(
-                f"Camera '{camera}': the mask is all white in frame {number_ranges(full[camera])}, so nothing is told "
+                f"Camera '{camera}': the mask is all white in frame {number_ranges(found.full)}, so nothing is told "
                 "apart from the background; mend the masks (white is the performer, black the rest)."
             )
     return problems

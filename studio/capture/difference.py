@@ -14,6 +14,8 @@ import numpy as np
 
 from studio.capture.filters import color_table, guided_filter, keep_components, look_up, masked_mean
 
+_NO_CHROMA = 127.5  # grey in Cr and Cb
+_FADED = 4.0  # levels of chroma: what a shadow takes away below that is not noticed
 _WORK_SIDE = 960  # evidence is gathered at this size; edges are solved at full size
 
 
@@ -93,7 +95,11 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     slope = across * across + down * down
     variance = noise * noise + slope * np.array([0.15**2, 0.5**2, 0.5**2], np.float32)
     if settings.shadows:
-        variance[..., 0] += _shadow(ours[..., 0], empty[..., 0], noise) * difference[..., 0] ** 2
+        shadow, factor = _shadow(ours[..., 0], empty[..., 0], noise)
+        variance[..., 0] += shadow * difference[..., 0] ** 2
+        # less light takes colour away by the same factor, which shows where the set is colourful
+        faded = (shadow * (1 - factor))[..., None] * (empty[..., 1:] - np.float32(_NO_CHROMA))
+        difference[..., 1:] += faded * np.clip(np.abs(faded) - _FADED, 0.0, 1.0)
     # The floor keeps faint reflections and flicker out of very clean footage.
     difference *= difference
     difference /= variance + np.array([9.0, 2.25, 2.25], np.float32)
@@ -101,8 +107,8 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     return np.clip(1.2 * (score * settings.sensitivity - 4.0), -4.0, 6.0).astype(np.float32)
 
 
-def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """(H, W) in 0..1: how much a pixel is the plate's luma times one factor below 1 all around it."""
+def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) in 0..1: how much a pixel is the plate's luma times one factor below 1 all around it; and the factor."""
     import cv2
 
     size = (9, 9)
@@ -110,7 +116,7 @@ def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> np.ndarra
     factor = sums[0] / np.maximum(sums[1], 1.0)
     residual = np.maximum(sums[2] - factor * sums[0], 0.0)  # mean squared error of ours = factor * empty
     fits = np.exp(-residual / (2.0 * (9.0 + (1.5 * noise[0]) ** 2)))
-    return fits * ((factor > 0.45) & (factor < 0.99))
+    return fits * ((factor > 0.45) & (factor < 0.99)), factor
 
 
 def difference_matte(

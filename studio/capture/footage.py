@@ -79,6 +79,7 @@ class Footage:
         self._warps = dict(warps) if warps is not None else None
         self._pool = pool
         self._cache = cache
+        self._lenses = ByteCache(cache.limit // 4)  # of their own: those of a large rig would push out all pictures
         self._rig = Rig(tuple(warp.camera for warp in self._warps.values())) if self._warps is not None else None
         self._digest: str | None = None
 
@@ -242,6 +243,7 @@ class Footage:
                 image = warp.apply(image, self._maps(camera, warp), smooth=True)
             kept = (image,)
             self._cache.put(key, *kept)
+            self._release(camera, frame)
         return kept[0]
 
     def _raw_matte(self, camera: str, frame: int) -> np.ndarray:
@@ -266,15 +268,24 @@ class Footage:
             matte = raw if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=False)
             kept = (matte,)
             self._cache.put(key, *kept)
+            self._release(camera, frame)
         return kept[0]
+
+    def _release(self, camera: str, frame: int) -> None:
+        """Forget the frame as it was decoded once all that is made of it is kept: 81 cameras at 4K would push all of
+        that out."""
+        exact = self._exact_matter is not None and camera in self.held_out_cameras
+        if all(self._cache.holds((kind, camera, frame)) for kind in ("image", "matte", *(("exact",) if exact else ()))):
+            for kind in ("raw", "raw matte"):
+                self._cache.drop((kind, camera, frame))
 
     def _maps(self, camera: str, warp: Warp) -> tuple[np.ndarray, np.ndarray] | None:
         if warp.source.is_pinhole:
             return None
-        kept = self._cache.get(("maps", camera))
+        kept = self._lenses.get(camera)
         if kept is None:
             kept = warp.maps()
-            self._cache.put(("maps", camera), *kept)
+            self._lenses.put(camera, *kept)
         return kept[0], kept[1]
 
     def _warp(self, camera: str) -> Warp:

@@ -20,6 +20,7 @@ from studio.capture.masks import AlphaMatter, FileMatter, FullMatter, Matter, Pl
 from studio.capture.matting import FunctionMatter
 from studio.capture.onnx_model import OnnxModel, OnnxSettings
 from studio.capture.patterns import Match, find_files, natural_key
+from studio.capture.plain import PlainMatter, plain_color
 from studio.capture.sources import DecoderPool, FrameSource, make_sources
 from studio.capture.spec import CaptureSpec
 from studio.errors import StudioError
@@ -68,6 +69,8 @@ def mask_source(
         return _chroma(spec, sources, pool), "Masks: what has not the colour of the screen."
     if kind == "model":
         return _model(spec, names, pool, cache_folder), f"Masks: by the model {spec.mask_model}."
+    if kind == "plain" or (kind == "auto" and _before_plain(sources)):
+        return PlainMatter(lambda camera: _first(sources[camera])), "Masks: what has not the plain colour behind it."
     count = min(len(source.frames) for source in sources.values())
     if kind == "median_background" and count < 3:
         raise StudioError(
@@ -88,6 +91,19 @@ def mask_source(
         matter = PlateMatter(behind, paths, _difference(spec))
         return matter, "Masks: difference to the set as recovered from the footage."
     return FullMatter(), "Masks: none, everything is foreground."
+
+
+def _first(source: FrameSource) -> np.ndarray:
+    return source.read(source.frames[0])[:, :, :3]
+
+
+def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
+    """Whether the performer was cut out and put before one colour: three cameras are asked."""
+    some = list(sources.values())
+    try:
+        return all(plain_color(_first(source)) is not None for source in {some[0], some[len(some) // 2], some[-1]})
+    except StudioError:  # a broken file is told of where it is needed
+        return False
 
 
 def _chroma(spec: CaptureSpec, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatter:

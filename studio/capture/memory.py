@@ -32,6 +32,16 @@ class ByteCache:
                 self._arrays.move_to_end(key)
             return arrays
 
+    def holds(self, key: Hashable) -> bool:
+        """Whether there is something under `key`."""
+        with self._lock:
+            return key in self._arrays
+
+    def drop(self, key: Hashable) -> None:
+        """Forget what is stored under `key`, if anything."""
+        with self._lock:
+            self._bytes -= sum(array.nbytes for array in self._arrays.pop(key, ()))
+
     def put(self, key: Hashable, *arrays: np.ndarray) -> None:
         """Keep arrays under `key`, pushing out the least recently used ones where they do not fit."""
         size = sum(array.nbytes for array in arrays)

@@ -9,7 +9,7 @@ from pathlib import Path
 from studio.capture.screen import saturated
 from studio.errors import StudioError
 
-MASK_KINDS = ("auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "model")
+MASK_KINDS = ("auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model")
 SIZE_RULES = ("auto", "stretch", "crop", "letterbox")
 
 
@@ -28,8 +28,9 @@ class CaptureSpec:
             "files": separate images or videos, white is foreground. "clean_plate": difference to a picture of the empty
             set. "median_background": difference to the set as recovered from the footage itself over time, for footage
             without a plate (the cameras must stand still). "chroma_key": what has not the colour of the screen behind.
-            "model": a matting model. "auto": the first of alpha, files, clean plates that the capture has, else the
-            recovered set where there are at least 10 frames, else none.
+            "plain": the pictures show the performer cut out before one colour, white or black. "model": a matting
+            model. "auto": the first of alpha, files, clean plates that the capture has, else plain where pictures have
+            one colour all around, else the recovered set where there are at least 10 frames, else none.
         mask_files: pattern of the mask files; they may have another extension than the images. "auto" looks in folders
             named mask, masks, matte, mattes or alpha.
         clean_plates: pattern of the clean plates, one image (or video, of which the median is taken) a camera. "auto"

@@ -8,9 +8,9 @@ from studio.progress import ProgressFn
 
 
 def part_of(progress: ProgressFn, start: int, stop: int) -> ProgressFn:
-    """A step's own progress as the stretch from `start` to `stop` of 100."""
+    """A step's own progress as the stretch from `start` to `stop` of 100, in hundredths."""
 
     def inner(done: int, total: int, **figures: Any) -> None:
-        progress(start + round((stop - start) * done / max(total, 1)), 100, **figures)
+        progress(100 * start + round(100 * (stop - start) * done / max(total, 1)), 10_000, **figures)
 
     return inner

@@ -50,7 +50,7 @@ class Stepper:
         self._settings = settings
         self._generator = generator
         self._views = Shuffled(views, generator)
-        self._backgrounds = backgrounds(settings.background, generator, views[0].image.device)
+        self._backgrounds = backgrounds(settings.background, generator, views[0].device)
 
     def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None, dropout: bool = False) -> Step:
         """Draw the next view of `gaussians` and compare; with `dropout`, of a random share of them."""

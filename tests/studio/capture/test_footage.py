@@ -199,6 +199,25 @@ def test_cache_forgets_the_least_recently_used() -> None:
     assert cache.used == 30
 
 
+def test_cache_drops_what_it_is_told_to() -> None:
+    cache = ByteCache(30)
+    cache.put("a", np.zeros(10, np.uint8), np.zeros(5, np.uint8))
+    assert cache.holds("a")
+    cache.drop("a")
+    cache.drop("never there")
+    assert not cache.holds("a")
+    assert cache.used == 0
+
+
+def test_decoded_frames_make_room_for_what_is_made_of_them(image_folders: Path) -> None:
+    footage = open_footage(CaptureSpec(image_folders, masks="none", scale=0.5))
+    camera, frame = footage.camera_names[0], footage.frames[0]
+    first, _ = footage.image(camera, frame), footage.matte(camera, frame)
+    height, width = first.shape[:2]
+    assert footage._cache.used == 4 * height * width  # the small image and its matte, not the frame
+    assert np.array_equal(footage.image(camera, frame), first)
+
+
 def test_digest_is_of_names_and_contents_not_of_times(image_folders: Path, tmp_path: Path) -> None:
     import os
 

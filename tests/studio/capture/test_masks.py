@@ -101,6 +101,16 @@ def test_soft_shadows_are_not_the_performer() -> None:
     assert iou(kept, 255 * alpha) < 0.85  # so the setting does it
 
 
+def test_shadows_on_a_colourful_floor_are_not_the_performer() -> None:
+    import cv2
+
+    empty, alpha = set_of() * np.array([0.6, 0.7, 1.1]), performer(240, 160, 100, 70)
+    shade = 1 - 0.35 * cv2.GaussianBlur(performer(240, 160, 150, 120, 26).astype(np.float32), (0, 0), 5)
+    image = compose(empty * shade[..., None], alpha, 2.0, 2)
+    plate = compose(empty, 0 * alpha, 2.0, 1)
+    assert iou(difference_matte(image, plate), 255 * alpha) > 0.95
+
+
 def test_exposure_that_drifts_is_followed() -> None:
     empty, alpha = set_of(), performer(240, 160, 100, 80)
     image = np.clip(compose(empty, alpha, 2.0, 2) * np.array([1.08, 1.1, 1.15]), 0, 255).astype(np.uint8)

@@ -81,6 +81,31 @@ def test_surroundings_reach_a_little_beyond_the_matte() -> None:
     assert bool((near[matte > 0] == 1).all())
 
 
+def test_surroundings_are_a_square_about_each_pixel() -> None:
+    matte = torch.zeros(SIZE, SIZE)
+    matte[30:90, 20:100] = 1
+    matte[10, 10] = 0.5
+    reach = max(4, round(0.02 * 80))
+    whole = torch.nn.functional.max_pool2d((matte > 0.02).float()[None, None], 2 * reach + 1, 1, reach)[0, 0]
+    assert torch.equal(surroundings(matte), whole)
+
+
+def test_pictures_are_kept_as_bytes_and_seen_as_floats() -> None:
+    source = captured(True)
+    view = TrainView.from_view(source)
+    assert all(part.dtype == torch.uint8 for part in (view._image, view._matte, view._plate) if part is not None)
+    colour = torch.tensor([0.2, 0.9, 0.4])
+    floats = TrainView(view.camera, view.image, view.matte, view.full_size, view.plate)
+    assert torch.equal(view.composited(colour), floats.composited(colour))
+    assert view.backdrop(colour) is not None
+    assert torch.equal(view.backdrop(colour), floats.backdrop(colour))  # type: ignore[arg-type]
+
+
+def test_a_crop_does_not_hold_the_whole_picture() -> None:
+    view = TrainView.from_view(captured(False), crop_margin=0.1)
+    assert view._image.untyped_storage().nbytes() == view._image.numel() < SIZE * SIZE * 3
+
+
 def test_nothing_drawn_over_the_plate_shows_the_plate() -> None:
     view = TrainView.from_view(captured(True))
     nothing = Gaussians(
