@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gui.presenters.canvas import Canvas, line_height, text_width
-from gui.presenters.palette import ACCENT, ACCENT_DARK, BAD, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, TEXT
+from gui.presenters.canvas import Canvas, fitted, line_height, text_width, wrapped
+from gui.presenters.palette import ACCENT, ACCENT_DARK, BAD, BLACK, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, TEXT
 from gui.presenters.tie_marks import TieMarks
 from gui.presenters.zoom import Zoom
 from studio.calibration import TiePoint
@@ -17,6 +17,11 @@ from studio.calibration import TiePoint
 MOST_PICTURES = 6
 _CROP = 24
 """Pixels to each side of a mark that the small pictures show."""
+
+_HOW = (
+    "Click on a corner or a dot that other cameras see too. Go to the next camera (C) and click on the same place. "
+    "Then a new point (N): a dozen in each camera, spread over the picture and not all on the floor."
+)
 
 Action = Callable[[], None]
 Rect = tuple[float, float, float, float]
@@ -67,17 +72,33 @@ def tabs(
     return y + step
 
 
-def cross(
-    canvas: Canvas, zoom: Zoom, place: tuple[float, float], name: str, chosen: bool, small: int, arm: float
-) -> None:
-    """A mark, open in the middle."""
-    x, y = zoom.shown(*place)
-    if not zoom.holds(x, y):
-        return
-    colour = ACCENT if chosen else GOOD
-    for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-        canvas.line([(x + 3 * dx, y + 3 * dy), (x + arm * dx, y + arm * dy)], colour, 2 if chosen else 1)
-    canvas.text(x + 5, y + 3, name, small, colour)
+def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float) -> None:
+    """All marks of a camera, open in the middle, with as many of their names as do not lie over each other."""
+    small = round(0.85 * em)
+    taken: list[Rect] = []
+    seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
+    for index in sorted(seen, key=lambda index: index != marks.chosen):
+        point, chosen = marks.points[index], index == marks.chosen
+        x, y = zoom.shown(*point.pixels[camera])
+        if not zoom.holds(x, y):
+            continue
+        colour = ACCENT if chosen else GOOD
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            ends = [(x + 3 * dx, y + 3 * dy), (x + 0.6 * em * dx, y + 0.6 * em * dy)]
+            canvas.line([(u + 1, v + 1) for u, v in ends], BLACK, 2 if chosen else 1)
+            canvas.line(ends, colour, 2 if chosen else 1)
+        words = fitted(point.name, small, 12 * em)
+        wide, high = text_width(words, small), line_height(small)
+        for left, top in ((x + 5, y + 3), (x + 5, y - 3 - high), (x - 5 - wide, y + 3), (x - 5 - wide, y - 3 - high)):
+            right, bottom = left + wide, top + high
+            free = all(
+                left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1] for other in taken
+            )
+            if free and zoom.holds(left, top) and zoom.holds(right, bottom):
+                taken.append((left, top, right, bottom))
+                canvas.text(left + 1, top + 1, words, small, BLACK)
+                canvas.text(left, top, words, small, colour)
+                break
 
 
 def crops(
@@ -94,7 +115,7 @@ def crops(
     import cv2
 
     x, y, width, height = rect
-    side = min(width - 8, height / MOST_PICTURES - line_height(small) - 4)
+    side = min(width - 8, height / max(len(images), 3) - line_height(small) - 4)
     if side < 24:
         return
     for name, image in images.items():
@@ -130,6 +151,9 @@ def point_list(
     canvas.rect(0, 0, width, height, GROUND)
     rows = max(int((height - (len(buttons) + 1.6) * step - pad) // step), 1)
     canvas.text(pad, 2, f"{len(marks.points)} point{'s' * (len(marks.points) != 1)}", small, DIM)
+    if len(marks.points) < 2:
+        for row, line in enumerate(wrapped(_HOW, small, width - 2 * pad)[: rows - 3]):
+            canvas.text(pad, step * (row + 3), line, small, DIM)
     for row, index in enumerate(range(scroll, min(scroll + rows, len(marks.points)))):
         point, y = marks.points[index], step * (row + 1)
         if index == marks.chosen:

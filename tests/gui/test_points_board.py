@@ -11,7 +11,7 @@ import pytest
 
 from gui.presenters.palette import ACCENT, FAIR
 from gui.presenters.points_board import PointsBoard
-from gui.presenters.tie_marks import TieMarks, expected
+from gui.presenters.tie_marks import TieMarks, advice, expected
 from gui.presenters.workspace import Workspace
 from gui.presenters.zoom import Zoom
 from pipelines.take import Take
@@ -153,6 +153,35 @@ def test_names_and_places(tmp_path: Path) -> None:
     marks.choose(0)
     assert marks.describe("mat corner") == ""
     assert read_tie_points(marks.path)[0].world is None
+
+
+def test_changes_are_taken_back(tmp_path: Path) -> None:
+    marks = TieMarks(tmp_path / "points.yaml")
+    marks.mark("a", 1, 2, 0)
+    marks.mark("a", 50, 60, 0)
+    marks.undo()
+    assert read_tie_points(marks.path)[0].pixels == {"a": (1.0, 2.0)}
+    marks.add()
+    marks.mark("b", 3, 4, 0)
+    marks.choose(0)
+    marks.remove()
+    marks.undo()
+    assert [point.name for point in read_tie_points(marks.path)] == ["point 1", "point 2"]
+    assert marks.chosen == 0
+    for _ in range(5):
+        marks.undo()
+    assert read_tie_points(marks.path) == ()
+
+
+def test_what_a_click_does_is_said(tmp_path: Path) -> None:
+    marks, names = TieMarks(tmp_path / "points.yaml"), [f"cam{number}" for number in range(9)]
+    assert advice(marks, names, "cam0", 0) == (
+        "a click begins a point; fewer than 6 marks: cam0, cam1, cam2 and 6 more"
+    )
+    marks.mark("cam0", 1, 2, 7)
+    assert "a click moves 'point 1' in cam0" in advice(marks, names, "cam0", 7)
+    assert "a click marks 'point 1' in cam1" in advice(marks, names, "cam1", 7)
+    assert "was marked in frame 7, this is 9" in advice(marks, names, "cam1", 9)
 
 
 def test_zoom_keeps_the_place_under_the_mouse() -> None:
