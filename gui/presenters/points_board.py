@@ -98,12 +98,15 @@ class PointsBoard(Board):
         top = tabs(canvas, spots, (left, size[0] - left), names, marks, self.camera, self.em, self.show_camera)
         self._picture(canvas, marks, (left, top, size[0] - left - right, size[1] - top))
         if marks.point is not None:
-            shown = [name for name in names if name in marks.point.pixels][:MOST_PICTURES]
-            images = {name: self._image(name) for name in shown}
+            shown = [name for name in names if name in marks.point.pixels]
+            if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and those after it
+                here = shown.index(self.camera)
+                shown = shown[here:] + shown[:here]
+            images = {name: self._image(name) for name in shown[:MOST_PICTURES]}
             rect = (size[0] - right, top, right, size[1] - top)
             crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
-        rows = point_list(canvas, spots, (left, size[1]), marks, self._scroll, self._solved(), self._buttons(), self.em)
-        self._scroll = min(max(self._scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
+        buttons = self._buttons()
+        self._scroll = point_list(canvas, spots, (left, size[1]), marks, self._scroll, self._solved(), buttons, self.em)
         self._spots = spots
         return canvas.pixels
 

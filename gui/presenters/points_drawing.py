@@ -15,6 +15,7 @@ from gui.presenters.zoom import Zoom
 from studio.calibration import TiePoint
 
 MOST_PICTURES = 6
+_LEAST_CROP = 50
 _CROP = 24
 """Pixels to each side of a mark that the small pictures show."""
 
@@ -115,10 +116,10 @@ def crops(
     import cv2
 
     x, y, width, height = rect
-    side = min(width - 8, height / max(len(images), 3) - line_height(small) - 4)
-    if side < 24:
-        return
-    for name, image in images.items():
+    label = line_height(small) + 4
+    count = max(min(len(images), int(height // (label + _LEAST_CROP))), 1)
+    side = min(width - 8, height / max(count, 3) - label)
+    for name, image in list(images.items())[:count]:
         column, row = point.pixels[name]
         factor = side / (2 * _CROP)
         # OpenCV's origin is the middle of the first pixel
@@ -131,7 +132,7 @@ def crops(
             canvas.line([(middle[0] + k * dx, middle[1] + k * dy) for k in (4, 0.3 * side)], ACCENT)
         canvas.text(x + 4, y + side, name, small, ACCENT if name == shown else TEXT)
         spots.add((x, y, width, side), partial(choose, name))
-        y += side + line_height(small) + 4
+        y += side + label
 
 
 def point_list(
@@ -144,12 +145,14 @@ def point_list(
     buttons: Sequence[tuple[str, Action]],
     em: float,
 ) -> int:
-    """The points, how many cameras see each and its error, buttons below; returns how many rows there is room for."""
+    """The points, how many cameras see each and its error, buttons below; returns the first row that is shown,
+    the given one or another so that the chosen point is seen."""
     width, height = size
     small, pad = round(0.85 * em), 0.5 * em
     step = line_height(small) + 3
     canvas.rect(0, 0, width, height, GROUND)
     rows = max(int((height - (len(buttons) + 1.6) * step - pad) // step), 1)
+    scroll = min(max(scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
     canvas.text(pad, 2, f"{len(marks.points)} point{'s' * (len(marks.points) != 1)}", small, DIM)
     if len(marks.points) < 2:
         for row, line in enumerate(wrapped(_HOW, small, width - 2 * pad)[: rows - 3]):
@@ -171,7 +174,7 @@ def point_list(
         spots.add((2, bottom, width - 6, step - 3), action)
         bottom += step
     canvas.line([(width - 2, 0), (width - 2, height)], LINE)
-    return rows
+    return scroll
 
 
 def _colour(error: object, cameras: int) -> RGB:

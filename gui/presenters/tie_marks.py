@@ -150,15 +150,19 @@ def advice(marks: TieMarks, names: Sequence[str], camera: str, frame: int | None
     if point is None:
         words = "a click begins a point"
     elif None not in (point.frame, frame) and point.frame != frame and point.pixels:
-        words = f"'{point.name}' was marked in frame {point.frame}, this is {frame}: only for what stands still"
+        words = f"'{_short(point.name)}' was marked in frame {point.frame}, this is {frame}: only for what stands still"
     else:
         does = "moves" if camera in point.pixels else "marks"
-        words = f"a click {does} '{point.name}' in {camera}; wheel and drag look closer"
+        words = f"a click {does} '{_short(point.name)}' in {camera}; wheel and drag look closer"
     few = [name for name in names if marks.count(name) < LEAST]
     if few:
         more = f" and {len(few) - 3} more" if len(few) > 3 else ""
         words += f"; fewer than {LEAST} marks: {', '.join(few[:3])}{more}"
     return words
+
+
+def _short(name: str) -> str:
+    return name if len(name) < 32 else f"{name[:30].rstrip()}…"
 
 
 def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:

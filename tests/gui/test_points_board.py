@@ -224,7 +224,9 @@ def test_points_in_the_window(open_window: Callable, take_copy: Path, artefacts:
     window.wait_for("the dialog", lambda s: s["dialog"] == "point")
     time.sleep(1.0)
     window.click("dialog line")
-    window.key("ctrl+a")
+    window.key("End")
+    for _ in range(12):  # on busy cores X loses some
+        window.key("BackSpace")
     window.type("corner; 0 0 1")
     window.key("Return")
     window.wait_for("no dialog", lambda s: not s["dialog"])
