@@ -16,6 +16,7 @@ from gui.presenters.tie_marks import TieMarks, advice, expected
 from gui.presenters.workspace import Workspace
 from gui.presenters.zoom import Zoom
 from pipelines.files import read_json
+from pipelines.stages.base import Context
 from studio.cameras import Rig
 from studio.errors import StudioError
 
@@ -43,6 +44,7 @@ class PointsBoard(Board):
         self._changes = 0
         self._scroll = 0
         self._rig: tuple[float, Rig | None] = (0.0, None)
+        self._footage: tuple[Context | None, tuple[str, ...]] = (None, ())
 
     # What it depends on
 
@@ -78,9 +80,9 @@ class PointsBoard(Board):
             self._changes += 1
 
     def names(self) -> tuple[str, ...]:
-        """The cameras."""
-        context = self.workspace.context
-        return context.raw_footage.camera_names if context is not None else ()
+        """The cameras, once their footage has been shown; it may be missing or broken."""
+        context, names = self._footage
+        return names if context is self.workspace.context else ()
 
     # Pictures
 
@@ -89,7 +91,8 @@ class PointsBoard(Board):
         marks = self.marks
         if marks is None or self.workspace.context is None:
             raise StudioError(self.problem or "Open a take to mark points in its footage.")
-        names = self.names()
+        names = self.workspace.context.raw_footage.camera_names
+        self._footage = (self.workspace.context, names)
         if self.camera not in names:
             self.camera = names[0]
         canvas, spots = Canvas(*size, GROUND), Spots()
@@ -289,5 +292,5 @@ class PointsBoard(Board):
             return self.problem
         if self.marks is None:
             return ""
-        number = self._number() if self.workspace.context is not None else None
-        return advice(self.marks, self.names(), self.camera, number)
+        names = self.names()
+        return advice(self.marks, names, self.camera, self._number()) if names else ""

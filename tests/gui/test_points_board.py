@@ -138,6 +138,27 @@ def test_a_file_that_changes_or_breaks_meanwhile(board: PointsBoard) -> None:
     assert "this is no YAML" not in board.status
 
 
+def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
+    settings = take_copy / "config.yaml"
+    lines = settings.read_text().splitlines()
+    settings.write_text("\n".join(f"  root: {tmp_path}/gone" if line.startswith("  root:") else line for line in lines))
+    workspace = Workspace()
+    workspace.open(Take.open(take_copy))
+    board = PointsBoard(workspace)
+    picture(board)
+    assert board.names() == ()
+    assert board.status == ""
+    board.new_point()
+    board.step_camera(1)
+    board.unmark()
+    board.undo()
+    board.click(450, 300)
+    board.wheel(1)
+    assert not (take_copy / "points.yaml").exists()
+    assert board.close()
+    assert workspace.close()
+
+
 def test_names_and_places(tmp_path: Path) -> None:
     marks = TieMarks(tmp_path / "points.yaml")
     assert marks.describe("x") == "Choose a point first."
