@@ -21,7 +21,7 @@ SHORTCUTS: tuple[tuple[str, str], ...] = (
     ("K", "add this view to the camera path of a movie"),
     ("F", "fullscreen: the viewport alone (Escape ends it)"),
     ("I", "figures and log, on the right; a narrow window begins without them"),
-    ("N, E, Delete, A", "points by hand: a new point, its name and place, not in this camera, snapping"),
+    ("N, E, Delete, U, A", "points by hand: a new point, its name and place, not in this camera, undo, snapping"),
     ("Up, Down", "points by hand: choose a point"),
     ("?", "this list"),
     ("Left drag", "turn"),

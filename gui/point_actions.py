@@ -32,6 +32,7 @@ class PointActions:
             key.DELETE: board.unmark,
             key.BACKSPACE: board.unmark,
             key.A: board.toggle_snap,
+            key.U: board.undo,
             key.C: lambda: board.step_camera(1),
             key.UP: lambda: board.step_point(-1),
             key.DOWN: lambda: board.step_point(1),

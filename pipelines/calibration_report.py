@@ -12,6 +12,12 @@ _BANDS = {
 }
 _SPARSE = 0.4
 """Share of the image that observations should cover at least, or the lens is a guess in the rest."""
+_UNSURE = 0.02
+"""Share of the distance to the points; what marks leave open beyond it is worth a warning."""
+_FAR_OFF = 5
+"""Times calibrate.tie_world_accuracy that a measured place may be off."""
+_NEAR, _FAR = 0.05, 100
+"""Metres; cameras nearer or farther are likely given in another unit."""
 
 
 def calibration_lenses(report: dict[str, Any]) -> list[str]:
@@ -50,8 +56,8 @@ def calibration_warnings(report: dict[str, Any]) -> list[str]:
     """Sentences on what should be looked at."""
     from studio.calibration.sfm_judge import TRUSTED
 
-    found = []
-    if report["reprojection"]["mean"] > 1:
+    found = tie_warnings(report)
+    if report["reprojection"]["mean"] > 1 and "tie_points" not in report:
         found.append(
             f"The cameras' mean reprojection error is {report['reprojection']['mean']:.2f} px; over 1 px something is "
             "wrong: cameras that moved, footage that is not synchronized, or a lens model with too few terms."
@@ -80,13 +86,46 @@ def calibration_warnings(report: dict[str, Any]) -> list[str]:
             f"Less than {_SPARSE:.0%} of the image holds anything to calibrate by for {', '.join(sparse)}; elsewhere "
             "their lenses are a guess."
         )
-    for mark in report.get("left_out", []):
-        found.append(
-            f"Point '{mark['point']}' was left out in {mark['camera']}: it is marked {mark['error']:.1f} px from where "
-            "the other marks say; look at it again."
-        )
     for name, reason in report.get("unregistered", {}).items():
         found.append(f"Camera '{name}' found no place: {reason}.")
+    return found
+
+
+def tie_warnings(report: dict[str, Any]) -> list[str]:
+    """Sentences on points marked by hand."""
+    if "tie_points" not in report:
+        return []
+    found = []
+    if report["reprojection"]["mean"] > 1:
+        found.append(
+            f"The marks lie {report['reprojection']['mean']:.2f} px from where they should, on the mean; over 1 px "
+            "they were set carelessly, in pictures of another size or for other lenses."
+        )
+    unsure = {name: share for name, share in report.get("uncertain", {}).items() if share > _UNSURE}
+    if unsure:
+        worst = max(unsure, key=lambda name: unsure[name])
+        found.append(
+            f"The marks say where {', '.join(unsure)} {'stands' if len(unsure) == 1 else 'stand'} only to "
+            f"{unsure[worst]:.0%} of the distance to the points ({worst}); mark more points there, spread over the "
+            "picture and in depth."
+        )
+    for mark in report.get("left_out", []):
+        where = "behind the camera" if mark["error"] is None else f"{mark['error']:.1f} px from the mark"
+        found.append(
+            f"Point '{mark['point']}' was left out in {mark['camera']}: the other marks say that it lies {where}; look "
+            "at it again."
+        )
+    off = {name: point["off"] for name, point in report["tie_points"].items() if "off" in point}
+    far = sorted((name for name in off if off[name] > _FAR_OFF * report["world_accuracy"]), key=lambda name: -off[name])
+    if far:
+        named = ", ".join(f"'{name}' ({off[name]:.3g} m)" for name in far[:3]) + (", ..." if len(far) > 3 else "")
+        found.append(
+            f"Measured places lie far from where the marks say: {named}. One of them is wrong, or the axes are not "
+            "right-handed with z up."
+        )
+    away = report["geometry"]["radius"]
+    if report["metric"] and not _NEAR < away < _FAR:
+        found.append(f"The cameras stand {away:.3g} m from the point they look at; are places and distances in metres?")
     return found
 
 

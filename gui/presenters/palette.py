@@ -4,6 +4,9 @@ from __future__ import annotations
 
 RGB = tuple[int, int, int]
 
+BLACK: RGB = (8, 9, 10)
+"""Around what must be read over any picture."""
+
 GROUND: RGB = (30, 32, 36)
 """Behind everything."""
 

@@ -11,11 +11,12 @@ import numpy as np
 from gui.presenters.board import Board, Size
 from gui.presenters.canvas import Canvas
 from gui.presenters.palette import FAIR, GROUND
-from gui.presenters.points_drawing import MOST_PICTURES, Action, Spots, crops, cross, point_list, tabs
-from gui.presenters.tie_marks import LEAST, TieMarks, expected
+from gui.presenters.points_drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
+from gui.presenters.tie_marks import TieMarks, advice, expected
 from gui.presenters.workspace import Workspace
 from gui.presenters.zoom import Zoom
 from pipelines.files import read_json
+from pipelines.stages.base import Context
 from studio.cameras import Rig
 from studio.errors import StudioError
 
@@ -43,6 +44,7 @@ class PointsBoard(Board):
         self._changes = 0
         self._scroll = 0
         self._rig: tuple[float, Rig | None] = (0.0, None)
+        self._footage: tuple[Context | None, tuple[str, ...]] = (None, ())
 
     # What it depends on
 
@@ -61,7 +63,8 @@ class PointsBoard(Board):
         if path is not None and (self.marks is None or self.marks.path != path or self.marks.stale):
             self._load(path)
         take = self.workspace.take
-        solved = take.rig.stat().st_mtime if take is not None and take.rig.is_file() else 0.0
+        files = (take.rig, take.calibration_report) if take is not None else ()
+        solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
         changes = self.marks.changes if self.marks is not None else 0
         zoom = self._zooms.get(self.camera)
         return (path, changes, self._changes, self.camera, self.frame, self.em, solved, zoom.key if zoom else None)
@@ -77,9 +80,9 @@ class PointsBoard(Board):
             self._changes += 1
 
     def names(self) -> tuple[str, ...]:
-        """The cameras."""
-        context = self.workspace.context
-        return context.raw_footage.camera_names if context is not None else ()
+        """The cameras, once their footage has been shown; it may be missing or broken."""
+        context, names = self._footage
+        return names if context is self.workspace.context else ()
 
     # Pictures
 
@@ -88,21 +91,25 @@ class PointsBoard(Board):
         marks = self.marks
         if marks is None or self.workspace.context is None:
             raise StudioError(self.problem or "Open a take to mark points in its footage.")
-        names = self.names()
+        names = self.workspace.context.raw_footage.camera_names
+        self._footage = (self.workspace.context, names)
         if self.camera not in names:
             self.camera = names[0]
         canvas, spots = Canvas(*size, GROUND), Spots()
         small = round(0.85 * self.em)
         left, right = min(15 * self.em, 0.3 * size[0]), min(9 * self.em, 0.2 * size[0])
         top = tabs(canvas, spots, (left, size[0] - left), names, marks, self.camera, self.em, self.show_camera)
-        self._picture(canvas, marks, (left, top, size[0] - left - right, size[1] - top), small)
+        self._picture(canvas, marks, (left, top, size[0] - left - right, size[1] - top))
         if marks.point is not None:
-            shown = [name for name in names if name in marks.point.pixels][:MOST_PICTURES]
-            images = {name: self._image(name) for name in shown}
+            shown = [name for name in names if name in marks.point.pixels]
+            if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and those after it
+                here = shown.index(self.camera)
+                shown = shown[here:] + shown[:here]
+            images = {name: self._image(name) for name in shown[:MOST_PICTURES]}
             rect = (size[0] - right, top, right, size[1] - top)
             crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
-        rows = point_list(canvas, spots, (left, size[1]), marks, self._scroll, self._solved(), self._buttons(), self.em)
-        self._scroll = min(max(self._scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
+        buttons = self._buttons()
+        self._scroll = point_list(canvas, spots, (left, size[1]), marks, self._scroll, self._solved(), buttons, self.em)
         self._spots = spots
         return canvas.pixels
 
@@ -121,17 +128,14 @@ class PointsBoard(Board):
         frames = self.workspace.context.raw_footage.frames
         return int(frames[min(self.frame, len(frames) - 1)])
 
-    def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float], small: int) -> None:
+    def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
         image = self._image(self.camera)
         zoom = self._zooms.get(self.camera)
         if zoom is None:
             zoom = self._zooms[self.camera] = Zoom((image.shape[1], image.shape[0]))
         zoom.place(rect)
         zoom.draw(canvas, image)
-        for index, point in enumerate(marks.points):
-            if self.camera in point.pixels:
-                here = point.pixels[self.camera]
-                cross(canvas, zoom, here, point.name, index == marks.chosen, small, 0.6 * self.em)
+        crosses(canvas, zoom, marks, self.camera, self.em)
         rig = self._cameras()
         chosen = marks.point
         if rig is not None and chosen is not None and self.camera in rig:
@@ -147,11 +151,12 @@ class PointsBoard(Board):
     def _buttons(self) -> list[tuple[str, Action]]:
         return [
             ("New point (N)", self.new_point),
-            ("Name, place in metres (E)", partial(self._ask, "describe")),
-            ("Not in this camera (Delete)", self.unmark),
+            ("Name, place (E)", partial(self._ask, "describe")),
+            ("Not here (Delete)", self.unmark),
             ("Remove the point", self.remove),
+            ("Undo (U)", self.undo),
             (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
-            ("Calibrate from the points", partial(self._ask, "run")),
+            ("Calibrate from these", partial(self._ask, "run")),
         ]
 
     def _solved(self) -> dict[str, dict[str, float]]:
@@ -247,6 +252,11 @@ class PointsBoard(Board):
         if self.marks is not None:
             self._try(self.marks.remove)
 
+    def undo(self) -> None:
+        """Take the last change back."""
+        if self.marks is not None:
+            self._try(self.marks.undo)
+
     def toggle_snap(self) -> None:
         """Whether clicks fall on the nearest corner or dot."""
         self.snaps = not self.snaps
@@ -282,6 +292,5 @@ class PointsBoard(Board):
             return self.problem
         if self.marks is None:
             return ""
-        few = [name for name in self.names() if self.marks.count(name) < LEAST]
-        words = "click marks the chosen point, drag moves, wheel comes nearer, arrows up and down choose, C next camera"
-        return f"{words}; fewer than {LEAST} marks: {', '.join(few)}" if few else words
+        names = self.names()
+        return advice(self.marks, names, self.camera, self._number()) if names else ""

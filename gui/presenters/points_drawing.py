@@ -8,15 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from gui.presenters.canvas import Canvas, line_height, text_width
-from gui.presenters.palette import ACCENT, ACCENT_DARK, BAD, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, TEXT
+from gui.presenters.canvas import Canvas, fitted, line_height, text_width, wrapped
+from gui.presenters.palette import ACCENT, ACCENT_DARK, BAD, BLACK, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, TEXT
 from gui.presenters.tie_marks import TieMarks
 from gui.presenters.zoom import Zoom
 from studio.calibration import TiePoint
 
 MOST_PICTURES = 6
+_LEAST_CROP = 50
 _CROP = 24
 """Pixels to each side of a mark that the small pictures show."""
+
+_HOW = (
+    "Click on a corner or a dot that other cameras see too. Go to the next camera (C) and click on the same place. "
+    "Then a new point (N): a dozen in each camera, spread over the picture and not all on the floor."
+)
 
 Action = Callable[[], None]
 Rect = tuple[float, float, float, float]
@@ -67,17 +73,33 @@ def tabs(
     return y + step
 
 
-def cross(
-    canvas: Canvas, zoom: Zoom, place: tuple[float, float], name: str, chosen: bool, small: int, arm: float
-) -> None:
-    """A mark, open in the middle."""
-    x, y = zoom.shown(*place)
-    if not zoom.holds(x, y):
-        return
-    colour = ACCENT if chosen else GOOD
-    for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-        canvas.line([(x + 3 * dx, y + 3 * dy), (x + arm * dx, y + arm * dy)], colour, 2 if chosen else 1)
-    canvas.text(x + 5, y + 3, name, small, colour)
+def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float) -> None:
+    """All marks of a camera, open in the middle, with as many of their names as do not lie over each other."""
+    small = round(0.85 * em)
+    taken: list[Rect] = []
+    seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
+    for index in sorted(seen, key=lambda index: index != marks.chosen):
+        point, chosen = marks.points[index], index == marks.chosen
+        x, y = zoom.shown(*point.pixels[camera])
+        if not zoom.holds(x, y):
+            continue
+        colour = ACCENT if chosen else GOOD
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            ends = [(x + 3 * dx, y + 3 * dy), (x + 0.6 * em * dx, y + 0.6 * em * dy)]
+            canvas.line([(u + 1, v + 1) for u, v in ends], BLACK, 2 if chosen else 1)
+            canvas.line(ends, colour, 2 if chosen else 1)
+        words = fitted(point.name, small, 12 * em)
+        wide, high = text_width(words, small), line_height(small)
+        for left, top in ((x + 5, y + 3), (x + 5, y - 3 - high), (x - 5 - wide, y + 3), (x - 5 - wide, y - 3 - high)):
+            right, bottom = left + wide, top + high
+            free = all(
+                left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1] for other in taken
+            )
+            if free and zoom.holds(left, top) and zoom.holds(right, bottom):
+                taken.append((left, top, right, bottom))
+                canvas.text(left + 1, top + 1, words, small, BLACK)
+                canvas.text(left, top, words, small, colour)
+                break
 
 
 def crops(
@@ -94,10 +116,10 @@ def crops(
     import cv2
 
     x, y, width, height = rect
-    side = min(width - 8, height / MOST_PICTURES - line_height(small) - 4)
-    if side < 24:
-        return
-    for name, image in images.items():
+    label = line_height(small) + 4
+    count = max(min(len(images), int(height // (label + _LEAST_CROP))), 1)
+    side = min(width - 8, height / max(count, 3) - label)
+    for name, image in list(images.items())[:count]:
         column, row = point.pixels[name]
         factor = side / (2 * _CROP)
         # OpenCV's origin is the middle of the first pixel
@@ -110,7 +132,7 @@ def crops(
             canvas.line([(middle[0] + k * dx, middle[1] + k * dy) for k in (4, 0.3 * side)], ACCENT)
         canvas.text(x + 4, y + side, name, small, ACCENT if name == shown else TEXT)
         spots.add((x, y, width, side), partial(choose, name))
-        y += side + line_height(small) + 4
+        y += side + label
 
 
 def point_list(
@@ -123,13 +145,18 @@ def point_list(
     buttons: Sequence[tuple[str, Action]],
     em: float,
 ) -> int:
-    """The points, how many cameras see each and its error, buttons below; returns how many rows there is room for."""
+    """The points, how many cameras see each and its error, buttons below; returns the first row that is shown,
+    the given one or another so that the chosen point is seen."""
     width, height = size
     small, pad = round(0.85 * em), 0.5 * em
     step = line_height(small) + 3
     canvas.rect(0, 0, width, height, GROUND)
     rows = max(int((height - (len(buttons) + 1.6) * step - pad) // step), 1)
+    scroll = min(max(scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
     canvas.text(pad, 2, f"{len(marks.points)} point{'s' * (len(marks.points) != 1)}", small, DIM)
+    if len(marks.points) < 2:
+        for row, line in enumerate(wrapped(_HOW, small, width - 2 * pad)[: rows - 3]):
+            canvas.text(pad, step * (row + 3), line, small, DIM)
     for row, index in enumerate(range(scroll, min(scroll + rows, len(marks.points)))):
         point, y = marks.points[index], step * (row + 1)
         if index == marks.chosen:
@@ -147,7 +174,7 @@ def point_list(
         spots.add((2, bottom, width - 6, step - 3), action)
         bottom += step
     canvas.line([(width - 2, 0), (width - 2, height)], LINE)
-    return rows
+    return scroll
 
 
 def _colour(error: object, cameras: int) -> RGB:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ class TieMarks:
         path: the file; it need not be there yet.
 
     Attributes:
-        points: in the order of the list.
+        points: in the order of the list; a point without a mark is kept here, not in the file.
         chosen: index of the point that the next click marks.
         changes: grows with each change.
 
@@ -34,6 +35,7 @@ class TieMarks:
         self.points: list[TiePoint] = list(read_tie_points(path)) if path.is_file() else []
         self.chosen = 0
         self.changes = 0
+        self._before: list[tuple[list[TiePoint], int]] = []
         self._stamp = self._time()
 
     def _time(self) -> int:
@@ -62,7 +64,7 @@ class TieMarks:
         """A new point, chosen."""
         names = {point.name for point in self.points}
         number = next(n for n in range(1, len(names) + 2) if f"point {n}" not in names)
-        self.points.append(TiePoint(f"point {number}"))
+        self.points = [*self.points, TiePoint(f"point {number}")]
         self.choose(len(self.points) - 1)
 
     def mark(self, camera: str, x: float, y: float, frame: int) -> None:
@@ -112,18 +114,55 @@ class TieMarks:
     def remove(self) -> None:
         """The chosen point goes altogether."""
         if self.point is not None:
-            del self.points[self.chosen]
-            self._write()
+            self._change(self.points[: self.chosen] + self.points[self.chosen + 1 :])
             self.choose(self.chosen)
 
+    def undo(self) -> None:
+        """Take the last change back, and the ones before."""
+        if self._before:
+            self.points, self.chosen = self._before.pop()
+            self._write()
+
     def _put(self, point: TiePoint) -> None:
-        self.points[self.chosen] = point
+        self._change([*self.points[: self.chosen], point, *self.points[self.chosen + 1 :]])
+
+    def _change(self, points: list[TiePoint]) -> None:
+        self._before.append((self.points, self.chosen))
+        self.points = points
         self._write()
 
     def _write(self) -> None:
         self.changes += 1
         write_tie_points([point for point in self.points if point.pixels], self.path)
         self._stamp = self._time()
+
+
+def advice(marks: TieMarks, names: Sequence[str], camera: str, frame: int | None) -> str:
+    """What a click in a camera does, and which cameras have too few marks.
+
+    Args:
+        marks: the points.
+        names: all cameras.
+        camera: the one that is shown.
+        frame: the footage's number of the frame that is shown.
+    """
+    point = marks.point
+    if point is None:
+        words = "a click begins a point"
+    elif None not in (point.frame, frame) and point.frame != frame and point.pixels:
+        words = f"'{_short(point.name)}' was marked in frame {point.frame}, this is {frame}: only for what stands still"
+    else:
+        does = "moves" if camera in point.pixels else "marks"
+        words = f"a click {does} '{_short(point.name)}' in {camera}; wheel and drag look closer"
+    few = [name for name in names if marks.count(name) < LEAST]
+    if few:
+        more = f" and {len(few) - 3} more" if len(few) > 3 else ""
+        words += f"; fewer than {LEAST} marks: {', '.join(few[:3])}{more}"
+    return words
+
+
+def _short(name: str) -> str:
+    return name if len(name) < 32 else f"{name[:30].rstrip()}…"
 
 
 def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:

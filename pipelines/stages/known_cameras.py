@@ -36,7 +36,9 @@ def tie_file(context: Context) -> Path:
 def _named(context: Context, setting: str, what: str) -> Path:
     path: Path = context.config.capture.root / getattr(context.config.calibrate, setting)
     if not path.exists():
-        raise StudioError(f"{path}: there is no such {what}; mend calibrate.{setting}.")
+        raise StudioError(
+            f"{path}: there is no such {what}; mend calibrate.{setting} (relative names begin at capture.root)."
+        )
     return path
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import yaml
 
-from studio.camera_files.common import naming, read_text, write_atomic
+from studio.camera_files.common import naming, write_atomic
 from studio.errors import StudioError
 
 
@@ -61,7 +61,12 @@ def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
     Raises:
         StudioError: the file is missing, is no YAML, or a value is not what it should be (named).
     """
-    text = read_text(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise StudioError(f"{path}: cannot be read ({error.strerror}).") from None
+    except UnicodeDecodeError:
+        text = "["  # no text, so no YAML
     try:
         # everything as text, or camera 01 would become 1
         with naming(path):
@@ -82,10 +87,10 @@ def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
     for point in points:
         values: dict[str, Any] = {}
         if point.world is not None:
-            values["world"] = list(point.world)
+            values["world"] = [float(value) for value in point.world]
         if point.frame is not None:
             values["frame"] = point.frame
-        values["pixels"] = {name: [round(x, 2), round(y, 2)] for name, (x, y) in point.pixels.items()}
+        values["pixels"] = {name: [round(float(x), 2), round(float(y), 2)] for name, (x, y) in point.pixels.items()}
         content[point.name] = values
     text = yaml.safe_dump({"points": content}, sort_keys=False, allow_unicode=True, default_flow_style=None)
     write_atomic(path, text.encode())

@@ -17,6 +17,7 @@ from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.tie_adjust import Accuracy, adjust, known_lens
 from studio.calibration.tie_file import TiePoint
 from studio.calibration.tie_start import LEAST_PLACED, LEAST_SHARED, Sightings, TieRig, starts
+from studio.calibration.tie_sure import contradiction, spread_of_places, uncertainty
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
@@ -30,6 +31,9 @@ _OUTLIER = 6.0
 """Times the usual error, beyond which a mark is taken for a mistake."""
 _LEAST_OUTLIER = 8.0
 """Pixels at 2000 for the longer image side: nearer marks are no mistakes, only careless."""
+
+_VAGUE = 0.2
+"""Share of the distance to the points; a camera whose place the marks leave open by more is nowhere."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +79,13 @@ def calibrate_from_tie_points(
         cameras and the points. With three measured places or more the world is theirs; else it is as in
         `gauge.upright`. The report has, beside `reprojection_report`'s figures, `tie_points`: name to `error` (mean,
         pixels), `cameras` (how many see it) and `off` (metres from where it was measured, where it was);
-        `left_out`: marks taken for mistakes, {point, camera, error}; `known_lenses`; `metric`; `unregistered` (empty).
+        `left_out`: marks taken for mistakes, {point, camera, error} (None: behind the camera); `uncertain`: camera to
+        what the marks leave open of its place (see `tie_sure.uncertainty`); `world_accuracy`; `known_lenses`; `metric`;
+        `unregistered` (empty).
 
     Raises:
-        StudioError: a camera sees too few of the points that others see (named), or nothing fits.
+        StudioError: a camera sees too few of the points that others see (named), nothing fits, or points on a line say
+            too little.
     """
     settings, known = settings or TieSettings(), dict(known or {})
     sightings = _sightings(points, sizes)
@@ -103,9 +110,20 @@ def calibrate_from_tie_points(
     if best is None or len(best.cameras) < len(sizes):
         raise StudioError(_lonely(sightings, sizes, best))
     best, left_out = _settled(best, sightings, groups, settings)
+    unsure = uncertainty(best, sightings, groups, settings.accuracy, radial=settings.radial)
+    vague = [name for name in sizes if unsure[name] > _VAGUE]
+    if vague:
+        raise StudioError(
+            f"The marks do not say where {', '.join(vague)} {'stands' if len(vague) == 1 else 'stand'}: the points lie "
+            "on a line, too close together, or are too few; mark others that are spread over the picture and in depth."
+        )
     progress(len(guesses) + 1, len(guesses) + 1)
     result = _result(best, sightings, left_out, distance, sizes)
-    result.report["known_lenses"] = [name for name in sizes if name in known]
+    result.report |= {
+        "known_lenses": [name for name in sizes if name in known],
+        "uncertain": {name: round(unsure[name], 4) for name in sizes},
+        "world_accuracy": settings.accuracy.world,
+    }
     return result
 
 
@@ -168,6 +186,9 @@ def _settled(
     while True:
         rig = adjust(rig, sightings, groups, settings.accuracy, radial=settings.radial)
         errors = rig.errors(sightings)
+        wrong = contradiction(rig, sightings)
+        if wrong:
+            raise StudioError(wrong)
         usual = float(np.nanmedian(np.concatenate(list(errors.values()))))
         worst, where = 0.0, None
         for name, error in errors.items():
@@ -181,7 +202,7 @@ def _settled(
             return rig, left_out
         name, number = where
         left_out.append(
-            {"point": sightings.points[number], "camera": name, "error": round(float(errors[name][number]), 2)}
+            {"point": sightings.points[number], "camera": name, "error": _rounded(float(errors[name][number]))}
         )
         sightings.pixels[name][number] = np.nan
         seen_by = sum(bool(sightings.seen(other)[number]) for other in rig.cameras)
@@ -194,6 +215,11 @@ def _settled(
                 f"Camera '{name}': its marks do not fit those of the others ({', '.join(m['point'] for m in left_out)} "
                 "lie farthest off); mark them again, or more of them."
             )
+
+
+def _rounded(error: float) -> float | None:
+    """None behind the camera."""
+    return round(error, 2) if np.isfinite(error) else None
 
 
 def _lonely(sightings: Sightings, sizes: Mapping[str, tuple[int, int]], best: TieRig | None) -> str:
@@ -229,7 +255,7 @@ def _result(
     kept = np.flatnonzero(~np.isnan(rig.places[:, 0]))
     places, world = rig.places[kept], sightings.world[kept]
     measured = ~np.isnan(world[:, 0])
-    metric = _spans_a_plane(world[measured])
+    metric = spread_of_places(world[measured]) == 2
     if metric:
         similarity = align_points(places[measured], world[measured])
     else:
@@ -246,14 +272,6 @@ def _result(
     report["tie_points"] = _figures(cameras, places, observations, [sightings.points[k] for k in kept], world)
     report |= {"left_out": left_out, "metric": bool(metric or distance is not None), "unregistered": {}}
     return CalibrationResult(cameras, places, np.full((len(places), 3), 255, np.uint8), report)
-
-
-def _spans_a_plane(world: np.ndarray) -> bool:
-    """Three points or more, not on a line."""
-    if len(world) < 3:
-        return False
-    spread = np.linalg.svd(world - world.mean(0), compute_uv=False)
-    return bool(spread[1] > 1e-3 * spread[0])
 
 
 def _figures(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pipelines.calibration_report import calibration_warnings
 from studio.calibration import (
     TiePoint,
     TieSettings,
@@ -18,6 +21,7 @@ from studio.calibration import (
 from studio.calibration.tie_adjust import Accuracy, _Problem
 from studio.calibration.tie_snap import snap
 from studio.calibration.tie_start import Sightings, TieRig
+from studio.calibration.tie_sure import contradiction
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
@@ -156,6 +160,79 @@ def test_what_is_missing_is_said() -> None:
         calibrate_from_tie_points(marked(truth, 9), sizes(truth), known=smaller)
 
 
+def test_how_surely_cameras_stand_is_known() -> None:
+    truth = ring(4)
+    known = {camera.name: camera for camera in truth}
+    for points in (marked(truth, 20), marked(truth, 8, measured=5), marked(truth, 20, flat=True)):
+        found = calibrate_from_tie_points(points, sizes(truth), known=known)
+        percent = 100 * float(np.mean(list(found.report["uncertain"].values())))
+        off = compare_rigs(found.rig, truth).center_percent
+        assert off / 3 < percent < 6 * off
+        assert percent < 1
+
+
+@pytest.mark.parametrize("measured", [0, 12])
+def test_points_on_a_line_are_refused(measured: int) -> None:
+    truth = ring(4)
+    rng = np.random.default_rng(3)
+    points = []
+    for number, place in enumerate(np.linspace([-0.8, -0.7, 0.1], [0.8, 0.6, 1.4], 12)):
+        pixels = {c.name: tuple((c.project(place[None])[0][0] + rng.normal(0, 0.5, 2)).tolist()) for c in truth}
+        points.append(TiePoint(f"point {number}", pixels, tuple(place.tolist()) if number < measured else None))
+    with pytest.raises(StudioError, match=r"do not say where 00, .* stand: the points lie on a line|contradict"):
+        calibrate_from_tie_points(points, sizes(truth), known={camera.name: camera for camera in truth})
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_measured_places_of_a_mirrored_world_are_noticed(known: bool) -> None:
+    truth = ring(4)
+    points = [
+        replace(point, world=None if point.world is None else (point.world[0], -point.world[1], point.world[2]))
+        for point in marked(truth, 20, measured=5)
+    ]
+    lenses = {camera.name: camera for camera in truth} if known else None
+    try:
+        found = calibrate_from_tie_points(points, sizes(truth), known=lenses)
+        said = " ".join(calibration_warnings(found.report))
+    except StudioError as error:
+        said = str(error)
+    assert re.search("(contradict|lie far from where) the marks.* right-handed with z up", said)
+
+
+def test_points_behind_the_cameras_are_no_solution() -> None:
+    truth = ring(3)
+    points = marked(truth, 8, 0.0)
+    sightings = Sightings(
+        [point.name for point in points],
+        np.full((8, 3), np.nan),
+        {c.name: np.array([point.pixels[c.name] for point in points]) for c in truth},
+    )
+    turned = {c.name: replace(c, world_to_camera=np.diag([-1.0, 1, -1, 1]) @ c.world_to_camera) for c in truth}
+    places = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 1.6], (8, 3))
+    assert "would lie behind" in contradiction(TieRig(turned, places), sightings)
+    assert contradiction(TieRig({c.name: c for c in truth}, places), sightings) == ""
+
+
+def test_what_is_odd_is_warned_of() -> None:
+    truth = ring(4)
+    known = {camera.name: camera for camera in truth}
+
+    def warnings(points: list[TiePoint]) -> str:
+        return " ".join(calibration_warnings(calibrate_from_tie_points(points, sizes(truth), known=known).report))
+
+    points = marked(truth, 20, measured=6)
+    assert warnings(points) == ""
+    x, y, z = points[2].world or (0, 0, 0)
+    assert "far from where the marks say: 'point 2' (" in warnings(
+        [*points[:2], replace(points[2], world=(x + 0.4, y, z)), *points[3:]]
+    )
+    large = [replace(p, world=p.world and tuple(1000 * value for value in p.world)) for p in points]
+    assert "in metres?" in warnings(large)
+    assert "other size or for other lenses" not in warnings(points)
+    smaller = [replace(p, pixels={n: (x / 2, y / 2) for n, (x, y) in p.pixels.items()}, world=None) for p in points]
+    assert "pictures of another size or for other lenses" in warnings(smaller)
+
+
 def test_it_can_be_cancelled() -> None:
     from studio.errors import Cancelled
 
@@ -181,6 +258,7 @@ def test_the_file_gives_back_what_was_written(tmp_path: Path) -> None:
     [
         ("points: [1, 2", "points.yaml, line 1: this is no YAML"),
         ("cameras: {}", "begins with 'points:'"),
+        ("", "begins with 'points:'"),
         ("points:\n  a: {cam01: [1, 2]}", "point 'a' lacks 'pixels:'"),
         ("points:\n  a: {pixels: {cam01: [1]}}", r"point 'a', cam01 is \[1\]; it must be 2 numbers"),
         ("points:\n  a: {pixels: {cam01: [1, x]}}", r"point 'a', cam01 is \[1, x\]; it must be 2 numbers"),
@@ -194,6 +272,12 @@ def test_the_file_gives_back_what_was_written(tmp_path: Path) -> None:
 def test_files_that_are_broken(tmp_path: Path, text: str, sentence: str) -> None:
     (tmp_path / "points.yaml").write_text(text)
     with pytest.raises(StudioError, match=sentence):
+        read_tie_points(tmp_path / "points.yaml")
+
+
+def test_a_file_that_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "points.yaml").write_bytes(bytes(range(256)))
+    with pytest.raises(StudioError, match="this is no YAML; see 'Points by hand'"):
         read_tie_points(tmp_path / "points.yaml")
 
 
