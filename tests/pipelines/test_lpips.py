@@ -53,7 +53,9 @@ def measured(take: Take, *overrides: str, **options) -> list:
     return events
 
 
-def test_it_is_measured_as_psnr_is_and_stands_everywhere(take: Take, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_measured_as_psnr_is_and_stands_everywhere(
+    take: Take, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = json.loads(take.evaluation.read_text())
     events = measured(take, "evaluate.lpips=vgg")
     assert [event.stage for event in events if isinstance(event, StageStarted)] == ["evaluate"]
@@ -80,6 +82,7 @@ def test_it_is_measured_as_psnr_is_and_stands_everywhere(take: Take, capsys: pyt
     assert '<td>lpips</td><td class="text">a stand-in</td>' in report
     from pipelines.tables import print_evaluation
 
+    monkeypatch.setenv("COLUMNS", "200")  # narrow terminals break titles
     print_evaluation(take)
     table = capsys.readouterr().out
     assert "LPIPS trained" in table
