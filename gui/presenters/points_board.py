@@ -105,7 +105,8 @@ class PointsBoard(Board):
             if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and those after it
                 here = shown.index(self.camera)
                 shown = shown[here:] + shown[:here]
-            images = {name: self._image(name) for name in shown[:MOST_PICTURES]}
+            frame = marks.point.frame  # what moves lies elsewhere at other times
+            images = {name: self._image(name, frame) for name in shown[:MOST_PICTURES]}
             rect = (size[0] - right, top, right, size[1] - top)
             crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
         buttons = self._buttons()
@@ -113,9 +114,12 @@ class PointsBoard(Board):
         self._spots = spots
         return canvas.pixels
 
-    def _image(self, camera: str) -> np.ndarray:
+    def _image(self, camera: str, number: int | None = None) -> np.ndarray:
+        """A camera's picture: the frame of this number in the footage, else the one that is shown."""
         assert self.workspace.context is not None
-        key = (camera, self._number())
+        if number is None or number not in self.workspace.context.raw_footage.frames:
+            number = self._number()
+        key = (camera, number)
         if key not in self._images:
             if len(self._images) > MOST_PICTURES + 2:
                 self._images.clear()
