@@ -20,6 +20,9 @@ _MOST = 8
 _BYTES_A_PIXEL = 16
 """Of a training view: 8 channels of bytes, and the next frame's while this one trains."""
 
+_BYTES_A_SMALL_PIXEL = 80
+"""Of a view that is kept as floats too."""
+
 _BYTES_A_DRAWN_PIXEL = 200
 """Of the view that is drawn just now: float32 pictures, targets and gradients."""
 
@@ -31,9 +34,12 @@ def groups_at_once(context: Context) -> int:
         return min(asked, groups)
     if context.device != "cpu":
         return 1
+    from studio.training.views import KEPT_PIXELS
+
     footage = context.footage
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
-    each = _BYTES_A_PIXEL * sum(pixels) + _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
+    each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, KEPT_PIXELS)) for one in pixels)
+    each += _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
     memory = psutil.virtual_memory().total // 2
     return max(1, min(groups, context.threads, _MOST, memory // each))
 

@@ -90,9 +90,14 @@ def test_surroundings_are_a_square_about_each_pixel() -> None:
     assert torch.equal(surroundings(matte), whole)
 
 
-def test_pictures_are_kept_as_bytes_and_seen_as_floats() -> None:
+def test_large_pictures_are_kept_as_bytes_and_seen_as_floats(monkeypatch: pytest.MonkeyPatch) -> None:
     source = captured(True)
+    small = TrainView.from_view(source)
+    monkeypatch.setattr("studio.training.views.KEPT_PIXELS", SIZE)
     view = TrainView.from_view(source)
+    assert small._kept is not None
+    assert view._kept is None
+    assert torch.equal(small.composited(torch.ones(3)), view.composited(torch.ones(3)))
     assert all(part.dtype == torch.uint8 for part in (view._image, view._matte, view._plate) if part is not None)
     colour = torch.tensor([0.2, 0.9, 0.4])
     floats = TrainView(view.camera, view.image, view.matte, view.full_size, view.plate)
