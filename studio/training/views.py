@@ -12,14 +12,16 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.views import CapturedView
 
-
 KEPT_PIXELS = 400_000
-"""Up to so many pixels a view keeps its pictures as floats too, which saves 5 to 8 % of a step for 32 bytes a pixel."""
+"""Up to so many pixels a view keeps its pictures as floats too, which saves 1.4 ms of a step of 23 for 32 bytes a
+pixel."""
 
 
 class TrainView:
-    """One camera's picture of one moment. Large pictures are kept as they come, and made floats when they are asked for:
-    81 cameras at 4K take 2 GiB as bytes and 16 GiB as floats.
+    """One camera's picture of one moment.
+
+    Large pictures are kept as they come, and made floats when they are asked for: 81 cameras at 4K take 2 GiB as bytes
+    and 16 GiB as floats.
 
     Args:
         camera: pinhole, fits `image`.
