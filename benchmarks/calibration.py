@@ -21,6 +21,7 @@ import numpy as np
 
 from studio.calibration import SfmSettings, calibrate_from_images, compare_rigs
 from studio.cameras import Camera, Rig
+from studio.export.camera_path import look_at
 
 Walls = list[np.ndarray]
 
@@ -107,16 +108,10 @@ def ring(count: int, size: tuple[int, int], spread: float, rng: np.random.Genera
         level, angle = index % rings, 2 * np.pi * index / count
         height = -0.6 + 1.4 * (level + 0.5) / rings
         center = np.array([3 * np.cos(angle), 3 * np.sin(angle), height]) + rng.normal(0, 0.05, 3)
-        forward = rng.normal(0, 0.15, 3) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = -pose[:3, :3] @ center
+        target = rng.normal(0, 0.15, 3)
         focal = 0.8 * max(size) * (1 + spread * rng.normal())
         K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
-        cameras.append(Camera(f"cam{index:02d}", *size, K, pose))
+        cameras.append(look_at(f"cam{index:02d}", *size, K, center, target, np.array([0, 0, 1.0])))
     return Rig(tuple(cameras))
 
 

@@ -43,7 +43,9 @@ class PointsBoard(Board):
         self._hover = (0.0, 0.0)
         self._changes = 0
         self._scroll = 0
+        self._refused: tuple[Path, int] | None = None  # a broken file is read once
         self._rig: tuple[float, Rig | None] = (0.0, None)
+        self._figures: tuple[float, dict[str, dict[str, float]]] = (0.0, {})
         self._footage: tuple[Context | None, tuple[str, ...]] = (None, ())
 
     # What it depends on
@@ -61,7 +63,10 @@ class PointsBoard(Board):
         """See `Board`."""
         path = self.path
         if path is not None and (self.marks is None or self.marks.path != path or self.marks.stale):
-            self._load(path)
+            stamp = (path, path.stat().st_mtime_ns if path.is_file() else 0)
+            if self.marks is not None or stamp != self._refused:
+                self._load(path)
+                self._refused = stamp if self.marks is None else None
         take = self.workspace.take
         files = (take.rig, take.calibration_report) if take is not None else ()
         solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
@@ -168,8 +173,11 @@ class PointsBoard(Board):
         take = self.workspace.take
         if take is None or not take.calibration_report.is_file():
             return {}
-        found = read_json(take.calibration_report).get("tie_points", {})
-        return found if isinstance(found, dict) else {}
+        stamp = take.calibration_report.stat().st_mtime
+        if stamp != self._figures[0]:
+            found = read_json(take.calibration_report).get("tie_points", {})
+            self._figures = (stamp, found if isinstance(found, dict) else {})
+        return self._figures[1]
 
     def _cameras(self) -> Rig | None:
         """Cameras that stand and fit the footage's size."""

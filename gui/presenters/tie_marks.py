@@ -172,7 +172,7 @@ def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
         (1, 2) its place, from two other cameras' marks or more; (N, 2) a line on which it lies, from one mark; None
         without any.
     """
-    from studio.calibration.tie_start import Sightings, TieRig, triangulate
+    from studio.calibration.tie_start import Sightings, TieRig, pixel_rays, triangulate
 
     others = [name for name in point.pixels if name != camera.name and name in rig]
     if not others:
@@ -183,11 +183,8 @@ def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
         triangulate(Sightings([point.name], solved.places, seen), solved)
         places = solved.places
     else:
-        import cv2
-
         other = rig[others[0]]
-        distortion = other.distortion if other.distortion.size else None
-        ray = cv2.undistortPoints(np.array([[point.pixels[others[0]]]]), other.K, distortion).ravel()
+        ray = pixel_rays(other, np.array([point.pixels[others[0]]]))[0]
         away = float(np.linalg.norm(other.center - rig.focus))
         depths = away * np.geomspace(0.2, 3.0, 60)
         local = np.column_stack([ray[0] * depths, ray[1] * depths, depths])

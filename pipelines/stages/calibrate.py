@@ -62,13 +62,11 @@ class CalibrateStage:
                 **settings_of(context.config, "capture.cameras", "capture.color_matrix", *BOARD_SETTINGS),
             }
         if context.config.calibrate.tie_points:
-            section = context.config.calibrate
             return {
                 "tie points": _digest(tie_file(context)),
                 "sizes": {name: context.raw_footage.raw_size(name) for name in context.raw_footage.camera_names},
                 **settings_of(context.config, "capture.cameras", "run.seed", *TIE_SETTINGS),
-                **({"known": _digest(known_file(context))} if section.known else {}),
-                **({"board footage": board_digest(context)} if section.lens_images else {}),
+                **_lens_files(context),
             }
         capture = settings_of(
             context.config, "capture.images", "capture.cameras", "capture.color_matrix", "capture.offsets"
@@ -80,8 +78,7 @@ class CalibrateStage:
             "frames": self._frames(context),
             **capture,
             **without(settings_of(context.config, "calibrate", "run.seed"), "calibrate.frame", "calibrate.frames"),
-            **({"known": _digest(known_file(context))} if context.config.calibrate.known else {}),
-            **({"board footage": board_digest(context)} if context.config.calibrate.lens_images else {}),
+            **_lens_files(context),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -162,8 +159,7 @@ class CalibrateStage:
 
     def _from_board(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
         result = calibrate_with_boards(context, reporter)
-        with atomic_path(context.take.calibration_points) as temporary:
-            write_points(temporary, result.points, None, result.colors)
+        _keep_points(context, result.points, result.colors)
         return result.rig, {"source": "board", **result.report}
 
     def _from_footage(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
@@ -210,8 +206,7 @@ class CalibrateStage:
             world, found = floor_world(rig, points)
             rig, points = world.rig(rig), world.points(points)
             report["floor"] = found
-        with atomic_path(context.take.calibration_points) as temporary:
-            write_points(temporary, points, None, result.colors)
+        _keep_points(context, points, result.colors)
         return rig.subset(names), {**report, **result.report}
 
     def _from_tie_points(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
@@ -236,8 +231,7 @@ class CalibrateStage:
             settings=tie_settings(section, context.config.run),
             progress=reporter.part("placing the cameras", 0.2 if section.lens_images else 0.0, 1.0),
         )
-        with atomic_path(context.take.calibration_points) as temporary:
-            write_points(temporary, result.points, None, result.colors)
+        _keep_points(context, result.points, result.colors)
         return result.rig, {"source": "tie points", "file": str(tie_file(context)), **report, **result.report}
 
 
@@ -255,6 +249,20 @@ def _given(context: Context) -> Path | None:
         named = " and ".join(way if "." in way else f"calibrate.{way}" for way in ways)
         raise StudioError(f"{named} each say where the cameras come from; keep one of them (capture.rig can be null).")
     return None if ways and ways != ["capture.rig"] else camera_file(context.config.capture)
+
+
+def _lens_files(context: Context) -> Ingredients:
+    """What the lenses that are known beforehand are read from (see `_known_lenses`)."""
+    section = context.config.calibrate
+    return {
+        **({"known": _digest(known_file(context))} if section.known else {}),
+        **({"board footage": board_digest(context)} if section.lens_images else {}),
+    }
+
+
+def _keep_points(context: Context, points: np.ndarray, colors: np.ndarray) -> None:
+    with atomic_path(context.take.calibration_points) as temporary:
+        write_points(temporary, points, None, colors)
 
 
 def _known_lenses(context: Context, reporter: StageReporter) -> tuple[dict[str, Camera], Rig | None, dict[str, Any]]:

@@ -17,6 +17,19 @@ LEAST_VIEWS = 3
 LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 
 
+def check_lens_size(lens: Camera, size: tuple[int, int]) -> None:
+    """Refuse a known lens for pictures of another size.
+
+    Raises:
+        StudioError: the size (width, height) is not the lens's.
+    """
+    if (lens.width, lens.height) != size:
+        raise StudioError(
+            f"Camera '{lens.name}': its pictures are {size[0]}x{size[1]} but the known lens is for "
+            f"{lens.width}x{lens.height}; scale one of them."
+        )
+
+
 def lens_from_views(
     name: str, size: tuple[int, int], board: Board, views: Sequence[View], model: str, *, principal_point: bool
 ) -> Camera:

@@ -13,7 +13,7 @@ from studio.calibration.board import Board, View
 from studio.calibration.board_bundle import BoardRig
 from studio.calibration.board_chain import chain
 from studio.calibration.board_check import scale_check, shared_moments
-from studio.calibration.board_lens import LENSES, lens_from_views
+from studio.calibration.board_lens import LENSES, check_lens_size, lens_from_views
 from studio.calibration.board_settle import settle
 from studio.calibration.gauge import Similarity, upright
 from studio.calibration.result import CalibrationResult, image_coverage, reprojection_report
@@ -182,11 +182,7 @@ def calibrate_from_boards(
                 "rows, dictionary, inverted), or film it nearer."
             )
         if name in known:
-            if (known[name].width, known[name].height) != size:
-                raise StudioError(
-                    f"Camera '{name}': its pictures are {size[0]}x{size[1]} but the known lens is for "
-                    f"{known[name].width}x{known[name].height}; scale one of them."
-                )
+            check_lens_size(known[name], size)
             lenses[name] = known[name]
         else:
             estimated[name] = settings.estimates_principal_point(own, size)

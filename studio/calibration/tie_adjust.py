@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from studio.calibration.tie_start import Sightings, TieRig
-from studio.cameras import Camera
 
 _FOCAL, _RADIAL = 0.5, 0.1
 """How far focal lengths (their logarithm) and k1 may be from the start, in standard deviations: a few points cannot
@@ -54,7 +53,7 @@ def adjust(
     """
     from scipy.optimize import least_squares
 
-    problem = _Problem(rig, sightings, groups, accuracy, radial)
+    problem = Problem(rig, sightings, groups, accuracy, radial)
     solution = least_squares(
         problem.residuals,
         problem.start(),
@@ -68,7 +67,7 @@ def adjust(
     return problem.rig(solution.x)
 
 
-class _Problem:
+class Problem:
     """The unknowns as one vector: 6 a camera, 1 or 2 a group of lenses, 3 a point.
 
     A camera's are the rotation vector and the translation to it; a lens's the logarithm of its focal length's factor,
@@ -84,7 +83,7 @@ class _Problem:
         used = [[name for name in group if name in rig.cameras] for group in groups]
         self.groups = [group for group in used if group]
         self.group_of = {name: number for number, group in enumerate(self.groups) for name in group}
-        self.placed = np.flatnonzero(~np.isnan(rig.places[:, 0]))
+        self.placed = np.flatnonzero(rig.placed)
         self.columns = {name: np.flatnonzero(sightings.seen(name)[self.placed]) for name in self.names}
         self.pixels = {name: sightings.pixels[name][self.placed][self.columns[name]] for name in self.names}
         self.measured = np.flatnonzero(sightings.measured[self.placed])
@@ -194,12 +193,3 @@ class _Problem:
             np.tile(1 / np.array([_FOCAL, _RADIAL])[: self.terms], len(self.groups))
         )
         return np.concatenate([*blocks, places, lens])
-
-
-def known_lens(camera: Camera, known: bool, focal: float) -> Camera:
-    """A camera to begin with: its own lens where that is known, else one of a focal length in longer image sides."""
-    if known:
-        return camera
-    longer = focal * max(camera.width, camera.height)
-    K = np.array([[longer, 0, camera.width / 2], [0, longer, camera.height / 2], [0, 0, 1.0]])
-    return replace(camera, K=K, distortion=np.zeros(0))

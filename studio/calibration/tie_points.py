@@ -6,15 +6,16 @@ mat, a bolt, a marker on the performer at one moment. With a few of them measure
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from studio.calibration.board_lens import check_lens_size
 from studio.calibration.gauge import align_points, scale_to_distance, upright
 from studio.calibration.result import CalibrationResult, reprojection_report
-from studio.calibration.tie_adjust import Accuracy, adjust, known_lens
+from studio.calibration.tie_adjust import Accuracy, adjust
 from studio.calibration.tie_file import TiePoint
 from studio.calibration.tie_start import LEAST_PLACED, LEAST_SHARED, Sightings, TieRig, starts
 from studio.calibration.tie_sure import contradiction, spread_of_places, uncertainty
@@ -91,22 +92,17 @@ def calibrate_from_tie_points(
     sightings = _sightings(points, sizes)
     free = [name for name in sizes if name not in known]
     groups = _groups(free, sizes, settings.shared_lens)
-    best, how = None, (0, np.inf)
     guesses = _GUESSES if any(name not in (focal_lengths or {}) for name in free) else _GUESSES[:1]
-    for number, guess in enumerate(guesses):
-        progress(number, len(guesses) + 1)
-        lenses = _lenses(sizes, known, focal_lengths or {}, guess)
-        for start in starts(lenses, sightings, settings.seed):
-            if len(start.cameras) < 2:
-                continue
-            found = adjust(start, sightings, groups, settings.accuracy, radial=False, steps=_ROUGH)
-            rank = (len(found.cameras), _misfit(found, sightings))
-            if (rank[0], -rank[1]) > (how[0], -how[1]):
-                best, how = found, rank
-            if how[0] == len(sizes) and how[1] < _GOOD * settings.accuracy.mark:
-                break
-        if how[0] == len(sizes) and how[1] < _GOOD * settings.accuracy.mark:
-            break
+
+    def attempts() -> Iterator[TieRig]:
+        for number, guess in enumerate(guesses):
+            progress(number, len(guesses) + 1)
+            lenses = _lenses(sizes, known, focal_lengths or {}, guess)
+            for start in starts(lenses, sightings, settings.seed):
+                if len(start.cameras) >= 2:
+                    yield adjust(start, sightings, groups, settings.accuracy, radial=False, steps=_ROUGH)
+
+    best = _best(attempts(), sightings, _GOOD * settings.accuracy.mark)
     if best is None or len(best.cameras) < len(sizes):
         raise StudioError(_lonely(sightings, sizes, best))
     best, left_out = _settled(best, sightings, groups, settings)
@@ -125,6 +121,18 @@ def calibrate_from_tie_points(
         "world_accuracy": settings.accuracy.world,
     }
     return result
+
+
+def _best(attempts: Iterable[TieRig], sightings: Sightings, good: float) -> TieRig | None:
+    """The first attempt with all cameras and a misfit below `good`, else the one with most cameras and the least."""
+    best, rank = None, (0, -np.inf)
+    for found in attempts:
+        own = (len(found.cameras), -_misfit(found, sightings))
+        if own > rank:
+            best, rank = found, own
+        if rank[0] == len(sightings.pixels) and -rank[1] < good:
+            break
+    return best
 
 
 def _sightings(points: Sequence[TiePoint], sizes: Mapping[str, tuple[int, int]]) -> Sightings:
@@ -158,15 +166,12 @@ def _lenses(
     found = {}
     for name, (width, height) in sizes.items():
         if name in known:
-            if (known[name].width, known[name].height) != (width, height):
-                raise StudioError(
-                    f"Camera '{name}': its pictures are {width}x{height} but the known lens is for "
-                    f"{known[name].width}x{known[name].height}; scale one of them."
-                )
+            check_lens_size(known[name], (width, height))
             found[name] = known[name]
         else:
-            own = focal[name] / max(width, height) if name in focal else guess
-            found[name] = known_lens(Camera(name, width, height, np.eye(3), np.eye(4)), False, own)
+            own = focal[name] if name in focal else guess * max(width, height)
+            K = np.array([[own, 0, width / 2], [0, own, height / 2], [0, 0, 1.0]])
+            found[name] = Camera(name, width, height, K, np.eye(4))
     return found
 
 
@@ -224,18 +229,18 @@ def _rounded(error: float) -> float | None:
 
 def _lonely(sightings: Sightings, sizes: Mapping[str, tuple[int, int]], best: TieRig | None) -> str:
     """Who could not be placed, and what is missing."""
-    standing = [name for name in sizes if best is not None and name in best.cameras]
+    standing = [name for name in sizes if name in best.cameras] if best is not None else []
     lost = [name for name in sizes if name not in standing]
     marks = {name: int(sightings.seen(name).sum()) for name in sizes}
     measured = {name: int((sightings.seen(name) & sightings.measured).sum()) for name in sizes}
-    if not standing:
+    if best is None or not standing:
         return (
             f"The tie points place no two cameras to each other: two of them must share {LEAST_SHARED} points that do "
             f"not all lie on a line, or see {LEAST_PLACED} points with a measured place; marked are "
             f"{', '.join(f'{name} {marks[name]} ({measured[name]} measured)' for name in sizes)}."
         )
     name = lost[0]
-    known = sum(bool(sightings.seen(name)[number]) for number in np.flatnonzero(~np.isnan(best.places[:, 0])))  # type: ignore[union-attr]
+    known = int((sightings.seen(name) & best.placed).sum())
     return (
         f"Camera '{name}'"
         + (f" and {len(lost) - 1} more ({', '.join(lost[1:])})" if len(lost) > 1 else "")
@@ -252,7 +257,7 @@ def _result(
     sizes: Mapping[str, tuple[int, int]],
 ) -> CalibrationResult:
     cameras = Rig(tuple(rig.cameras[name] for name in sizes))
-    kept = np.flatnonzero(~np.isnan(rig.places[:, 0]))
+    kept = np.flatnonzero(rig.placed)
     places, world = rig.places[kept], sightings.world[kept]
     measured = ~np.isnan(world[:, 0])
     metric = spread_of_places(world[measured]) == 2

@@ -52,6 +52,11 @@ class TieRig:
     cameras: dict[str, Camera]
     places: np.ndarray
 
+    @property
+    def placed(self) -> np.ndarray:
+        """(P,) bool: points whose place was found."""
+        return ~np.isnan(self.places[:, 0])
+
     def errors(self, sightings: Sightings) -> dict[str, np.ndarray]:
         """Camera name to (P,) reprojection errors in pixels; NaN where not seen, infinite behind the camera."""
         found = {}
@@ -59,7 +64,7 @@ class TieRig:
             pixels, depth = camera.project(np.nan_to_num(self.places))
             error = np.linalg.norm(pixels - sightings.pixels[name], axis=1)
             error[depth <= 0] = np.inf
-            error[~sightings.seen(name) | np.isnan(self.places[:, 0])] = np.nan
+            error[~(sightings.seen(name) & self.placed)] = np.nan
             found[name] = error
         return found
 
@@ -92,7 +97,7 @@ def _grown(lenses: Mapping[str, Camera], sightings: Sightings, rig: TieRig, seed
     """With all cameras and points that follow from those that stand, the surest first."""
     while True:
         triangulate(sightings, rig)
-        placed = ~np.isnan(rig.places[:, 0])
+        placed = rig.placed
         counts = {name: int((sightings.seen(name) & placed).sum()) for name in lenses if name not in rig.cameras}
         found = False
         for name in sorted(counts, key=lambda n: -counts[n]):
@@ -110,8 +115,8 @@ def _grown(lenses: Mapping[str, Camera], sightings: Sightings, rig: TieRig, seed
 
 def triangulate(sightings: Sightings, rig: TieRig) -> None:
     """Places of points that two standing cameras see, by the linear method; in place."""
-    rays = {name: _rays(camera, sightings.pixels[name]) for name, camera in rig.cameras.items()}
-    for number in np.flatnonzero(np.isnan(rig.places[:, 0])):
+    rays = {name: pixel_rays(camera, sightings.pixels[name]) for name, camera in rig.cameras.items()}
+    for number in np.flatnonzero(~rig.placed):
         rows = []
         for name, camera in rig.cameras.items():
             if sightings.seen(name)[number]:
@@ -124,7 +129,7 @@ def triangulate(sightings: Sightings, rig: TieRig) -> None:
                 rig.places[number] = solution[:3] / solution[3]
 
 
-def _rays(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+def pixel_rays(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """(P, 2) undistorted, at depth 1; NaN stays."""
     import cv2
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from studio.calibration.tie_adjust import Accuracy, _Problem
+from studio.calibration.tie_adjust import Accuracy, Problem
 from studio.calibration.tie_start import Sightings, TieRig
 
 _STEP = 1e-6
@@ -29,7 +29,7 @@ def contradiction(rig: TieRig, sightings: Sightings) -> str:
     """What is wrong where an adjustment ended nowhere, points behind the cameras or all in one place; else ""."""
     errors = np.concatenate(list(rig.errors(sightings).values()))
     behind = float(np.isinf(errors[~np.isnan(errors)]).mean()) > 0.3
-    which = sightings.measured & ~np.isnan(rig.places[:, 0])
+    which = sightings.measured & rig.placed
     smaller = which.sum() > 1 and np.linalg.norm(np.ptp(rig.places[which], 0)) < 0.2 * np.linalg.norm(
         np.ptp(sightings.world[which], 0)
     )
@@ -50,8 +50,8 @@ def uncertainty(
         rig: adjusted.
         sightings, groups, accuracy, radial: as in `adjust`.
     """
-    problem = _Problem(rig, sightings, groups, accuracy, radial)
-    marks = _Problem(rig, replace(sightings, world=np.full_like(sightings.world, np.nan)), groups, accuracy, radial)
+    problem = Problem(rig, sightings, groups, accuracy, radial)
+    marks = Problem(rig, replace(sightings, world=np.full_like(sightings.world, np.nan)), groups, accuracy, radial)
     values = problem.start()
     places = rig.places[problem.placed]
     size = float(np.mean([np.linalg.norm(places - c.center, axis=1).mean() for c in rig.cameras.values()]))

@@ -18,12 +18,13 @@ from studio.calibration import (
     read_tie_points,
     write_tie_points,
 )
-from studio.calibration.tie_adjust import Accuracy, _Problem
+from studio.calibration.tie_adjust import Accuracy, Problem
 from studio.calibration.tie_snap import snap
 from studio.calibration.tie_start import Sightings, TieRig
 from studio.calibration.tie_sure import contradiction
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
 from studio.errors import StudioError
+from studio.export.camera_path import look_at
 
 WIDTH, HEIGHT = 1088, 1920
 
@@ -34,15 +35,9 @@ def ring(count: int, focal: float = 1600.0, k1: float = -0.05) -> Rig:
     for number in range(count):
         angle = 2 * np.pi * number / count + 0.1 * (number % 3)
         center = np.array([3.5 * np.cos(angle), 3.5 * np.sin(angle), 1.6 + 0.3 * (number % 2)])
-        forward = np.array([0, 0, 0.6]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = -pose[:3, :3] @ center
         K = np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]])
-        cameras.append(Camera(f"{number:02d}", WIDTH, HEIGHT, K, pose, np.array([k1, 0, 0, 0])))
+        camera = look_at(f"{number:02d}", WIDTH, HEIGHT, K, center, np.array([0, 0, 0.6]), np.array([0, 0, 1.0]))
+        cameras.append(replace(camera, distortion=np.array([k1, 0, 0, 0])))
     return Rig(tuple(cameras))
 
 
@@ -131,7 +126,7 @@ def test_the_derivatives_are_the_differences() -> None:
     world = np.array([p.world or (np.nan,) * 3 for p in points])
     places = np.random.default_rng(1).uniform([-0.5, -0.5, 0], [0.5, 0.5, 1], (9, 3))
     rig = TieRig({camera.name: camera for camera in truth}, places)
-    problem = _Problem(rig, Sightings([], world, pixels), [["00", "02"], ["01"]], Accuracy(2.0, 0.05), True)
+    problem = Problem(rig, Sightings([], world, pixels), [["00", "02"], ["01"]], Accuracy(2.0, 0.05), True)
     start = problem.start() + 1e-3
     exact = problem.jacobian(start)
     for column in range(len(start)):
