@@ -60,10 +60,10 @@ def main() -> int:
     arguments = parser.parse_args()
 
     from pipelines.config import load_config
-    from pipelines.frame_files import read_frame
     from pipelines.stages.arguments import train_settings
     from pipelines.stages.base import Context, derived_seed
-    from pipelines.take import Take
+    from pipelines.takes.frame_files import read_frame
+    from pipelines.takes.take import Take
     from studio.training import TrainView, train_interframe
 
     take = Take.open(arguments.take)

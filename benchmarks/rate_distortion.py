@@ -37,11 +37,11 @@ from rich.console import Console
 from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
-from pipelines.frame_files import read_frame
-from pipelines.pictures import draw
+from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
-from pipelines.take import Take
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from open3d.visualization import gui
 
 from gui.panels.picture import colour
-from gui.presenters.palette import GROUND, PANEL
+from gui.presenters.drawing.palette import GROUND, PANEL
 
 if TYPE_CHECKING:
     from gui.window import MainWindow

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 
-from gui.presenters.palette import GROUND, SECOND
+from gui.presenters.drawing.palette import GROUND, SECOND
 from studio.cameras import Camera
 from studio.errors import StudioError
 

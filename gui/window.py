@@ -6,9 +6,7 @@ from pathlib import Path
 
 from open3d.visualization import gui, rendering
 
-from gui import menus
-from gui.actions import Actions
-from gui.closing import CloseRequests
+from gui.actions.commands import Actions, menus
 from gui.layout import Layout
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
@@ -17,21 +15,22 @@ from gui.panels.modes import ModesPanel
 from gui.panels.picture import plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
+from gui.platform.closing import CloseRequests
+from gui.platform.redraw import Redraws
+from gui.presenters.drawing.palette import DIM, GROUND, PANEL, TEXT
 from gui.presenters.evaluation import Evaluation, EvaluationFile
-from gui.presenters.exports import Exports
 from gui.presenters.loading import load
 from gui.presenters.marks import Marks
-from gui.presenters.palette import DIM, GROUND, PANEL, TEXT
-from gui.presenters.player import PlayerPresenter
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.rate import Rate
+from gui.presenters.playback.sources import Opened
+from gui.presenters.playback.timeline_plots import strips_of
 from gui.presenters.preferences import Preferences
-from gui.presenters.rate import Rate
-from gui.presenters.sources import Opened
-from gui.presenters.strips import strips_of
-from gui.presenters.views import Views
+from gui.presenters.run.exports import Exports
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.stage_views import Views
 from gui.presenters.worker import LatestWorker
-from gui.presenters.workspace import Workspace
 from gui.raycast import MeshPicture
-from gui.redraw import Redraws
 from gui.state import StateLog
 from gui.viewport import Viewport
 from studio.gaussians import Gaussians

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.board_command import add_board_command, add_sync_command
-from pipelines.cancel import EXIT_CANCELLED
+from pipelines.commands.board import add_board_command, add_sync_command
+from pipelines.events.cancellation import EXIT_CANCELLED
 from studio.errors import Cancelled, StudioError
 
 STAGE_HELP = {
@@ -67,8 +67,8 @@ def execute(arguments: Sequence[str]) -> int:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and that of each command."""
-    from pipelines import ablate_command, export, importing, play, serve
-    from pipelines.take import program_version
+    from pipelines.commands import ablate, export, import_splats, play, serve
+    from pipelines.takes.take import program_version
 
     parser = _Parser(
         prog="v3studio",
@@ -98,8 +98,8 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     play.register(commands)
     serve.register(commands)
     export.register(commands)
-    importing.register(commands)
-    ablate_command.register(commands)
+    import_splats.register(commands)
+    ablate.register(commands)
 
     add_board_command(commands)
     add_sync_command(commands)
@@ -214,8 +214,8 @@ def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
 
 def _run(arguments: argparse.Namespace) -> int:
     from pipelines.config import load_config
-    from pipelines.files import disk_errors
-    from pipelines.take import Take
+    from pipelines.takes.atomic_files import disk_errors
+    from pipelines.takes.take import Take
 
     if arguments.take is None and arguments.config is not None and arguments.config.is_dir():
         arguments.config, arguments.take = None, arguments.config
@@ -236,8 +236,8 @@ def _run(arguments: argparse.Namespace) -> int:
         with disk_errors(arguments.take):
             take = Take.create(arguments.take)
 
-    from pipelines.console import Bars, JsonLines
-    from pipelines.runner import ALL_STAGES, run
+    from pipelines.runs.console import Bars, JsonLines
+    from pipelines.runs.runner import ALL_STAGES, run
 
     if arguments.stage:
         stages: Sequence[str] = (arguments.stage,)
@@ -253,7 +253,7 @@ def _run(arguments: argparse.Namespace) -> int:
             command=f"v3studio {arguments.stage or 'run'}",
         )
     if not arguments.json and "evaluate" in stages:
-        from pipelines.tables import print_evaluation
+        from pipelines.reports.tables import print_evaluation
 
         print_evaluation(take)
     return 0
@@ -261,12 +261,12 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _status(arguments: argparse.Namespace) -> int:
     from pipelines.config import load_config
-    from pipelines.take import Take
+    from pipelines.takes.take import Take
 
     take = Take.open(arguments.take)
     config = load_config(take.config if take.config.is_file() else None, arguments.overrides)
 
-    from pipelines.tables import print_status, status_json
+    from pipelines.reports.tables import print_status, status_json
 
     if arguments.json:
         print(status_json(take, config))

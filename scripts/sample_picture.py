@@ -14,13 +14,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.presenters.canvas import Canvas
+from gui.presenters.drawing.canvas import Canvas
 from pipelines.config import load_config
-from pipelines.frame_files import read_frame
-from pipelines.pictures import draw, to_bytes
+from pipelines.reports.pictures import draw, to_bytes
 from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
-from pipelines.take import Take
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
 from studio.stream import StreamReader
 
 HEIGHT, GAP, HEADER = 300, 6, 34

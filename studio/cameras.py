@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.checked import array, whole
 from studio.errors import StudioError
+from studio.validation import array, whole
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 

@@ -8,9 +8,9 @@ from open3d.visualization import gui
 
 from gui.panels.flow import Flow
 from gui.panels.picture import colour
-from gui.presenters.palette import PANEL, RAISED
-from gui.presenters.player import PlayerPresenter
-from gui.presenters.transport import Transport
+from gui.presenters.drawing.palette import PANEL, RAISED
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.transport import Transport
 
 FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}

@@ -7,9 +7,9 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.keyboard import send_tab
 from gui.panels.picture import colour
-from gui.presenters.palette import ACCENT_DARK, DIM, RAISED
+from gui.platform.keyboard import send_tab
+from gui.presenters.drawing.palette import ACCENT_DARK, DIM, RAISED
 
 TAB_DOWN, TAB_UP = 3, 5
 """How often a dialog with a line has been drawn when Tab is pressed and released."""

@@ -9,7 +9,7 @@ from open3d.visualization import gui
 
 from gui.panels.flow import Flow
 from gui.panels.picture import colour
-from gui.presenters.palette import ACCENT_DARK, GROUND, RAISED
+from gui.presenters.drawing.palette import ACCENT_DARK, GROUND, RAISED
 
 Choice = tuple[str, str, str]
 """Key, label, tooltip. An empty key is a gap."""

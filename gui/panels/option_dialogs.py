@@ -11,8 +11,8 @@ from open3d.visualization import gui
 
 from gui.panels.dialogs import Dialogs
 from gui.panels.folder_dialog import ask_path
-from gui.presenters.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportWish
 from gui.presenters.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
+from gui.presenters.run.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportWish
 
 
 def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferences], None]) -> None:

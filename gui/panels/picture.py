@@ -9,7 +9,7 @@ import numpy as np
 import open3d as o3d
 from open3d.visualization import gui
 
-from gui.presenters.palette import GROUND, RGB
+from gui.presenters.drawing.palette import GROUND, RGB
 
 _marks = itertools.count(1)
 

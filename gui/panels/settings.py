@@ -8,8 +8,8 @@ from collections.abc import Callable
 from open3d.visualization import gui
 
 from gui.panels.picture import colour
-from gui.presenters.palette import ACCENT, DIM, PANEL
-from gui.presenters.settings import SettingField, fields_of, matching
+from gui.presenters.drawing.palette import ACCENT, DIM, PANEL
+from gui.presenters.run.settings import SettingField, fields_of, matching
 from pipelines.config import Config
 
 

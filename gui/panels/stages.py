@@ -8,11 +8,11 @@ from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget, colour
 from gui.panels.settings import SettingsList
-from gui.presenters import stage_list
-from gui.presenters.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
-from gui.presenters.settings import SettingField
-from gui.presenters.stage_rows import TITLES
-from gui.presenters.workspace import Workspace
+from gui.presenters.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
+from gui.presenters.run.settings import SettingField
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages import stage_list
+from gui.presenters.stages.stage_rows import TITLES
 from pipelines.config import Config
 
 _PAUSE = {

@@ -10,8 +10,8 @@ from open3d.visualization import gui
 from gui.panels.dialogs import Dialogs, broken
 from gui.panels.folder_dialog import ask_path
 from gui.panels.picture import colour
-from gui.presenters.new_take import NewTake
-from gui.presenters.palette import BAD
+from gui.presenters.drawing.palette import BAD
+from gui.presenters.run.new_take import NewTake
 
 FOUND_LINES = 8
 

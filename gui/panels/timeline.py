@@ -8,8 +8,8 @@ import numpy as np
 from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget
-from gui.presenters.player import PlayerPresenter
-from gui.presenters.strips import Strip, StripBoard
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.timeline_plots import Strip, StripBoard
 
 
 class TimelinePanel:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.files import digest_of_file, link_or_copy, read_json, remove, write_json
-from pipelines.frame_files import read_frame
-from pipelines.groups import Group
-from pipelines.pictures import draw
+from pipelines.reports.pictures import draw
 from pipelines.stages.arguments import bake_settings
 from pipelines.stages.base import Context, Ingredients, StageReporter, key_of, settings_of
-from pipelines.take import group_name
+from pipelines.takes.atomic_files import digest_of_file, link_or_copy, read_json, remove, write_json
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.groups import Group
+from pipelines.takes.take import group_name
 from studio.errors import StudioError
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from pipelines.cancel import Cancellation
 from pipelines.config import Config
 from pipelines.events import Emit, Event, Log, Metrics, Preview, Progress, Warned
-from pipelines.files import digest_of
-from pipelines.groups import Group
-from pipelines.take import Take
+from pipelines.events.cancellation import Cancellation
+from pipelines.takes.atomic_files import digest_of
+from pipelines.takes.groups import Group
+from pipelines.takes.take import Take
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:

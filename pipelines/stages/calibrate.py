@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.calibration_report import (
+from pipelines.reports.calibration import (
     calibration_figures,
     calibration_lenses,
     calibration_warnings,
     render_calibration,
 )
-from pipelines.files import atomic_path, digest_of_file, write_json
-from pipelines.point_files import write_points
 from pipelines.stages.arguments import camera_file, sfm_settings, tie_settings
 from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
 from pipelines.stages.boards import BOARD_SETTINGS, board_digest, calibrate_with_boards, lenses_from_boards
@@ -28,6 +26,8 @@ from pipelines.stages.known_cameras import (
     known_file,
     tie_file,
 )
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_json
+from pipelines.takes.point_files import write_points
 from studio.errors import StudioError
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.files import write_json, write_text
-from pipelines.frame_files import read_frame
-from pipelines.groups import Group
-from pipelines.pictures import draw
+from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
+from pipelines.takes.atomic_files import write_json, write_text
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.groups import Group
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class EvaluateStage:
 
     def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
         """Decode, draw, compare, write evaluation.json and report.html."""
-        from pipelines.report import render_report
+        from pipelines.reports.evaluation import render_report
         from studio.stream import StreamReader
 
         footage, lpips = context.footage, context.lpips

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.files import digest_of, read_json, write_json
-from pipelines.groups import Group, cut_at, cut_into_groups
+from pipelines.takes.atomic_files import digest_of, read_json, write_json
+from pipelines.takes.groups import Group, cut_at, cut_into_groups
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def _found(context: Context) -> list[int] | None:
 
 def key(context: Context) -> str:
     """Digest of all that the groups by motion depend on."""
-    from pipelines.stages.initialise import seen_by_training
+    from pipelines.stages.initialize import seen_by_training
 
     settings = context.config.train
     seen = seen_by_training(context)

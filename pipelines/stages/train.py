@@ -6,16 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipelines.files import read_json, remove
-from pipelines.frame_files import read_about
-from pipelines.groups import Group
-from pipelines.records import result_of
 from pipelines.stages.arguments import NOT_TRAINING
 from pipelines.stages.base import Context, Ingredients, StageReporter, key_of, leftover, settings_of, without
-from pipelines.stages.initialise import seen_by_training
-from pipelines.stages.lanes import groups_at_once, run_lanes, threads_by_group
+from pipelines.stages.group_scheduler import groups_at_once, run_lanes, threads_by_group
+from pipelines.stages.initialize import seen_by_training
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
+from pipelines.takes.atomic_files import read_json, remove
+from pipelines.takes.frame_files import read_about
+from pipelines.takes.groups import Group
+from pipelines.takes.records import result_of
 from studio.errors import StudioError
 
 

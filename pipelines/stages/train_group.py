@@ -9,15 +9,15 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
-from pipelines.cancel import Cancellation
-from pipelines.files import read_json, remove, write_json
-from pipelines.frame_files import read_frame, read_tensors, write_frame, write_tensors
-from pipelines.groups import Group
-from pipelines.pictures import draw, write_picture
-from pipelines.point_files import read_points
+from pipelines.events.cancellation import Cancellation
+from pipelines.reports.pictures import draw, write_picture
 from pipelines.stages.arguments import train_settings
 from pipelines.stages.base import Context, StageReporter, derived_seed
 from pipelines.stages.train_clock import TrainClock
+from pipelines.takes.atomic_files import read_json, remove, write_json
+from pipelines.takes.frame_files import read_frame, read_tensors, write_frame, write_tensors
+from pipelines.takes.groups import Group
+from pipelines.takes.point_files import read_points
 from studio.errors import StudioError
 from studio.progress import ProgressFn
 

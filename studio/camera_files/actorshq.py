@@ -13,8 +13,8 @@ import numpy as np
 
 from studio.camera_files.common import naming, read_csv, rigid_inverse, write_atomic
 from studio.cameras import Camera, Rig
-from studio.checked import number
 from studio.errors import StudioError
+from studio.validation import number
 
 COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")
 

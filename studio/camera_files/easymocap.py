@@ -16,8 +16,8 @@ import numpy as np
 from studio.camera_files.common import naming, read_text, write_atomic
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
-from studio.checked import check_finite, whole
 from studio.errors import StudioError
+from studio.validation import check_finite, whole
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 

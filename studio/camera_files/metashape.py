@@ -18,8 +18,8 @@ import numpy as np
 from studio.camera_files.common import camera_names, naming, rigid_inverse
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig
-from studio.checked import array, check_finite
 from studio.errors import StudioError
+from studio.validation import array, check_finite
 
 Element = ElementTree.Element
 _NOTICEABLE = 0.25  # pixels

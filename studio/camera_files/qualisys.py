@@ -19,8 +19,8 @@ import numpy as np
 
 from studio.camera_files.common import naming
 from studio.cameras import Camera, Rig
-from studio.checked import number
 from studio.errors import StudioError
+from studio.validation import number
 
 _SUBPIXELS = 64.0
 _FLIP = np.diag([1.0, -1.0, -1.0])

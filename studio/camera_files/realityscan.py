@@ -17,8 +17,8 @@ from studio.camera_files.common import camera_names, naming, read_csv, rigid_inv
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
-from studio.checked import number
 from studio.errors import StudioError
+from studio.validation import number
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 _FLIP = np.diag([1.0, -1.0, -1.0])

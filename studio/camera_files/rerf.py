@@ -15,8 +15,8 @@ import numpy as np
 from studio.camera_files.common import naming, read_text, rigid_inverse
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
-from studio.checked import array, check_finite
 from studio.errors import StudioError
+from studio.validation import array, check_finite
 
 POSES, INTRINSICS = "CamPose.inf", "Intrinsic.inf"
 

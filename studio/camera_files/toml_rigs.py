@@ -16,8 +16,8 @@ import numpy as np
 
 from studio.camera_files.common import naming, read_text, write_atomic
 from studio.cameras import Camera, Rig
-from studio.checked import array, check_finite
 from studio.errors import StudioError
+from studio.validation import array, check_finite
 
 
 def read_toml(path: Path) -> Rig:

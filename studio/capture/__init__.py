@@ -1,9 +1,9 @@
 """Footage: frames x cameras in files -> image, matte and camera of a view."""
 
 from studio.capture.footage import Footage, View
-from studio.capture.masks import Matter
-from studio.capture.matting import FunctionMatter, MattingFunction
-from studio.capture.opening import match_rig, open_footage, refuse_unknown_cameras
+from studio.capture.mattes.matte_source import Matter
+from studio.capture.mattes.matting_function import FunctionMatter, MattingFunction
+from studio.capture.open_footage import match_rig, open_footage, refuse_unknown_cameras
 from studio.capture.spec import CaptureSpec
 
 __all__ = [

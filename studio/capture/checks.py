@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from studio.capture.masks import FullMatter
+from studio.capture.mattes.matte_source import FullMatter
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from studio.cameras import Camera, Rig
-from studio.capture.masks import Matter, PlateMatter, Recolors
-from studio.capture.memory import ByteCache
-from studio.capture.sources import DecoderPool, FrameSource
+from studio.capture.frame_sources import DecoderPool, FrameSource
+from studio.capture.lru_cache import ByteCache
+from studio.capture.mattes.matte_source import Matter, PlateMatter, Recolors
 from studio.capture.spec import CaptureSpec
 from studio.capture.warp import Warp
 from studio.errors import StudioError

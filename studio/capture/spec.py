@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from studio.capture.screen import saturated
+from studio.capture.mattes.screen_color import saturated
 from studio.errors import StudioError
 
 MASK_KINDS = ("auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model")

@@ -213,7 +213,7 @@ def turntable(
     if not 1 <= field_of_view <= 150:
         raise StudioError(f"The turntable's field of view is {field_of_view}; give degrees from 1 to 150.")
     center, radius = subject_sphere(video)
-    from studio.export.turning import upright
+    from studio.export.rigid_motion import upright
 
     right, up, front = upright(video)
     focal = min(width, height) / 2 / math.tan(math.radians(field_of_view) / 2)

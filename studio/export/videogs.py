@@ -27,7 +27,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
 from studio.stream.layout import component_frames, plane_side
 from studio.stream.morton import morton_order
-from studio.stream.quantise import quantise
+from studio.stream.quantize import quantise
 from studio.stream.settings import QP_KNEE
 from studio.stream.video import PlaneEncoder
 

@@ -6,7 +6,7 @@ voxel grid, on which the signed distance to the hull is evaluated in a band abou
 units, orientation or size of the scene.
 
 One bad mask must not carve a limb away, and yet demanding less than agreement of all cameras makes every hull fatter.
-So the hull is carved strictly and afterwards voted on (`studio.meshing.vote`).
+So the hull is carved strictly and afterwards voted on (`studio.meshing.outlier_masks`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from studio.errors import StudioError
-from studio.meshing.blame import raise_disagreement
+from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.silhouettes import Silhouettes
 
 _CHUNK = 1 << 18

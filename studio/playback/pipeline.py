@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.playback.lane import Lane
+from studio.playback.bounded_queue import Lane
 from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats
 from studio.stream import DecodedFrame, GroupEntry, SourceUnavailable

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
-from studio.rasterizer.harmonics import sh_colors
+from studio.rasterizer.spherical_harmonics import sh_colors
 from studio.rasterizer.types import ALPHA_MIN, DILATION, TRANSMITTANCE_MIN, Pinhole, Render
 
 TILE = 16

@@ -13,11 +13,11 @@ import numpy as np
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
-from studio.stream.blocks import Blocks, find_blocks
-from studio.stream.entries import BlockTable, Box, ChannelEntry, Lattice, MotionGroup, SideEntry, VideoEntry
 from studio.stream.files import describe
 from studio.stream.layout import channels, component_frames, scale_floor, tile_grid, tile_side, typical_size
+from studio.stream.manifest_models import BlockTable, Box, ChannelEntry, Lattice, MotionGroup, SideEntry, VideoEntry
 from studio.stream.morton import deinterleave, interleave, square_scan
+from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
 from studio.stream.rotation import conjugate, multiply, nearest_form, to_mrp
 from studio.stream.settings import BakeSettings

@@ -13,7 +13,6 @@ import numpy as np
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
-from studio.stream.entries import Box, ComponentEntry, Part, PlaneEntry, PlanesGroup
 from studio.stream.files import describe
 from studio.stream.layout import (
     Component,
@@ -24,8 +23,9 @@ from studio.stream.layout import (
     to_plane,
     typical_size,
 )
+from studio.stream.manifest_models import Box, ComponentEntry, Part, PlaneEntry, PlanesGroup
 from studio.stream.morton import morton_order
-from studio.stream.quantise import quantise, split_bytes
+from studio.stream.quantize import quantise, split_bytes
 from studio.stream.settings import BakeSettings
 from studio.stream.video import PlaneEncoder
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.stream.decoder import DecodedFrame, GroupDecoder
-from studio.stream.entries import PlanesGroup
 from studio.stream.layout import ComponentArrays
-from studio.stream.quantise import LEVELS_8, LEVELS_16, dequantise, join_bytes
+from studio.stream.manifest_models import PlanesGroup
+from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantise, join_bytes
 from studio.stream.video import PlaneDecoder
 
 

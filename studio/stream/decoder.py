@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.entries import GroupEntry
+from studio.stream.manifest_models import GroupEntry
 
 
 class DecodedFrame(ABC):

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decode import open_decoder
-from studio.stream.entries import GroupEntry
+from studio.stream.manifest_models import GroupEntry
 from studio.stream.settings import QP_MAX
 
 QualityFn = Callable[[int, Gaussians], float]

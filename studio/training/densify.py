@@ -9,7 +9,7 @@ from studio.gaussians import Gaussians
 from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.turning import rotate
+from studio.training.splat_rotation import rotate
 
 _DENSE_SHARE = 0.01
 """Splats larger than this share of the extent are split, smaller ones cloned (3DGS's percent_dense)."""

@@ -14,11 +14,11 @@ from studio.progress import ProgressFn, no_progress
 from studio.stream.layout import plane_side
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
-from studio.training.regularisers import ResidualEntropy, as_baked, baked_values, quantisation_steps, temporal_loss
+from studio.training.regularizers import ResidualEntropy, as_baked, baked_values, quantisation_steps, temporal_loss
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
+from studio.training.splat_rotation import local_median, local_rotations, multiply, neighbours
 from studio.training.step import SnapshotFn, Step, Stepper, check_finite
-from studio.training.turning import local_median, local_rotations, multiply, neighbours
 from studio.training.views import TrainView
 
 _FIGURES_EVERY = 20

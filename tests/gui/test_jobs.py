@@ -13,11 +13,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from gui.presenters.jobs import Job, LogFollower
-from gui.presenters.run_state import CURVE_POINTS, Curve, RunState
-from gui.presenters.workspace import Workspace
+from gui.presenters.run.jobs import Job, LogFollower
+from gui.presenters.run.run_state import CURVE_POINTS, Curve, RunState
+from gui.presenters.run.workspace import Workspace
 from pipelines.events import Log, Metrics, Progress, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
-from pipelines.take import Take
+from pipelines.takes.take import Take
 
 
 def progress(fraction: float, **figures: object) -> Progress:

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gui.presenters.drawing.palette import ACCENT
 from gui.presenters.evaluation import Evaluation
-from gui.presenters.inspector import figures_picture, log_lines, review_blocks
-from gui.presenters.lens import Lens
 from gui.presenters.marks import Marks
-from gui.presenters.palette import ACCENT
-from gui.presenters.player import PlayerPresenter
-from gui.presenters.strips import StripBoard, strips_of
+from gui.presenters.playback.image_zoom import Lens
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.timeline_plots import StripBoard, strips_of
+from gui.presenters.run.inspector import figures_picture, log_lines, review_blocks
 from pipelines.config import load_config
-from pipelines.frame_files import read_frame
-from pipelines.pictures import draw
+from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
-from pipelines.take import Take
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 

@@ -108,7 +108,7 @@ def test_independent_reader_agrees_with_our_decoder(tmp_path, make_video):
         for number, group in enumerate(video.groups)
     ]
     write_manifest(tmp_path / "stream", entries, 20.0, settings)
-    from pipelines.videos import decoded_video
+    from pipelines.takes.videos import decoded_video
 
     with StreamReader.open(tmp_path / "stream") as reader:
         export_videogs(decoded_video(reader), tmp_path / "out", qp=0)

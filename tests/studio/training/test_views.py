@@ -9,8 +9,7 @@ from studio.capture import View
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.training import TrainSettings, TrainView
-from studio.training.dropout import dropped
-from studio.training.step import Stepper
+from studio.training.step import Stepper, dropped
 from studio.training.views import matte_box, surroundings
 
 SIZE = 120
