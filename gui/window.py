@@ -6,7 +6,8 @@ from pathlib import Path
 
 from open3d.visualization import gui, rendering
 
-from gui.actions.commands import Actions, menus
+from gui.actions import menus
+from gui.actions.commands import Actions
 from gui.layout import Layout
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs

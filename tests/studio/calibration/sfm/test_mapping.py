@@ -137,7 +137,7 @@ def test_one_lens_is_found_where_there_is_one(tmp_path: Path) -> None:
 
 def test_focal_lengths_far_apart_are_tried_as_one(tmp_path: Path) -> None:
     """A lens each that leads astray gives way to one lens that explains as much; a good one does not."""
-    from studio.calibration.sfm.reconstruct import mapping
+    from studio.calibration.sfm import mapping
     from studio.calibration.sfm.shared_intrinsics import focal_spread
 
     synthesise(tmp_path, 6, 500)
