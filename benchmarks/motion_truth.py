@@ -61,7 +61,8 @@ def main() -> int:
 
     from pipelines.config import load_config
     from pipelines.stages.arguments import train_settings
-    from pipelines.stages.base import Context, derived_seed
+    from pipelines.stages.base import Context
+    from pipelines.stages.params import derived_seed
     from pipelines.takes.frame_files import read_frame
     from pipelines.takes.take import Take
     from studio.training import TrainView, train_interframe
@@ -69,7 +70,7 @@ def main() -> int:
     take = Take.open(arguments.take)
     config = load_config(take.config)
     context = Context(take, config)
-    footage = context.footage
+    footage = context.footage.calibrated
     settings = replace(train_settings(config.train), finetune_iterations=0)
     rows: list[dict[str, Any]] = []
     print(f"{'frame':>6} {'error':>9} {'moved':>9} {'ratio':>6} {'tied':>5} {'seconds':>8}   (world units)")

@@ -81,12 +81,12 @@ class Views:
 
     @classmethod
     def of(cls, context: Context) -> Views:
-        footage = context.footage
+        footage = context.footage.calibrated
         return cls(context, footage.held_out_cameras or footage.train_cameras, bool(footage.held_out_cameras))
 
     def add(self, index: int, gaussians: Gaussians) -> None:
         """Note frame `index` of the take."""
-        footage, settings = self.context.footage, self.context.config
+        footage, settings = self.context.footage.calibrated, self.context.config
         for camera in self.cameras:
             matte = footage.evaluation_matte(camera, footage.frames[index])
             box = padded_box(matte, settings.evaluate.crop_padding)
@@ -101,7 +101,7 @@ class Views:
 
     def _draw(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
         context = self.context
-        lens = context.footage.view(camera, context.footage.frames[index]).camera
+        lens = context.footage.calibrated.view(camera, context.footage.calibrated.frames[index]).camera
         return draw(gaussians, lens, context.config.capture.background, context.device)[self.boxes[index, camera]]
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from open3d.visualization import gui, rendering
 
 from gui.actions import menus
 from gui.actions.commands import Actions
-from gui.layout import Layout
+from gui.layout import Layout, Panels
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
@@ -26,7 +26,7 @@ from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.rate import Rate
 from gui.presenters.playback.sources import Opened
 from gui.presenters.playback.timeline_plots import strips_of
-from gui.presenters.preferences import Preferences
+from gui.presenters.preferences import PICTURE_SIZES, Preferences
 from gui.presenters.run.exports import Exports
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_views import Views
@@ -94,7 +94,6 @@ class MainWindow:
 
     def _build(self) -> None:
         em, changed = self.em, self.changed
-        self.layout = Layout(self)
         self.viewport = Viewport(lambda: self.views, changed)
         self.timeline = TimelinePanel(self.player, em, changed)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
@@ -103,6 +102,12 @@ class MainWindow:
         self.inspector = InspectorPanel(em, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
+        self.layout = Layout(
+            Panels(
+                self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
+                self.inspector, self.message, self.status,
+            )
+        )  # fmt: skip
         for widget in (
             *self.layout.fills,
             self.viewport.picture.widget,
@@ -146,8 +151,6 @@ class MainWindow:
 
     def apply_preferences(self) -> None:
         """Let the preferences hold."""
-        from gui.presenters.preferences import PICTURE_SIZES
-
         self.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
         self.player.background = self.preferences.background
 
@@ -189,6 +192,10 @@ class MainWindow:
         self.stages.selected = stage
         self.views.select(stage)
         self.window.set_needs_layout()
+
+    def run(self, stage: str, again: bool) -> None:
+        """Run a stage, or check the footage."""
+        self.actions.run(stage, again)
 
     def _chosen(self, stage: str, key: str) -> None:
         self.views.choose(key)

@@ -266,7 +266,7 @@ def _status(arguments: argparse.Namespace) -> int:
     take = Take.open(arguments.take)
     config = load_config(take.config if take.config.is_file() else None, arguments.overrides)
 
-    from pipelines.reports.tables import print_status, status_json
+    from pipelines.runs.status_table import print_status, status_json
 
     if arguments.json:
         print(status_json(take, config))

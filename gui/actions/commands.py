@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from open3d.visualization import gui
 
@@ -19,11 +19,9 @@ from gui.panels.take_dialog import ask_new_take
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import FORMATS
 from gui.presenters.run.new_take import NewTake
+from gui.shell import Shell
 from pipelines.takes.take import program_version
 from studio.errors import StudioError
-
-if TYPE_CHECKING:
-    from gui.window import MainWindow
 
 Action = Callable[[], object]
 
@@ -35,7 +33,7 @@ class Actions:
         window: the main window.
     """
 
-    def __init__(self, window: MainWindow) -> None:
+    def __init__(self, window: Shell) -> None:
         self._window = window
         self._marks, self._outputs = MarkActions(window), OutputActions(window)
         self.points = PointActions(window)

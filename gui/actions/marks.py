@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
+from gui.shell import Shell
 from studio.errors import StudioError
-
-if TYPE_CHECKING:
-    from gui.window import MainWindow
 
 
 class MarkActions:
@@ -18,7 +15,7 @@ class MarkActions:
         window: the main window.
     """
 
-    def __init__(self, window: MainWindow) -> None:
+    def __init__(self, window: Shell) -> None:
         self._window = window
 
     def ask(self) -> None:

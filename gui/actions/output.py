@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gui.panels.option_dialogs import ask_export
 from gui.presenters.run.exports import LEAST_SECONDS, ExportWish, PathKey
+from gui.shell import Shell
 from pipelines.commands.export import DEFAULT_OF
 from pipelines.reports.pictures import write_picture
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-
-if TYPE_CHECKING:
-    from gui.window import MainWindow
 
 
 class OutputActions:
@@ -23,7 +20,7 @@ class OutputActions:
         window: the main window.
     """
 
-    def __init__(self, window: MainWindow) -> None:
+    def __init__(self, window: Shell) -> None:
         self._window = window
 
     def screenshot(self) -> None:
@@ -91,7 +88,7 @@ class OutputActions:
         elif take.report.is_file() and window.workspace.row("review").state == "done":
             window.dialogs.message("HTML report", self._up_to_date(take))
         else:
-            self._window.actions.run("review", False)
+            self._window.run("review", False)
 
     def _up_to_date(self, take: Take) -> str:
         from pipelines.reports.evaluation import update_marks
@@ -99,7 +96,7 @@ class OutputActions:
         context = self._window.workspace.context
         assert context is not None  # or no stage would be done
         try:
-            changed = update_marks(context)
+            changed = update_marks(context.take, context.groups)
         except (StudioError, OSError) as error:
             return f"The marks could not be brought into the report: {error}"
         words = "The report shows the marks of now:" if changed else "The report is up to date:"

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from open3d.visualization import gui
 
-if TYPE_CHECKING:
-    from gui.window import MainWindow
+from gui.shell import Shell
 
 
 class PointActions:
@@ -18,7 +17,7 @@ class PointActions:
         window: the main window.
     """
 
-    def __init__(self, window: MainWindow) -> None:
+    def __init__(self, window: Shell) -> None:
         self._window = window
 
     def keys(self) -> dict[Any, Callable[[], object]]:

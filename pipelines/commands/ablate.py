@@ -48,7 +48,8 @@ def _ablate(arguments: argparse.Namespace) -> int:
     from pipelines.ablation.study import ablate
     from pipelines.ablation.variants import chosen
     from pipelines.config import load_config
-    from pipelines.runs.console import Bars, console
+    from pipelines.reports.terminal import console
+    from pipelines.runs.console import Bars
 
     qps = _qps(arguments.qps)
     variants = chosen([name for name in arguments.variants.split(",") if name])

@@ -25,7 +25,7 @@ def working(what: str, as_json: bool) -> Iterator[ProgressFn]:
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from pipelines.runs.console import console
+    from pipelines.reports.terminal import console
 
     cancellation = Cancellation()
     screen = console()

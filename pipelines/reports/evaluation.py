@@ -5,21 +5,20 @@ from __future__ import annotations
 import base64
 import datetime
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from pipelines.config import Config
 from pipelines.reports.pictures import encode
 from pipelines.reports.plots import mark_rows, plots
-from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import read_json, write_text
+from pipelines.takes.groups import Group
 from pipelines.takes.marks import read_marks
 from pipelines.takes.records import note_rewritten, read_record
-from pipelines.takes.take import program_version
+from pipelines.takes.take import Take, program_version
 from studio.errors import StudioError
-
-if TYPE_CHECKING:
-    from pipelines.stages.evaluate import Sample
 
 _BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
 
@@ -27,37 +26,51 @@ DIFFERENCE_GAIN = 4.0
 """Differences are shown this many times as strong, or nothing would be seen."""
 
 
-def render_report(context: Context, evaluation: dict[str, Any], samples: Sequence[Sample]) -> str:
+@dataclass(frozen=True)
+class Sample:
+    """Pictures of one view, cropped alike: (h, w, 3) float32 in 0 to 1."""
+
+    frame: int
+    camera: str
+    truth: np.ndarray
+    trained: np.ndarray
+    decoded: np.ndarray
+
+
+def render_report(
+    take: Take, config: Config, groups: Sequence[Group], evaluation: dict[str, Any], samples: Sequence[Sample]
+) -> str:
     """The whole report as text.
 
     Args:
-        context: the take.
+        take: what is reported on.
+        config: its settings.
+        groups: its groups of frames.
         evaluation: what evaluation.json holds.
         samples: pictures to show.
     """
-    width = context.config.evaluate.report_width
+    width = config.evaluate.report_width
     return _rendered(
         "report.html.j2",
-        title=context.take.root.name,
+        title=take.root.name,
         made=datetime.datetime.now().isoformat(sep=" ", timespec="minutes"),
         version=program_version(),
         evaluation=evaluation,
         gain=DIFFERENCE_GAIN,
         pictures=[_pictures(sample, width) for sample in samples],
-        over_time=_over_time(context, evaluation),
-        calibration=_calibration(context),
-        timings=_timings(context),
-        settings=context.config.model_dump(mode="json"),
+        over_time=_over_time(take, groups, evaluation),
+        calibration=_calibration(take),
+        timings=_timings(take),
+        settings=config.model_dump(mode="json"),
     )
 
 
-def update_marks(context: Context) -> bool:
+def update_marks(take: Take, groups: Sequence[Group]) -> bool:
     """Bring the report's marks in line with marks.json without measuring anything; returns whether it has changed.
 
     Raises:
         StudioError: there is no report, or one of an older version, which has no place for marks.
     """
-    take = context.take
     if not (take.report.is_file() and take.evaluation.is_file()):
         raise StudioError(f"{take.root}: there is no report yet; run `v3studio evaluate`.")
     text = take.report.read_text(encoding="utf-8")
@@ -68,7 +81,7 @@ def update_marks(context: Context) -> bool:
             f"{take.report} was written by a version that knew no marks; "
             f"`v3studio evaluate --take {take.root} --force` writes it anew."
         )
-    new = head + _over_time(context, read_json(take.evaluation)) + tail
+    new = head + _over_time(take, groups, read_json(take.evaluation)) + tail
     if new == text:
         return False
     write_text(take.report, new)
@@ -76,16 +89,16 @@ def update_marks(context: Context) -> bool:
     return True
 
 
-def _over_time(context: Context, evaluation: dict[str, Any]) -> str:
+def _over_time(take: Take, groups: Sequence[Group], evaluation: dict[str, Any]) -> str:
     """The part of the report that marks appear in, between two comments that it is found by."""
     error, marks = "", dict[int, str]()
     try:
-        marks = read_marks(context.take.marks)
+        marks = read_marks(take.marks)
     except StudioError as found:  # the figures are worth a report all the same
         error = str(found)
     body = _rendered(
         "over_time.html.j2",
-        plots=plots(context, evaluation, marks),
+        plots=plots(take, groups, evaluation, marks),
         marks=mark_rows(evaluation, marks),
         marks_error=error,
     )
@@ -131,12 +144,12 @@ def _embedded(image: np.ndarray, width: int) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(encode(image, ".jpg")).decode()
 
 
-def _calibration(context: Context) -> dict[str, Any]:
+def _calibration(take: Take) -> dict[str, Any]:
     """The plain values of the calibration's report; tables by camera stay in calibrate/report.json."""
-    if not context.take.calibration_report.is_file():
+    if not take.calibration_report.is_file():
         return {}
     found: dict[str, Any] = {}
-    for name, value in read_json(context.take.calibration_report).items():
+    for name, value in read_json(take.calibration_report).items():
         if isinstance(value, dict) and len(value) <= 4:
             found |= {f"{name} {key}": item for key, item in value.items() if isinstance(item, (int, float))}
         elif isinstance(value, (str, int, float)):
@@ -144,11 +157,11 @@ def _calibration(context: Context) -> dict[str, Any]:
     return found
 
 
-def _timings(context: Context) -> list[tuple[str, float]]:
+def _timings(take: Take) -> list[tuple[str, float]]:
     """Seconds of each stage that went before."""
     found = []
     for stage in ("calibrate", "initialise", "train", "bake"):
-        record = read_record(context.take, stage)
+        record = read_record(take, stage)
         if record is not None:
             found.append((stage, float(record["seconds"])))
     return found

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import read_json
+from pipelines.takes.groups import Group
+from pipelines.takes.take import Take
 
 MARK_COLOUR = "tab:red"
 
 
-def plots(context: Context, evaluation: dict[str, Any], marks: Mapping[int, str]) -> dict[str, str]:
+def plots(take: Take, groups: Sequence[Group], evaluation: dict[str, Any], marks: Mapping[int, str]) -> dict[str, str]:
     """SVG text by name: quality, size, train; "" where there is nothing to plot.
 
     Args:
-        context: the take.
+        take: what is reported on.
+        groups: its groups of frames.
         evaluation: what evaluation.json holds.
         marks: frame, counted from 0, to note.
     """
@@ -25,7 +27,7 @@ def plots(context: Context, evaluation: dict[str, Any], marks: Mapping[int, str]
     return {
         "quality": _svg(_quality_plot, rows, marked),
         "size": _svg(_size_plot, rows, marked),
-        "train": _svg(_train_plot, _train_seconds(context), marked),
+        "train": _svg(_train_plot, _train_seconds(take, groups), marked),
     }
 
 
@@ -82,10 +84,10 @@ def _train_plot(axes: Any, seconds: list[tuple[int, float]]) -> bool:
     return True
 
 
-def _train_seconds(context: Context) -> list[tuple[int, float]]:
+def _train_seconds(take: Take, groups: Sequence[Group]) -> list[tuple[int, float]]:
     found: list[tuple[int, float]] = []
-    for group in context.groups:
-        path = context.take.train_group(group.index) / "group.json"
+    for group in groups:
+        path = take.train_group(group.index) / "group.json"
         if path.is_file():
             found += zip(group.frames, read_json(path)["seconds"], strict=False)
     return found

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from pipelines.config import Config
-from pipelines.runs.console import console, duration
+from pipelines.reports.terminal import console
 from pipelines.takes.atomic_files import read_json
 from pipelines.takes.take import Take
 
@@ -15,8 +12,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from studio.playback import PlaybackReport
-
-_COLOURS = {"done": "green", "partial": "yellow", "stale": "yellow", "failed": "red", "missing": "dim"}
 
 _FOUR_DIGITS = ("ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
 
@@ -27,7 +22,7 @@ def print_evaluation(take: Take) -> None:
     summary, protocol = evaluation["summary"], evaluation["protocol"]
     screen = console()
     lpips = ("LPIPS trained", "decoded") if "lpips_trained" in summary else ()
-    table = _table("frame", "group", "splats", "PSNR trained", "decoded", "SSIM trained", "decoded", *lpips, "KB")
+    table = table_of("frame", "group", "splats", "PSNR trained", "decoded", "SSIM trained", "decoded", *lpips, "KB")
     for row in evaluation["frames"]:
         mark = "*" if row["keyframe"] else ""
         table.add_row(
@@ -47,37 +42,13 @@ def print_evaluation(take: Take) -> None:
     screen.print(f"stream: {take.stream}\nreport: {take.report}", markup=False, soft_wrap=True)
 
 
-def print_status(take: Take, config: Config) -> None:
-    """A row a stage, and who holds the take."""
-    from pipelines.runs.runner import status
-
-    screen = console()
-    table = _table("stage", "state", "finished", "took", "why", left=(0, 1, 4))
-    for name, state in status(take, config).items():
-        units = f"{state.units_done}/{state.units} {state.unit}" if state.units else ""
-        took = duration(state.seconds) if state.seconds is not None and state.state == "done" else ""
-        table.add_row(name, f"[{_COLOURS[state.state]}]{state.state}[/]", units, took, _escape(state.reason))
-    screen.print(table)
-    holder = take.running()
-    if holder is not None:
-        screen.print(f"running now: process {holder.get('pid')}, {holder.get('command')}", markup=False)
-
-
-def status_json(take: Take, config: Config) -> str:
-    """The same for programs."""
-    from pipelines.runs.runner import status
-
-    stages = {name: asdict(state) for name, state in status(take, config).items()}
-    return json.dumps({"take": str(take.root), "running": take.running(), "stages": stages}, indent=1)
-
-
 def print_playback(report: PlaybackReport) -> None:
     """A row a frame and the spread, in milliseconds, as the paper's table of a player's runtime."""
     screen = console()
     figures = ["fetch_ms", "decode_ms", "dequantise_ms"]
     if any(row.render_ms is not None for row in report.frames):
         figures.append("render_ms")
-    table = _table("frame", "group", "KB", *(figure.replace("_", " ") for figure in figures))
+    table = table_of("frame", "group", "KB", *(figure.replace("_", " ") for figure in figures))
     for row in report.frames:
         table.add_row(
             str(row.frame), str(row.group), f"{row.bytes / 1000:.1f}",
@@ -102,7 +73,7 @@ def _quality(row: dict[str, Any]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _table(*columns: str, left: tuple[int, ...] = ()) -> Table:
+def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:
     from rich import box
     from rich.table import Table
 
@@ -112,7 +83,7 @@ def _table(*columns: str, left: tuple[int, ...] = ()) -> Table:
     return table
 
 
-def _escape(text: str) -> str:
+def escaped(text: str) -> str:
     from rich.markup import escape
 
     return escape(text)

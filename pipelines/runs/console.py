@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 from pipelines.events import (
     Event,
@@ -19,9 +19,7 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from pipelines.reports.terminal import console, duration
 
 
 class JsonLines:
@@ -142,23 +140,6 @@ class Bars:
 
     def _say(self, text: str) -> None:
         self._bars.console.print(text, soft_wrap=True)
-
-
-def console() -> Console:
-    """Where people read: as wide as the terminal, and wide enough for tables where there is none."""
-    from rich.console import Console
-
-    return Console(highlight=False, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
-
-
-def duration(seconds: float) -> str:
-    """12 s, 3 min 05 s, 2 h 07 min."""
-    if seconds < 60:
-        return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
-    whole = round(seconds)
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02d} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
 def _left(seconds: float | None) -> str:

@@ -110,7 +110,7 @@ class Logged:
 
 def _run_locked(context: Context, names: list[str], force: bool, run_started: float) -> None:
     write_text(context.take.config, dump_config(context.config))
-    _ = context.raw_footage, context.footage_digest  # footage that cannot be read is told before anything else
+    _ = context.footage.raw, context.footage.digest  # footage that cannot be read is told before anything else
     found = assess_all(STAGES, context)
     todo = [name for name in names if force or found[name].state != DONE]
     _refuse_gaps(todo, found)
@@ -149,7 +149,7 @@ def _update_marks(context: Context) -> None:
     from pipelines.reports.evaluation import update_marks
 
     with contextlib.suppress(StudioError):
-        if update_marks(context):
+        if update_marks(context.take, context.groups):
             context.emit(Log(stage="evaluate", message="the report's marks are those of marks.json again"))
 
 

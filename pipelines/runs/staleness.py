@@ -6,7 +6,8 @@ import datetime
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipelines.stages.base import Context, Ingredients, Stage
+from pipelines.stages.base import Context, Stage
+from pipelines.stages.params import Ingredients
 from pipelines.takes.atomic_files import digest_of, digest_of_files, remove, write_json
 from pipelines.takes.records import read_failure, read_record, result_of
 from studio.errors import StudioError

@@ -100,7 +100,7 @@ def _views(
     from studio.calibration import detect_boards
 
     footage = _open(context, pattern)
-    names = context.raw_footage.camera_names
+    names = context.footage.raw.camera_names
     missing = [name for name in names if name not in footage.camera_names]
     if missing:
         raise StudioError(

@@ -15,7 +15,7 @@ from pipelines.reports.calibration import (
     render_calibration,
 )
 from pipelines.stages.arguments import camera_file, sfm_settings, tie_settings
-from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
+from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.boards import BOARD_SETTINGS, board_digest, calibrate_with_boards, lenses_from_boards
 from pipelines.stages.known_cameras import (
     at_footage_size,
@@ -26,6 +26,7 @@ from pipelines.stages.known_cameras import (
     known_file,
     tie_file,
 )
+from pipelines.stages.params import Ingredients, settings_of, without
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_json
 from pipelines.takes.point_files import write_points
 from studio.errors import StudioError
@@ -64,7 +65,7 @@ class CalibrateStage:
         if context.config.calibrate.tie_points:
             return {
                 "tie points": _digest(tie_file(context)),
-                "sizes": {name: context.raw_footage.raw_size(name) for name in context.raw_footage.camera_names},
+                "sizes": {name: context.footage.raw.raw_size(name) for name in context.footage.raw.camera_names},
                 **settings_of(context.config, "capture.cameras", "run.seed", *TIE_SETTINGS),
                 **_lens_files(context),
             }
@@ -74,7 +75,7 @@ class CalibrateStage:
         if context.config.calibrate.look_at != "everything":
             capture |= without(settings_of(context.config, "capture"), *_NO_MATTER_FOR_MASKS)
         return {
-            "footage": context.footage_digest,
+            "footage": context.footage.digest,
             "frames": self._frames(context),
             **capture,
             **without(settings_of(context.config, "calibrate", "run.seed"), "calibrate.frame", "calibrate.frames"),
@@ -114,7 +115,7 @@ class CalibrateStage:
                 reporter.log(sentence)
             for sentence in calibration_warnings(report):
                 reporter.warn(sentence)
-        context.forget_footage()
+        context.footage.forget_cameras()
         reporter.progress(1.0, "cameras stand")
         figures = {"cameras": len(rig), "source": report["source"]}
         if "reprojection" in report:
@@ -128,7 +129,7 @@ class CalibrateStage:
         from studio.cameras import Rig
         from studio.capture import match_rig
 
-        names = context.raw_footage.camera_names
+        names = context.footage.raw.camera_names
         rig = read_rig(path)
         if context.config.capture.cameras:
             rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
@@ -137,7 +138,7 @@ class CalibrateStage:
         return rig, {"source": "file", "file": str(path)}
 
     def _frames(self, context: Context) -> list[int]:
-        frames = context.raw_footage.frames
+        frames = context.footage.raw.frames
         section = context.config.calibrate
         if section.frame is None:
             # the middles of equal parts: the ends of a take are often empty
@@ -165,7 +166,7 @@ class CalibrateStage:
     def _from_footage(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
         from studio.calibration import calibrate_from_images, floor_world
 
-        footage, section = context.raw_footage, context.config.calibrate
+        footage, section = context.footage.raw, context.config.calibrate
         frames = self._frames(context)
         names = footage.camera_names
         distance = known_distance(section, names)
@@ -212,7 +213,7 @@ class CalibrateStage:
     def _from_tie_points(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
         from studio.calibration import calibrate_from_tie_points, read_tie_points
 
-        footage, section = context.raw_footage, context.config.calibrate
+        footage, section = context.footage.raw, context.config.calibrate
         names = footage.camera_names
         points = read_tie_points(tie_file(context))
         strange = sorted({camera for point in points for camera in point.pixels} - set(names))

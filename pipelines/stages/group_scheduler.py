@@ -36,7 +36,7 @@ def groups_at_once(context: Context) -> int:
         return 1
     from studio.training.views import KEPT_PIXELS
 
-    footage = context.footage
+    footage = context.footage.calibrated
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
     each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, KEPT_PIXELS)) for one in pixels)
     each += _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)

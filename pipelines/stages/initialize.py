@@ -10,7 +10,8 @@ import numpy as np
 
 from pipelines.stages import grouping
 from pipelines.stages.arguments import hull_settings
-from pipelines.stages.base import Context, Ingredients, StageReporter, derived_seed, key_of, settings_of, without
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.params import Ingredients, derived_seed, key_of, settings_of
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_json, remove, write_json
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
@@ -18,20 +19,6 @@ from pipelines.takes.records import result_of
 
 if TYPE_CHECKING:
     from studio.capture import Footage, View
-
-CAPTURE_FOR_TRAINING_LEAVES = (
-    "capture.root", "capture.rig", "capture.fps", "capture.background", "capture.evaluation_mattes",
-    "capture.cache_megabytes", "capture.start", "capture.stop", "capture.step",
-)  # fmt: skip
-"""Settings of the capture that do not change what training sees; which frames it sees is asked of the groups."""
-
-
-def seen_by_training(context: Context) -> Ingredients:
-    """The footage and the settings that decide what a training view looks like."""
-    return {
-        "footage": context.footage_digest,
-        **without(settings_of(context.config, "capture"), *CAPTURE_FOR_TRAINING_LEAVES),
-    }
 
 
 class TrainViews(Sequence["View"]):
@@ -62,10 +49,10 @@ class InitialiseStage:
     def ingredients(self, context: Context) -> Ingredients:
         """What training sees, how hulls are carved, and where groups begin."""
         return {
-            **seen_by_training(context),
+            **context.footage.seen_by_training(),
             **settings_of(context.config, "initialise", "run.seed"),
             "keyframes": [group.keyframe for group in context.groups],
-            **({} if context.config.train.grouping == "fixed" else {"groups by motion": grouping.key(context)}),
+            **({} if context.config.train.grouping == "fixed" else {"groups by motion": grouping.key(context.footage)}),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -83,8 +70,8 @@ class InitialiseStage:
 
     def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
         """Make what is missing."""
-        first = 0.0 if grouping.is_known(context) else 0.3
-        grouping.find_groups(context, reporter.part("looking where groups begin", 0.0, first))
+        first = 0.0 if grouping.is_known(context.footage) else 0.3
+        grouping.find_groups(context.footage, reporter.part("looking where groups begin", 0.0, first))
         groups = context.groups
         counts = []
         for position, group in enumerate(groups):
@@ -96,7 +83,7 @@ class InitialiseStage:
         return {"groups": len(groups), "points_per_group": context.config.initialise.points, "faces": counts}
 
     def _key(self, context: Context, group: Group) -> str:
-        parts = {**seen_by_training(context), **settings_of(context.config, "initialise", "run.seed")}
+        parts = {**context.footage.seen_by_training(), **settings_of(context.config, "initialise", "run.seed")}
         return key_of(self.name, self.version, parts, result_of(context.take, "calibrate"), group.index, group.keyframe)
 
     def _is_done(self, context: Context, group: Group) -> bool:
@@ -119,7 +106,7 @@ class InitialiseStage:
 
         settings = context.config.initialise
         found = initialise_points(
-            TrainViews(context.footage, group.keyframe),
+            TrainViews(context.footage.calibrated, group.keyframe),
             settings.points,
             settings=hull_settings(settings),
             max_faces=settings.max_faces,

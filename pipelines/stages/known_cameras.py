@@ -57,7 +57,7 @@ def known_cameras(context: Context) -> Rig | None:
         if section.known_poses:
             raise StudioError("calibrate.known_poses needs the older solution; name it in calibrate.known.")
         return None
-    footage = context.raw_footage
+    footage = context.footage.raw
     found = match_rig(read_rig(known_file(context)), footage.camera_names)
     return Rig(tuple(at_footage_size(context, name, camera) for name, camera in found.items()))
 
@@ -70,7 +70,7 @@ def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
     """
     from studio.capture.warp import Warp, fit_size
 
-    footage = context.raw_footage
+    footage = context.footage.raw
     width, height = footage.raw_size(name)
     rule = context.config.capture.size_rule
     same_shape = width * camera.height == height * camera.width

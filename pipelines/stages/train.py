@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.stages.arguments import NOT_TRAINING
-from pipelines.stages.base import Context, Ingredients, StageReporter, key_of, leftover, settings_of, without
+from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.group_scheduler import groups_at_once, run_lanes, threads_by_group
-from pipelines.stages.initialize import seen_by_training
+from pipelines.stages.params import Ingredients, key_of, settings_of, without
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
 from pipelines.takes.atomic_files import read_json, remove
@@ -39,7 +39,7 @@ class TrainStage:
         return {
             **self._recipe(context),
             **settings_of(context.config, "train.group_size"),
-            "frames": list(context.raw_footage.frames),
+            "frames": list(context.footage.raw.frames),
             **({} if context.config.train.grouping == "fixed" else {"groups": [one.first for one in context.groups]}),
         }
 
@@ -56,7 +56,7 @@ class TrainStage:
     def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
         """Train what is missing."""
         groups = context.groups
-        footage = context.footage
+        footage = context.footage.calibrated
         if not footage.train_cameras:
             raise StudioError("All cameras are held out, so there is none to train on; shorten capture.held_out.")
         finished = {group.index: self._finished(context, group) for group in groups}
@@ -93,14 +93,16 @@ class TrainStage:
         def tell(done: int, total: int, **figures: Any) -> None:
             reporter.progress(0.0, f"checking the footage, {done}/{total} images")
 
-        problems = context.footage.check(tell, frames=frames)
+        from studio.capture import check_footage
+
+        problems = check_footage(context.footage.calibrated, tell, frames=frames)
         if problems:
             raise StudioError("\n".join(problems))
 
     def _recipe(self, context: Context) -> Ingredients:
         """Of all frames."""
         settings = without(settings_of(context.config, "train"), *(f"train.{name}" for name in NOT_TRAINING))
-        return {**seen_by_training(context), **settings, **settings_of(context.config, "run.seed")}
+        return {**context.footage.seen_by_training(), **settings, **settings_of(context.config, "run.seed")}
 
     def _keys(self, context: Context, group: Group) -> list[str]:
         """Key of each frame of the group, in order."""

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.pictures import draw, write_picture
 from pipelines.stages.arguments import train_settings
-from pipelines.stages.base import Context, StageReporter, derived_seed
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.params import derived_seed
 from pipelines.stages.train_clock import TrainClock
 from pipelines.takes.atomic_files import read_json, remove, write_json
 from pipelines.takes.frame_files import read_frame, read_tensors, write_frame, write_tensors
@@ -183,7 +184,7 @@ class GroupWork:
         """What training sees of a frame; `tell`: nothing else goes on that would show progress."""
         from studio.training import TrainView
 
-        footage, device = self.context.footage, self.context.device
+        footage, device = self.context.footage.calibrated, self.context.device
         views = []
         for number, camera in enumerate(footage.train_cameras):
             self.context.cancellation.check()
@@ -256,7 +257,7 @@ class GroupWork:
             if pause == 0 or time.monotonic() - self._last_preview < pause:
                 return
             self._last_preview = time.monotonic()
-        footage = self.context.footage
+        footage = self.context.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         frame = group.frames[position]
         picture = draw(

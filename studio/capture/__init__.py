@@ -1,5 +1,6 @@
 """Footage: frames x cameras in files -> image, matte and camera of a view."""
 
+from studio.capture.checks import check_footage
 from studio.capture.footage import Footage, View
 from studio.capture.mattes.matte_source import Matter
 from studio.capture.mattes.matting_function import FunctionMatter, MattingFunction
@@ -13,6 +14,7 @@ __all__ = [
     "Matter",
     "MattingFunction",
     "View",
+    "check_footage",
     "match_rig",
     "open_footage",
     "refuse_unknown_cameras",

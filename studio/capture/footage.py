@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from studio.cameras import Camera, Rig
+from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.matte_source import Matter, PlateMatter, Recolors
 from studio.capture.spec import CaptureSpec
 from studio.capture.warp import Warp
 from studio.errors import StudioError
-from studio.progress import ProgressFn, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,20 +173,8 @@ class Footage:
             self._cache.put(key, *kept)
         return kept[0].copy()
 
-    def check(self, progress: ProgressFn = no_progress, *, frames: tuple[int, ...] | None = None) -> list[str]:
-        """Read everything once and tell what is wrong; an empty list means the footage is sound.
-
-        Args:
-            frames: only these; None is all.
-        """
-        from studio.capture.checks import check_footage
-
-        return list(self.problems) + check_footage(self, progress, frames)
-
     def digest(self) -> str:
         """Hexadecimal digest of the files behind the footage: names, sizes and contents (see `digest_files`)."""
-        from studio.capture.digest import digest_files
-
         if self._digest is None:
             self._digest = digest_files(self.spec.root, self.files())
         return self._digest

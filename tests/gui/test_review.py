@@ -60,7 +60,7 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     assert player.context is not None
     assert player.opened is not None
     assert player.opened.take is not None
-    footage = player.context.footage
+    footage = player.context.footage.calibrated
     filmed = footage.image("cam4", footage.frames[0]).astype(float) * (
         footage.matte("cam4", footage.frames[0])[..., None] / 255
     )

@@ -202,7 +202,7 @@ def capture_camera(wish: Wish) -> Camera | None:
         return None
     if wish.context is not None:
         try:
-            return wish.context.footage.rig[wish.camera]
+            return wish.context.footage.calibrated.rig[wish.camera]
         except StudioError:
             if wish.rig is None:
                 raise
@@ -221,7 +221,7 @@ def ground_truth(wish: Wish, width: int, height: int) -> np.ndarray:
         raise StudioError("A stream alone has no ground truth; open its take.")
     if not wish.camera:
         raise StudioError("Ground truth is seen from capture cameras only; choose one (C).")
-    footage = wish.context.footage
+    footage = wish.context.footage.calibrated
     if wish.frame >= len(footage.frames):
         raise StudioError(f"The footage has the frames 0 to {len(footage.frames) - 1}; there is no frame {wish.frame}.")
     frame = footage.frames[wish.frame]

@@ -96,7 +96,7 @@ class PointsBoard(Board):
         marks = self.marks
         if marks is None or self.workspace.context is None:
             raise StudioError(self.problem or "Open a take to mark points in its footage.")
-        names = self.workspace.context.raw_footage.camera_names
+        names = self.workspace.context.footage.raw.camera_names
         self._footage = (self.workspace.context, names)
         if self.camera not in names:
             self.camera = names[0]
@@ -122,19 +122,19 @@ class PointsBoard(Board):
     def _image(self, camera: str, number: int | None = None) -> np.ndarray:
         """A camera's picture: the frame of this number in the footage, else the one that is shown."""
         assert self.workspace.context is not None
-        if number is None or number not in self.workspace.context.raw_footage.frames:
+        if number is None or number not in self.workspace.context.footage.raw.frames:
             number = self._number()
         key = (camera, number)
         if key not in self._images:
             if len(self._images) > MOST_PICTURES + 2:
                 self._images.clear()
-            self._images[key] = self.workspace.context.raw_footage.raw_image(*key)
+            self._images[key] = self.workspace.context.footage.raw.raw_image(*key)
         return self._images[key]
 
     def _number(self) -> int:
         """The footage's number of the frame that is shown."""
         assert self.workspace.context is not None
-        frames = self.workspace.context.raw_footage.frames
+        frames = self.workspace.context.footage.raw.frames
         return int(frames[min(self.frame, len(frames) - 1)])
 
     def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
@@ -188,7 +188,7 @@ class PointsBoard(Board):
         if stamp != self._rig[0]:
             from studio.camera_files import read_rig
 
-            footage = context.raw_footage
+            footage = context.footage.raw
             rig = read_rig(take.rig)
             fits = all(
                 name in rig and footage.raw_size(name) == (rig[name].width, rig[name].height)

@@ -13,7 +13,7 @@ from gui.presenters.evaluation import Evaluation
 from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.run.workspace import Workspace
-from pipelines.runs.console import duration
+from pipelines.reports.terminal import duration
 
 Row = tuple[str, str]
 

@@ -19,7 +19,7 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
-from pipelines.runs.console import duration
+from pipelines.reports.terminal import duration
 
 LOG_LINES = 2000
 CURVE_POINTS = 4000

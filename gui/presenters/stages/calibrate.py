@@ -133,7 +133,7 @@ class CalibrateBoard(OrbitBoard):
             if len(self._thumbnails) > 200:
                 self._thumbnails.clear()
             try:
-                footage = context.raw_footage
+                footage = context.footage.raw
                 image = footage.raw_image(name, footage.frames[min(self.frame, len(footage.frames) - 1)])
                 scale = 160 / max(image.shape[:2])
                 self._thumbnails[key] = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -15,7 +15,7 @@ from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import Board, Size, sentence
 from pipelines.config import Config
 from pipelines.stages.arguments import capture_spec
-from studio.capture import Footage, open_footage
+from studio.capture import Footage, check_footage, open_footage
 from studio.errors import Cancelled, StudioError
 
 TINT = np.array(ACCENT, np.float32)
@@ -199,7 +199,7 @@ class FootageCheck:
 
         try:
             spec = replace(capture_spec(config.capture, config.run), cache_bytes=64 << 20)
-            problems = open_footage(spec, None, strict=False, cache_folder=cache_folder).check(tell)
+            problems = check_footage(open_footage(spec, None, strict=False, cache_folder=cache_folder), tell)
         except Cancelled:
             self.words = "the check was stopped"
         except StudioError as error:

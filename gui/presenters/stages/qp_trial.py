@@ -69,7 +69,7 @@ class QpTrial:
             return
         self.stop()
         self._of, self.results = of, {}
-        self.fps = float(context.raw_footage.fps)
+        self.fps = float(context.footage.raw.fps)
         self.words = f"The first {len(files)} frames, encoded at other QPs:"
         self._stop = threading.Event()
         section = context.config.bake

@@ -76,7 +76,7 @@ def assess(context: Context) -> Assessment:
     from pipelines.runs.runner import status
 
     try:
-        footage = context.raw_footage
+        footage = context.footage.raw
     except StudioError as error:
         return Assessment(status(context.take, context.config), footage_error=str(error))
     cameras, frames = len(footage.camera_names), len(footage.frames)

@@ -89,7 +89,7 @@ class TrainBoard(Board):
             raise StudioError(
                 "Nothing is trained yet, and there are no cameras. Run Train: it does what comes before it."
             )
-        footage = context.footage
+        footage = context.footage.calibrated
         held_out = footage.held_out_cameras
         run = self.workspace.run
         preview = max(run.previews.values(), key=lambda event: event.time, default=None)

@@ -104,10 +104,10 @@ def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:
 
 def test_focal_lengths_from_exif(tmp_path: Path) -> None:
     made = context(tmp_path, suffix="jpg")
-    found = focal_lengths(made.raw_footage, 0)
+    found = focal_lengths(made.footage.raw, 0)
     assert set(found) == {"a", "b"}
     assert found["a"] == pytest.approx(50 / 35 * 80, rel=0.05)
-    assert focal_lengths(context(tmp_path / "other").raw_footage, 0) == {}
+    assert focal_lengths(context(tmp_path / "other").footage.raw, 0) == {}
 
 
 @pytest.mark.parametrize(

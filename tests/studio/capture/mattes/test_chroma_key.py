@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from studio.capture import CaptureSpec, open_footage
+from studio.capture.checks import check_footage
 from studio.capture.mattes.chroma_key import chroma_matte
 from studio.capture.mattes.clean_plate import DifferenceSettings
 from studio.capture.mattes.despill import despill, key_channels
@@ -132,7 +133,7 @@ def test_a_picture_without_a_screen_says_so(tmp_path: Path, make: SimpleNamespac
     footage = open_footage(CaptureSpec(tmp_path, masks="chroma_key"))
     with pytest.raises(StudioError, match=r"Camera 'a': no saturated colour dominates its picture .* give key_color"):
         footage.matte("a", 0)
-    (problem,) = footage.check()
+    (problem,) = check_footage(footage)
     assert "no screen was found" in problem
     asked = open_footage(CaptureSpec(tmp_path, masks="chroma_key", key_color=(0.1, 0.7, 0.2)))
     with pytest.raises(StudioError, match=r"nothing in its picture is like key_color \[0.10, 0.70, 0.20\]"):

@@ -8,6 +8,7 @@ import pytest
 
 from studio.cameras import Rig
 from studio.capture import CaptureSpec, open_footage
+from studio.capture.checks import check_footage
 from studio.capture.mattes.clean_plate import DifferenceSettings, difference_matte
 from studio.capture.mattes.filters import guided_filter, keep_components
 from studio.capture.mattes.median_background import cached_background, estimate_background
@@ -177,7 +178,7 @@ def test_footage_that_stands_still_gives_empty_masks(tmp_path: Path, make: Simpl
         make.image(tmp_path / "images" / "a" / f"{frame}.png", compose(empty, np.zeros((160, 240)), 2.0, frame))
     footage = open_footage(CaptureSpec(tmp_path))
     assert "recovered" in footage.description
-    problems = footage.check()
+    problems = check_footage(footage)
     assert len(problems) == 1
     assert "mask is empty in frame 0-11" in problems[0]
 

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from studio.capture import CaptureSpec, open_footage
+from studio.capture.checks import check_footage
 from studio.capture.mattes.plain_background import plain_color, plain_matte
 from studio.errors import StudioError
 
@@ -67,7 +68,7 @@ def test_auto_takes_it_and_cleans_the_outline(tmp_path: Path) -> None:
     assert mixed.any()
     # as filmed these pixels are half white
     assert np.abs(image - colors)[mixed].mean() < 0.4 * np.abs(before(255) - colors)[mixed].mean()
-    assert not footage.check()
+    assert not check_footage(footage)
 
 
 def test_another_background_is_refused_by_name(tmp_path: Path) -> None:
