@@ -102,7 +102,7 @@ class MainWindow:
         self.inspector = InspectorPanel(em, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
-        self.layout = Layout(
+        self.layout: Layout = Layout(
             Panels(
                 self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
                 self.inspector, self.message, self.status,
