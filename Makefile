@@ -41,7 +41,7 @@ lock: .venv/package.stamp ## write requirements.lock from what .venv holds
 	@mv requirements.lock.new requirements.lock
 
 clean: ## remove .venv, builds and caches (takes stay)
-	rm -rf .venv build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artefacts
+	rm -rf .venv build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
 	find studio pipelines gui tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 system:

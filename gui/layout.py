@@ -9,7 +9,7 @@ from open3d.visualization import gui
 from gui.panels.controls import ControlsPanel
 from gui.panels.inspector import InspectorPanel
 from gui.panels.modes import ModesPanel
-from gui.panels.picture import colour
+from gui.panels.picture import color
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
 from gui.presenters.drawing.palette import GROUND, PANEL
@@ -62,7 +62,7 @@ class Layout:
         # Few, because Open3D draws wrongly where a window has more than 20 visible children.
         self.fills = [gui.Vert() for _ in range(4)]
         for number, fill in enumerate(self.fills):
-            fill.background_color = colour(GROUND if number < 3 else PANEL)
+            fill.background_color = color(GROUND if number < 3 else PANEL)
 
     @property
     def shows_figures(self) -> bool:

@@ -19,7 +19,7 @@ from studio.errors import Cancelled, StudioError
 
 STAGE_HELP = {
     "calibrate": "find the cameras: from the capture's calibration, else from the footage",
-    "initialise": "carve the visual hull of each group's keyframe and sample points on it",
+    "initialize": "carve the visual hull of each group's keyframe and sample points on it",
     "train": "train the Gaussians, frame after frame",
     "bake": "write the stream",
     "evaluate": "decode the stream, compare with held-out cameras, write evaluation.json and report.html",

@@ -60,7 +60,7 @@ class PointActions:
             if wrong:
                 self._describe(wrong, words)
 
-        help_text = "Name; and after a semicolon, where it was measured, x y z in metres (z up):\nmat corner; 0 0.3 0"
+        help_text = "Name; and after a semicolon, where it was measured, x y z in meters (z up):\nmat corner; 0 0.3 0"
         self._window.dialogs.line(
             "point",
             "The point",

@@ -94,7 +94,7 @@ def ask_export(dialogs: Dialogs, wish: ExportWish, sources: Sequence[str], start
 
 
 class _Form:
-    """Labelled fields, each bound to an attribute of an object."""
+    """Labeled fields, each bound to an attribute of an object."""
 
     def __init__(self, dialogs: Dialogs, target: Any) -> None:
         self._dialogs, self._target = dialogs, target

@@ -80,7 +80,7 @@ def _measure(
     missing = [qp for qp in qps if qp not in have]
     if not missing:
         return
-    run(take, config, emit(f"{variant.title}: training"), stages=("calibrate", "initialise", "train"))
+    run(take, config, emit(f"{variant.title}: training"), stages=("calibrate", "initialize", "train"))
     for qp in missing:
         settings = {"qp": qp, "target_kb_per_frame": None, "target_psnr": None}
         baked = config.model_copy(update={"bake": config.bake.model_copy(update=settings)})
@@ -98,7 +98,7 @@ def _measure(
 
 def share(source: Take, target: Take) -> None:
     """Copy cameras, initial points and keyframes to a take that has none; the runner checks whether they fit it."""
-    for name in ("calibrate", "initialise"):
+    for name in ("calibrate", "initialize"):
         if (source.root / name).is_dir() and not (target.root / name).exists():
             shutil.copytree(source.root / name, target.root / name)
             record = source.record(name)

@@ -51,12 +51,12 @@ VARIANTS = (
 OPTIONS = (
     Variant("by-motion", "groups that follow the motion", {"train.grouping": "motion"}),
     Variant("no-velocity", "no velocity guess", {"train.motion_velocity": False}),
-    Variant("splat-velocity", "velocity of each splat alone", {"train.motion_velocity_neighbours": 0}),
+    Variant("splat-velocity", "velocity of each splat alone", {"train.motion_velocity_neighbors": 0}),
     Variant("warm-start", "motion network of the frame before", {"train.motion_warm_start": True}),
     Variant("fixed-positions", "positions are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
     Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
-    Variant("simulated-quantisation", "fine-tuned on rounded attributes", {"train.simulate_quantisation": True}),
+    Variant("simulated-quantization", "fine-tuned on rounded attributes", {"train.simulate_quantization": True}),
     Variant("mcmc", "splats relocated instead of cloned and split", {"train.density": "mcmc"}),
     Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
 )

@@ -38,15 +38,15 @@ def _board(arguments: argparse.Namespace) -> int:
     if arguments.file.suffix.lower() != ".pdf":
         raise StudioError(f"{arguments.file}: the board is written as a PDF; give a name that ends in .pdf.")
     marker = arguments.marker if arguments.marker is not None else 0.75 * arguments.square
-    # told here in millimetres, as they were given: `Board` knows metres
+    # told here in millimeters, as they were given: `Board` knows meters
     if not 0 < arguments.square < 10_000:
         raise StudioError(
-            f"--square is {arguments.square:g}; give the side of a square in millimetres, above 0 and below 10000, as "
+            f"--square is {arguments.square:g}; give the side of a square in millimeters, above 0 and below 10000, as "
             "in 60."
         )
     if arguments.kind == "charuco" and not 0 < marker < arguments.square:
         raise StudioError(
-            f"--marker is {marker:g} mm; give the side of a marker in millimetres, above 0 and below that of a square, "
+            f"--marker is {marker:g} mm; give the side of a marker in millimeters, above 0 and below that of a square, "
             f"which is {arguments.square:g} mm."
         )
     board = Board(

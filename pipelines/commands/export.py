@@ -158,7 +158,7 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
     from studio.export import CameraPath, read_path_keys, render_movie, turntable
 
     if arguments.background is not None:
-        video = replace(video, background=_colour(arguments.background))
+        video = replace(video, background=_color(arguments.background))
 
     camera: Callable[[float], Camera]
     frame: Callable[[float], float] = partial(operator.mul, video.fps)
@@ -179,7 +179,7 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
     return f"{count} pictures of {size[0]}x{size[1]}"
 
 
-def _colour(text: str) -> tuple[float, float, float]:
+def _color(text: str) -> tuple[float, float, float]:
     try:
         red, green, blue = (float(value) for value in text.split(","))
     except ValueError:

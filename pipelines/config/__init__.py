@@ -7,7 +7,7 @@ from pipelines.config.calibrate_section import BoardSection, CalibrateSection
 from pipelines.config.capture_section import CaptureSection
 from pipelines.config.description import describe
 from pipelines.config.loading import dump_config, load_config, parse_override
-from pipelines.config.sections import BakeSection, Config, EvaluateSection, InitialiseSection, RunSection
+from pipelines.config.sections import BakeSection, Config, EvaluateSection, InitializeSection, RunSection
 from pipelines.config.train_section import TrainSection
 
 __all__ = [
@@ -17,7 +17,7 @@ __all__ = [
     "CaptureSection",
     "Config",
     "EvaluateSection",
-    "InitialiseSection",
+    "InitializeSection",
     "RunSection",
     "TrainSection",
     "describe",

@@ -22,10 +22,10 @@ class BoardSection(Section):
     """Rows of squares."""
 
     square: float = Field(default=0.06, gt=0, lt=10)
-    """Side of a square in metres, measured on the print."""
+    """Side of a square in meters, measured on the print."""
 
     marker: float = Field(default=0.045, gt=0, lt=10)
-    """Side of a marker in metres; ChArUco only."""
+    """Side of a marker in meters; ChArUco only."""
 
     dictionary: str = "DICT_4X4_50"
     """OpenCV's name of the markers' dictionary; ChArUco only."""
@@ -66,7 +66,7 @@ class CalibrateSection(Section):
 
     board_origin: int | None = None
     """Frame of board_images whose board gives the origin, x along its columns, and up; null takes the point that the
-    cameras look at, and the cameras' up. Metres in any case."""
+    cameras look at, and the cameras' up. Meters in any case."""
 
     board_stands: bool = False
     """In board_origin's frame the board stands upright, instead of lying on the floor."""
@@ -79,7 +79,7 @@ class CalibrateSection(Section):
     """How exactly tie points were marked, in pixels."""
 
     tie_world_accuracy: float = Field(default=0.01, gt=0, le=10)
-    """How exactly places in the world of tie points were measured, in metres."""
+    """How exactly places in the world of tie points were measured, in meters."""
 
     frame: int | None = None
     """Frame to calibrate from, in the numbers that the files have; null is the first that is used."""
@@ -117,7 +117,7 @@ class CalibrateSection(Section):
     """Two cameras whose distance is known, as in [cam01, cam05]; it gives the scale."""
 
     scale_distance: float | None = Field(default=None, gt=0)
-    """Metres between the centres of the two cameras of scale_between."""
+    """Meters between the centers of the two cameras of scale_between."""
 
     floor: bool = False
     """Look for the floor among the sparse points: it gives up, and the height 0. Needs a textured floor."""

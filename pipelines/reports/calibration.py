@@ -17,7 +17,7 @@ _UNSURE = 0.02
 _FAR_OFF = 5
 """Times calibrate.tie_world_accuracy that a measured place may be off."""
 _NEAR, _FAR = 0.05, 100
-"""Metres; cameras nearer or farther are likely given in another unit."""
+"""Meters; cameras nearer or farther are likely given in another unit."""
 
 
 def calibration_lenses(report: dict[str, Any]) -> list[str]:
@@ -125,7 +125,7 @@ def tie_warnings(report: dict[str, Any]) -> list[str]:
         )
     away = report["geometry"]["radius"]
     if report["metric"] and not _NEAR < away < _FAR:
-        found.append(f"The cameras stand {away:.3g} m from the point they look at; are places and distances in metres?")
+        found.append(f"The cameras stand {away:.3g} m from the point they look at; are places and distances in meters?")
     return found
 
 

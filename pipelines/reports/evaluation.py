@@ -160,7 +160,7 @@ def _calibration(take: Take) -> dict[str, Any]:
 def _timings(take: Take) -> list[tuple[str, float]]:
     """Seconds of each stage that went before."""
     found = []
-    for stage in ("calibrate", "initialise", "train", "bake"):
+    for stage in ("calibrate", "initialize", "train", "bake"):
         record = read_record(take, stage)
         if record is not None:
             found.append((stage, float(record["seconds"])))

@@ -27,8 +27,8 @@ def draw(
     if width is not None and camera.width > width:
         camera = camera.scaled(width / camera.width)
     with torch.no_grad():
-        colour = torch.tensor(background, dtype=torch.float32, device=device)
-        image = rasterize(gaussians.to(device), camera, colour).image
+        color = torch.tensor(background, dtype=torch.float32, device=device)
+        image = rasterize(gaussians.to(device), camera, color).image
         return image.clamp(0, 1).float().cpu().numpy()
 
 

@@ -10,7 +10,7 @@ from pipelines.takes.atomic_files import read_json
 from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
 
-MARK_COLOUR = "tab:red"
+MARK_COLOR = "tab:red"
 
 
 def plots(take: Take, groups: Sequence[Group], evaluation: dict[str, Any], marks: Mapping[int, str]) -> dict[str, str]:
@@ -50,7 +50,7 @@ def _svg(draw_into: Any, data: Any, marked: list[int]) -> str:
         if not draw_into(axes, data):
             return ""
         for frame in marked:
-            axes.axvline(frame, ymax=0.08, color=MARK_COLOUR, linewidth=2, gid=f"mark {frame}")
+            axes.axvline(frame, ymax=0.08, color=MARK_COLOR, linewidth=2, gid=f"mark {frame}")
         buffer = io.StringIO()
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
@@ -63,8 +63,8 @@ def _quality_plot(axes: Any, rows: list[dict[str, Any]]) -> bool:
     axes.plot(frames, [row["psnr_decoded"] for row in rows], "s--", markersize=3, label="decoded")
     for row in rows:
         if row["keyframe"]:
-            axes.axvline(row["frame"], color="grey", alpha=0.4, linewidth=0.8)
-    axes.set(xlabel="frame (grey: keyframes; red ticks: marks)", ylabel="PSNR, dB")
+            axes.axvline(row["frame"], color="gray", alpha=0.4, linewidth=0.8)
+    axes.set(xlabel="frame (gray: keyframes; red ticks: marks)", ylabel="PSNR, dB")
     axes.legend(frameon=False)
     return True
 

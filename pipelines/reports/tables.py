@@ -45,7 +45,7 @@ def print_evaluation(take: Take) -> None:
 def print_playback(report: PlaybackReport) -> None:
     """A row a frame and the spread, in milliseconds, as the paper's table of a player's runtime."""
     screen = console()
-    figures = ["fetch_ms", "decode_ms", "dequantise_ms"]
+    figures = ["fetch_ms", "decode_ms", "dequantize_ms"]
     if any(row.render_ms is not None for row in report.frames):
         figures.append("render_ms")
     table = table_of("frame", "group", "KB", *(figure.replace("_", " ") for figure in figures))

@@ -11,7 +11,7 @@ from pipelines.reports.terminal import console, duration
 from pipelines.runs.runner import status
 from pipelines.takes.take import Take
 
-_COLOURS = {"done": "green", "partial": "yellow", "stale": "yellow", "failed": "red", "missing": "dim"}
+_COLORS = {"done": "green", "partial": "yellow", "stale": "yellow", "failed": "red", "missing": "dim"}
 
 
 def print_status(take: Take, config: Config) -> None:
@@ -21,7 +21,7 @@ def print_status(take: Take, config: Config) -> None:
     for name, state in status(take, config).items():
         units = f"{state.units_done}/{state.units} {state.unit}" if state.units else ""
         took = duration(state.seconds) if state.seconds is not None and state.state == "done" else ""
-        table.add_row(name, f"[{_COLOURS[state.state]}]{state.state}[/]", units, took, escaped(state.reason))
+        table.add_row(name, f"[{_COLORS[state.state]}]{state.state}[/]", units, took, escaped(state.reason))
     screen.print(table)
     holder = take.running()
     if holder is not None:

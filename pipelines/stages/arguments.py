@@ -11,7 +11,7 @@ from pipelines.config import (
     BoardSection,
     CalibrateSection,
     CaptureSection,
-    InitialiseSection,
+    InitializeSection,
     RunSection,
     TrainSection,
 )
@@ -82,7 +82,7 @@ def tie_settings(section: CalibrateSection, run: RunSection) -> TieSettings:
     )
 
 
-def hull_settings(section: InitialiseSection) -> HullSettings:
+def hull_settings(section: InitializeSection) -> HullSettings:
     """How the hull is carved."""
     from studio.meshing import HullSettings
 

@@ -184,7 +184,7 @@ class DrawnError:
         self._trained: dict[int, list[np.ndarray]] = {}
 
     def __call__(self, index: int, decoded: Gaussians) -> float:
-        """Mean squared error over the cameras, colours in 0 to 1; `index` counts within the group."""
+        """Mean squared error over the cameras, colors in 0 to 1; `index` counts within the group."""
         if index not in self._trained:
             path = self._context.take.trained_frame(self._group.index, self._group.indices[index])
             self._trained[index] = self._draw(read_frame(path))

@@ -1,6 +1,6 @@
 """Where groups begin: every so many frames, or earlier where the performer has changed too much for one keyframe.
 
-The second way looks at all frames, small and through a few cameras. The initialise stage does that once and leaves what
+The second way looks at all frames, small and through a few cameras. The initialize stage does that once and leaves what
 it found in the take; until then the groups are those of fixed length.
 """
 

@@ -37,10 +37,10 @@ class TrainViews(Sequence["View"]):
         return self._footage.view(cameras, self._frame)
 
 
-class InitialiseStage:
+class InitializeStage:
     """See the module. A unit is a group."""
 
-    name = "initialise"
+    name = "initialize"
     title = "Initial points"
     version = 1
     weight = 6.0
@@ -50,7 +50,7 @@ class InitialiseStage:
         """What training sees, how hulls are carved, and where groups begin."""
         return {
             **context.footage.seen_by_training(),
-            **settings_of(context.config, "initialise", "run.seed"),
+            **settings_of(context.config, "initialize", "run.seed"),
             "keyframes": [group.keyframe for group in context.groups],
             **({} if context.config.train.grouping == "fixed" else {"groups by motion": grouping.key(context.footage)}),
         }
@@ -58,7 +58,7 @@ class InitialiseStage:
     def results(self, context: Context) -> list[Path]:
         """mesh.ply and points.ply of each group."""
         return [
-            context.take.initialise_group(group.index) / name
+            context.take.initialize_group(group.index) / name
             for group in context.groups
             for name in ("mesh.ply", "points.ply")
         ]
@@ -78,17 +78,17 @@ class InitialiseStage:
             start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
             if not self._is_done(context, group):
                 self._make(context, group, reporter, start, stop, f"group {group.index}")
-            counts.append(read_json(context.take.initialise_group(group.index) / "report.json")["faces"])
+            counts.append(read_json(context.take.initialize_group(group.index) / "report.json")["faces"])
         self._drop_leftovers(context, groups)
-        return {"groups": len(groups), "points_per_group": context.config.initialise.points, "faces": counts}
+        return {"groups": len(groups), "points_per_group": context.config.initialize.points, "faces": counts}
 
     def _key(self, context: Context, group: Group) -> str:
-        parts = {**context.footage.seen_by_training(), **settings_of(context.config, "initialise", "run.seed")}
+        parts = {**context.footage.seen_by_training(), **settings_of(context.config, "initialize", "run.seed")}
         return key_of(self.name, self.version, parts, result_of(context.take, "calibrate"), group.index, group.keyframe)
 
     def _is_done(self, context: Context, group: Group) -> bool:
         """Its report carries this recipe's key and the digests of the files beside it."""
-        folder = context.take.initialise_group(group.index)
+        folder = context.take.initialize_group(group.index)
         if not (folder / "report.json").is_file():
             return False
         report = read_json(folder / "report.json")
@@ -102,10 +102,10 @@ class InitialiseStage:
     def _make(
         self, context: Context, group: Group, reporter: StageReporter, start: float, stop: float, label: str
     ) -> None:
-        from studio.meshing import initialise_points
+        from studio.meshing import initialize_points
 
-        settings = context.config.initialise
-        found = initialise_points(
+        settings = context.config.initialize
+        found = initialize_points(
             TrainViews(context.footage.calibrated, group.keyframe),
             settings.points,
             settings=hull_settings(settings),
@@ -115,7 +115,7 @@ class InitialiseStage:
         )
         for warning in found.warnings:
             reporter.warn(f"Group {group.index}: {warning}")
-        folder = context.take.initialise_group(group.index)
+        folder = context.take.initialize_group(group.index)
         folder.mkdir(parents=True, exist_ok=True)
         remove(folder / "report.json")
         with atomic_path(folder / "mesh.ply") as temporary:
@@ -136,7 +136,7 @@ class InitialiseStage:
         reporter.metrics({name: report[name] for name in ("points", "faces", "disagreement")}, group=group.index)
 
     def _drop_leftovers(self, context: Context, groups: tuple[Group, ...]) -> None:
-        wanted = {context.take.initialise_group(group.index) for group in groups}
-        for folder in (context.take.root / "initialise").glob("group_*"):
+        wanted = {context.take.initialize_group(group.index) for group in groups}
+        for folder in (context.take.root / "initialize").glob("group_*"):
             if folder not in wanted:
                 remove(folder)

@@ -107,7 +107,7 @@ def known_distance(section: CalibrateSection, names: Sequence[str]) -> tuple[str
         return None
     if len(section.scale_between) != 2 or section.scale_distance is None:
         raise StudioError(
-            "A known scale needs two cameras in calibrate.scale_between and their distance in metres in "
+            "A known scale needs two cameras in calibrate.scale_between and their distance in meters in "
             f"calibrate.scale_distance; given are {list(section.scale_between)} and {section.scale_distance}."
         )
     for name in section.scale_between:

@@ -32,7 +32,7 @@ class TrainStage:
     title = "Training"
     version = 2
     weight = 85.0
-    needs: tuple[str, ...] = ("calibrate", "initialise")
+    needs: tuple[str, ...] = ("calibrate", "initialize")
 
     def ingredients(self, context: Context) -> Ingredients:
         """What training sees, how it trains, and which frames."""
@@ -108,7 +108,7 @@ class TrainStage:
         """Key of each frame of the group, in order."""
         from studio.training.settings import AFTER_KEYFRAME
 
-        points = context.take.initialise_group(group.index) / "report.json"
+        points = context.take.initialize_group(group.index) / "report.json"
         files = read_json(points).get("files") if points.is_file() else None
         recipe = self._recipe(context)
         later_names = [f"train.{name}" for name in AFTER_KEYFRAME]

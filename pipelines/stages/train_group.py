@@ -138,7 +138,7 @@ class GroupWork:
         resume = read_tensors(path, key)
         if resume is not None:
             self.reporter.log(f"group {group.index}: the keyframe goes on from step {int(resume['done'])}")
-        points, colors = read_points(take.initialise_group(group.index) / "points.ply")
+        points, colors = read_points(take.initialize_group(group.index) / "points.ply")
         gaussians = train_keyframe(
             views,
             torch.from_numpy(points).to(device),

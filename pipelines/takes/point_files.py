@@ -28,7 +28,7 @@ _POINT = np.dtype(
 
 
 def write_points(path: Path, points: np.ndarray, normals: np.ndarray | None, colors: np.ndarray) -> None:
-    """Positions (N, 3), normals (N, 3) or None (zeros then), colours (N, 3) in 0 to 255."""
+    """Positions (N, 3), normals (N, 3) or None (zeros then), colors (N, 3) in 0 to 255."""
     rows = np.zeros(len(points), dtype=_POINT)
     for column, name in enumerate(("x", "y", "z")):
         rows[name] = points[:, column]
@@ -44,7 +44,7 @@ def write_points(path: Path, points: np.ndarray, normals: np.ndarray | None, col
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (N, 3) float32 and colours (N, 3) float32 in 0 to 1, from what `write_points` wrote.
+    """Positions (N, 3) float32 and colors (N, 3) float32 in 0 to 1, from what `write_points` wrote.
 
     Raises:
         StudioError: not there, or damaged.
@@ -52,11 +52,11 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         header, _, body = path.read_bytes().partition(b"end_header\n")
     except OSError as error:
-        raise StudioError(f"{path}: cannot be read ({error.strerror}); run `v3studio initialise --force`.") from None
+        raise StudioError(f"{path}: cannot be read ({error.strerror}); run `v3studio initialize --force`.") from None
     found = re.search(rb"^element vertex ([0-9]{1,12})$", header, re.MULTILINE)
     count = int(found[1]) if found else -1
     if count < 0 or len(body) != count * _POINT.itemsize:
-        raise StudioError(f"{path}: is damaged; run `v3studio initialise --force`.")
+        raise StudioError(f"{path}: is damaged; run `v3studio initialize --force`.")
     rows = np.frombuffer(body, dtype=_POINT)
     points = np.column_stack([rows["x"], rows["y"], rows["z"]])
     colors = np.column_stack([rows["red"], rows["green"], rows["blue"]]).astype(np.float32) / 255

@@ -6,7 +6,7 @@ Layout::
     config.yaml                                 all settings, resolved
     calibrate/rig.json, report.json             cameras as in the footage (full size, with lens distortion)
     calibrate/points.ply                        sparse points, where the cameras were found from the footage
-    initialise/group_000/mesh.ply, points.ply   visual hull and points of each group's keyframe; report.json
+    initialize/group_000/mesh.ply, points.ply   visual hull and points of each group's keyframe; report.json
     train/group_000/frame_000000.safetensors    Gaussians of a frame (counted from 0 in the take); group.json
     stream/                                     the stream, and nothing else
     evaluation.json, report.html                what came out
@@ -107,9 +107,9 @@ class Take:
         """calibrate/points.ply: sparse points, where the cameras were found from the footage."""
         return self.root / "calibrate" / "points.ply"
 
-    def initialise_group(self, group: int) -> Path:
-        """initialise/group_000: mesh.ply, points.ply, report.json."""
-        return self.root / "initialise" / group_name(group)
+    def initialize_group(self, group: int) -> Path:
+        """initialize/group_000: mesh.ply, points.ply, report.json."""
+        return self.root / "initialize" / group_name(group)
 
     def train_group(self, group: int) -> Path:
         """train/group_000: a frame_000000.safetensors a frame, group.json."""
@@ -167,7 +167,7 @@ class Take:
     @property
     def grouping(self) -> Path:
         """Where groups begin, if the footage was asked."""
-        return self.root / "initialise" / "groups.json"
+        return self.root / "initialize" / "groups.json"
 
     def record(self, stage: str) -> Path:
         """What a stage's results were made from; there only when the stage is finished."""

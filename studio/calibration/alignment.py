@@ -61,7 +61,7 @@ def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
 
 
 def align_rigs(source: Rig, target: Rig) -> Similarity:
-    """The similarity from one solution to another, by the centres of the cameras they share.
+    """The similarity from one solution to another, by the centers of the cameras they share.
 
     Raises:
         StudioError: fewer than three common cameras, or all on one spot.
@@ -74,13 +74,13 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
     """The world that a rig alone suggests.
 
     z up is the mean of the cameras' up directions, the origin is the point that the cameras look at (the middle of the
-    points where the axes do not meet before the cameras), x points from there towards the first camera, and the mean
+    points where the axes do not meet before the cameras), x points from there toward the first camera, and the mean
     distance of the cameras from the origin is 1.
 
     Args:
         rig: the cameras.
         points: (P, 3) sparse points.
-        keep_scale: leave the scale as it is (metres, say).
+        keep_scale: leave the scale as it is (meters, say).
     """
     centers = rig.centers
     focus = rig.focus
@@ -190,9 +190,9 @@ class RigDifference:
     """How far a solution is from a reference after alignment.
 
     Attributes:
-        centers: a camera each, distance of the centres in the reference's units.
+        centers: a camera each, distance of the centers in the reference's units.
         rotations: a camera each, degrees.
-        radius: mean distance of the reference's cameras from their middle, to put the centres in relation to.
+        radius: mean distance of the reference's cameras from their middle, to put the centers in relation to.
     """
 
     centers: dict[str, float]
@@ -201,7 +201,7 @@ class RigDifference:
 
     @property
     def center_percent(self) -> float:
-        """Largest distance of a centre, percent of the rig's radius."""
+        """Largest distance of a center, percent of the rig's radius."""
         return 100.0 * max(self.centers.values()) / self.radius
 
     @property

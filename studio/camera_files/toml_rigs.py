@@ -3,7 +3,7 @@
 Pose2Sim (Calib_*.toml): a table a camera with `name`, `size`, `matrix`, `distortions` (OpenCV's order), `rotation`
 (rotation vector) and `translation`; world to camera, OpenCV's axes; beside them [metadata]. Caliscope
 (camera_array.toml): the same below [cameras.<id>], with `cam_id` or `port`, `rotation` a matrix or a vector, and
-`ignore`; its older config.toml has [cam_<id>] tables among others. Pixel origin: OpenCV's, the first pixel's centre.
+`ignore`; its older config.toml has [cam_<id>] tables among others. Pixel origin: OpenCV's, the first pixel's center.
 """
 
 from __future__ import annotations

@@ -131,7 +131,7 @@ class Footage:
         return self._raw_matte(camera, frame).copy()
 
     def image(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W, 3) uint8 RGB, undistorted and scaled; without a coloured screen's light where the masks take it off.
+        """(H, W, 3) uint8 RGB, undistorted and scaled; without a colored screen's light where the masks take it off.
         The array is the caller's own.
 
         Raises:

@@ -171,7 +171,7 @@ def path_to_json(keys: Sequence[Key]) -> dict[str, Any]:
 
 
 def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:
-    """Centre (3,) and radius of the sphere that the visible subject moves in: of a few frames, splats that are half
+    """Center (3,) and radius of the sphere that the visible subject moves in: of a few frames, splats that are half
     transparent or more and the outermost 2 % left out, so that strays do not count."""
     points = []
     for index in np.unique(np.linspace(0, video.frame_count - 1, _SAMPLED_FRAMES).round().astype(int)):

@@ -63,13 +63,13 @@ def _directions(count: int = 64) -> torch.Tensor:
 
 
 def upright(video: SplatVideo) -> np.ndarray:
-    """(3, 3) rotation from the video's world to y up with the subject's front, as its view sees it, towards +z.
+    """(3, 3) rotation from the video's world to y up with the subject's front, as its view sees it, toward +z.
 
     That is the frame of SPZ, glTF and three.js. Where `up` is not known it is taken to be -y, as in 3DGS's files.
     """
     up = np.array([0.0, -1.0, 0.0]) if video.up is None else np.asarray(video.up, np.float64) / np.linalg.norm(video.up)
-    towards = np.array([0.0, 0.0, -1.0]) if video.view is None else -video.view.forward
-    for candidate in (towards, *np.eye(3)):  # a view from straight above says nothing about the front
+    toward = np.array([0.0, 0.0, -1.0]) if video.view is None else -video.view.forward
+    for candidate in (toward, *np.eye(3)):  # a view from straight above says nothing about the front
         flat = candidate - up * (candidate @ up)
         if np.linalg.norm(flat) > 0.1:
             break

@@ -1,4 +1,4 @@
-"""Masks to coloured points: the start of training."""
+"""Masks to colored points: the start of training."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class InitResult:
     warnings: list[str]
 
 
-def initialise_points(
+def initialize_points(
     views: Sequence[ViewLike],
     n_points: int = 50_000,
     *,
@@ -52,7 +52,7 @@ def initialise_points(
     seed: int = 0,
     progress: ProgressFn = no_progress,
 ) -> InitResult:
-    """Coloured points on the visual hull of one moment.
+    """Colored points on the visual hull of one moment.
 
     Args:
         views: pinhole views of the moment with image and matte.
@@ -63,7 +63,7 @@ def initialise_points(
         progress: called often; may raise `Cancelled`.
 
     Returns:
-        mesh, points, normals, colours and how far the cameras disagree.
+        mesh, points, normals, colors and how far the cameras disagree.
 
     Raises:
         StudioError: see `visual_hull`.

@@ -1,4 +1,4 @@
-"""The threads of a player: fetch -> decode -> dequantise, with bounded lanes between them.
+"""The threads of a player: fetch -> decode -> dequantize, with bounded lanes between them.
 
 A `Run` delivers frames in order from one start frame. Seeking ends the run and begins another; what both can use
 (files that were fetched, the open decoder) lies in `Shared`. Frames are numbered by *ticks*, which go on rising when
@@ -101,7 +101,7 @@ class Run:
         stages = (
             ("fetch", self._fetch, self._fetched),
             ("decode", self._decode, self._decoded),
-            ("dequantise", self._dequantise, self.ready),
+            ("dequantize", self._dequantize, self.ready),
         )
         self._threads = [
             threading.Thread(target=self._guarded, args=(work, lane), name=f"playback-{name}", daemon=True)
@@ -259,7 +259,7 @@ class Run:
             raise
         return True
 
-    def _dequantise(self) -> None:
+    def _dequantize(self) -> None:
         count = self._manifest.frame_count
         while (decoded := self._decoded.get()) is not None:
             following = self._decoded.peek()

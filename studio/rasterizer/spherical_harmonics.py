@@ -46,7 +46,7 @@ def sh_basis(directions: Tensor, degree: int) -> Tensor:
 
 
 def sh_colors(directions: Tensor, sh: Tensor) -> Tensor:
-    """Colours seen along unit directions: max(0, 0.5 + sum_k Y_k sh_k).
+    """Colors seen along unit directions: max(0, 0.5 + sum_k Y_k sh_k).
 
     Args:
         directions: (N, 3), length 1.

@@ -45,7 +45,7 @@ _STEPS_A_SIDE = 127  # a residual's codes reach this far to either side
 
 
 class MotionBake:
-    """One group, held in memory and analysed once; `write` can then be called for any QP.
+    """One group, held in memory and analyzed once; `write` can then be called for any QP.
 
     Args:
         frames: the group's frames, keyframe first.
@@ -105,11 +105,11 @@ class MotionBake:
         scales = np.take_along_axis(values[:, -7:-4], axes.T[None], axis=1)
         np.maximum(scales, np.float32(self._floor), out=scales)
         red, green, blue = values[:, 3:-8:3], values[:, 4:-8:3], values[:, 5:-8:3]
-        colours = np.empty((self._count, values.shape[1] - 11, self._splats), dtype=np.float32)
-        colours[:, 0::3] = (red + 2 * green + blue) / 4
-        colours[:, 1::3] = (red - blue) / 2
-        colours[:, 2::3] = (2 * green - red - blue) / 4
-        return np.concatenate([scales, values[:, -8:-7], colours], axis=1), quats
+        colors = np.empty((self._count, values.shape[1] - 11, self._splats), dtype=np.float32)
+        colors[:, 0::3] = (red + 2 * green + blue) / 4
+        colors[:, 1::3] = (red - blue) / 2
+        colors[:, 2::3] = (2 * green - red - blue) / 4
+        return np.concatenate([scales, values[:, -8:-7], colors], axis=1), quats
 
     def write(
         self, folder: Path, name: str, group: int, first_frame: int, settings: BakeSettings, progress: ProgressFn

@@ -10,7 +10,7 @@ from studio.stream.manifest_models import GroupEntry
 
 
 class DecodedFrame(ABC):
-    """One frame as its group's files have it, decoded and not yet dequantised."""
+    """One frame as its group's files have it, decoded and not yet dequantized."""
 
     @abstractmethod
     def gaussians(self) -> Gaussians:

@@ -79,7 +79,7 @@ class VideoEntry(FileEntry):
     """A video file.
 
     Attributes:
-        qp: quantisation parameter it was encoded with, of the codec's own scale; 0 is lossless. For information.
+        qp: quantization parameter it was encoded with, of the codec's own scale; 0 is lossless. For information.
     """
 
     qp: Annotated[int, Field(ge=0, le=63)]
@@ -120,7 +120,7 @@ class GroupEntry(Model):
         frame_count: frames in each of its videos.
         splats: N, the same in each frame.
         sh_degree: 0 to 3.
-        bounding_box: of all splat centres in all its frames.
+        bounding_box: of all splat centers in all its frames.
         bytes: sum over its files.
     """
 
@@ -227,7 +227,7 @@ class BlockTable(Model):
 
     Attributes:
         count: B.
-        radius: divides places relative to a block's centre, world units.
+        radius: divides places relative to a block's center, world units.
         step: one unit of an affine motion's numbers, world units.
         rotation_step: one unit of a mean rotation's three numbers.
     """

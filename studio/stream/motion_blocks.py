@@ -1,6 +1,6 @@
-"""Blocks of neighbours that move alike: found from the group's trajectories, each with an affine motion a frame.
+"""Blocks of neighbors that move alike: found from the group's trajectories, each with an affine motion a frame.
 
-Neighbours in space need not move together (an arm that swings past the hip), so a cut along the curve would tear.
+Neighbors in space need not move together (an arm that swings past the hip), so a cut along the curve would tear.
 Instead the splats are cut in two again and again, across the widest spread of places, paths and what an affine motion
 leaves of the paths, as long as the parts' better prediction saves more bits than two more motions cost.
 """
@@ -43,7 +43,7 @@ def find_blocks(positions: np.ndarray, step: float) -> np.ndarray:
 
     Args:
         positions: (F, N, 3), keyframe first, splats in the stream's order.
-        step: size of an error that the residual's quantisation makes anyway, world units; finer agreement is not
+        step: size of an error that the residual's quantization makes anyway, world units; finer agreement is not
             paid for.
 
     Returns:
@@ -105,7 +105,7 @@ class Blocks:
     Attributes:
         labels: (N,) block of each splat; every block has one.
         count: B.
-        local: (N, 4): splat's keyframe position from its block's centre over `radius`, and 1.
+        local: (N, 4): splat's keyframe position from its block's center over `radius`, and 1.
     """
 
     labels: np.ndarray
@@ -122,12 +122,12 @@ class Blocks:
         radius: float,
         dtype: type = np.float64,
     ) -> Blocks:
-        """From (N, 3) integer cells of the keyframe: a centre is the mean of its block's cells, rounded down."""
+        """From (N, 3) integer cells of the keyframe: a center is the mean of its block's cells, rounded down."""
         members = np.maximum(np.bincount(labels, minlength=count), 1)
         sums = np.stack([np.bincount(labels, weights=cells[:, i], minlength=count) for i in range(3)], axis=1)
-        centres = np.floor(sums / members[:, None])  # sums are integers below 2^53, so this is exact
+        centers = np.floor(sums / members[:, None])  # sums are integers below 2^53, so this is exact
         local: np.ndarray = np.ones((len(cells), 4), dtype=dtype)
-        local[:, :3] = (cells - centres[labels]) * (step / radius)
+        local[:, :3] = (cells - centers[labels]) * (step / radius)
         return cls(labels, count, local)
 
     def fit(self, targets: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ LEVELS_8 = 255
 LEVELS_16 = 65535
 
 
-def quantise(values: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
+def quantize(values: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
     """Round values to `levels + 1` equally spaced ones from `low` to `high`.
 
     Args:
@@ -25,8 +25,8 @@ def quantise(values: np.ndarray, low: float, high: float, levels: int) -> np.nda
     return np.clip(np.rint(scaled), 0, levels).astype(np.uint16)
 
 
-def dequantise(codes: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
-    """Inverse of `quantise`: float32, low + code (high - low) / levels."""
+def dequantize(codes: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
+    """Inverse of `quantize`: float32, low + code (high - low) / levels."""
     return codes.astype(np.float32) * np.float32((high - low) / levels) + np.float32(low)
 
 

@@ -42,7 +42,7 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int) -> Gaussia
     if len(points) < 4:
         raise StudioError(f"Only {len(points)} initial points were given; a keyframe needs at least 4.")
     if not bool(torch.isfinite(points).all()):
-        raise StudioError("An initial point has a coordinate that is not finite; run the initialise stage again.")
+        raise StudioError("An initial point has a coordinate that is not finite; run the initialize stage again.")
     array = points.cpu().double().numpy()
     distance = cKDTree(array).query(array, k=4)[0][:, 1:].mean(1)
     floor = 1e-6 * max(float(np.ptp(array, axis=0).max()), 1e-9)

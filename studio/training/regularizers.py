@@ -1,6 +1,6 @@
 """Residual entropy and temporal losses (paper section 4.2, equations 8 to 12).
 
-Both act on the values that the baker quantises: unit quaternions with continuous sign, log scales, opacities, SH.
+Both act on the values that the baker quantizes: unit quaternions with continuous sign, log scales, opacities, SH.
 Positions are the motion stage's alone (the paper sums over R, S, o, c, SH). All channels stand side by side in one
 (N, C) tensor: many small tensors would cost more in overhead than in arithmetic.
 """
@@ -30,7 +30,7 @@ def channels(sh_degree: int) -> dict[str, slice]:
 
 
 def baked_values(gaussians: Gaussians, reference_quats: Tensor) -> Tensor:
-    """(N, C) values as the stream stores them, columns as in `channels`: rotation, scale, opacity, colour, SH rest.
+    """(N, C) values as the stream stores them, columns as in `channels`: rotation, scale, opacity, color, SH rest.
 
     Args:
         gaussians: N splats.
@@ -42,7 +42,7 @@ def baked_values(gaussians: Gaussians, reference_quats: Tensor) -> Tensor:
     return torch.cat([quats * sign, gaussians.log_scales, gaussians.opacities[:, None], gaussians.sh.flatten(1)], dim=1)
 
 
-def quantisation_steps(values: Tensor, levels: int = 256) -> Tensor:
+def quantization_steps(values: Tensor, levels: int = 256) -> Tensor:
     """(C,) step of each channel when its range is cut into `levels` values, as the baker does; at least 1e-3.
 
     The floor is for channels that are (nearly) constant in the frame they are measured in: their range over the group,
@@ -56,10 +56,10 @@ class _Bits(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
-        centred = residual - mu
+        centered = residual - mu
         inverse = 1 / sigma
-        upper = (centred + 0.5) * inverse
-        lower = (centred - 0.5) * inverse
+        upper = (centered + 0.5) * inverse
+        lower = (centered - 0.5) * inverse
         probability = 0.5 * (torch.erf(upper * math.sqrt(0.5)) - torch.erf(lower * math.sqrt(0.5)))
         bits = -torch.log2(probability.clamp_min(_TAIL))
         # Phi's derivative at both ends, divided by P: all that the gradients are made of.
@@ -68,7 +68,7 @@ class _Bits(torch.autograd.Function):
         lower_slope = torch.exp(-0.5 * lower * lower) * scale
         tail = probability < _TAIL
         if tail.any():
-            _mend_tail(tail, centred, inverse.expand_as(centred), bits, upper_slope, lower_slope)
+            _mend_tail(tail, centered, inverse.expand_as(centered), bits, upper_slope, lower_slope)
         ctx.save_for_backward(upper, lower, upper_slope, lower_slope, inverse)
         ctx.mu_shape = mu.shape
         return bits
@@ -83,12 +83,12 @@ class _Bits(torch.autograd.Function):
 
 
 def _mend_tail(
-    tail: Tensor, centred: Tensor, inverse: Tensor, bits: Tensor, upper_slope: Tensor, lower_slope: Tensor
+    tail: Tensor, centered: Tensor, inverse: Tensor, bits: Tensor, upper_slope: Tensor, lower_slope: Tensor
 ) -> None:
     """Values far from the mean, in float64 and in logarithms: P is symmetric, so mirror to the lower tail."""
-    sign = torch.where(centred[tail] > 0, -1.0, 1.0).double()
+    sign = torch.where(centered[tail] > 0, -1.0, 1.0).double()
     scale = inverse[tail].double()
-    near = (-centred[tail].double().abs() + 0.5) * scale
+    near = (-centered[tail].double().abs() + 0.5) * scale
     far = near - scale
     log_near = torch.special.log_ndtr(near)
     log_p = log_near + torch.log1p(-torch.exp((torch.special.log_ndtr(far) - log_near).clamp(max=-1e-12)))
@@ -106,21 +106,21 @@ def bits_of_residual(residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
     Exact in the tails too, where the difference of two float32 CDF values would be 0 and its logarithm infinite.
 
     Args:
-        residual: (..., C) in quantisation steps, noise included.
-        mu, sigma: () or (C,), the same shape, in quantisation steps; sigma > 0.
+        residual: (..., C) in quantization steps, noise included.
+        mu, sigma: () or (C,), the same shape, in quantization steps; sigma > 0.
     """
     return _Bits.apply(residual, mu, sigma)  # type: ignore[no-untyped-call,no-any-return]
 
 
 class ResidualEntropy(nn.Module):
-    """Equations 8 to 11: expected bits a splat of the quantised frame-to-frame residuals.
+    """Equations 8 to 11: expected bits a splat of the quantized frame-to-frame residuals.
 
-    Each attribute has its own learnable mean and deviation (in quantisation steps). Equation 9 subtracts y_min from
+    Each attribute has its own learnable mean and deviation (in quantization steps). Equation 9 subtracts y_min from
     the residual; being constant, that offset is part of the learnable mean here.
 
     Args:
         previous: (N, C) baked values of frame t-1.
-        steps: (C,) quantisation step of each channel.
+        steps: (C,) quantization step of each channel.
         sh_degree: of the splats; says which columns share a mean and a deviation.
     """
 
@@ -161,14 +161,14 @@ def temporal_loss(
     Args:
         current, previous: (N, C) baked values.
         plane_pixels: W x H.
-        steps: (C,) quantisation steps; needed where `huber` is above 0.
-        huber: above 0, differences up to this many quantisation steps count by their square, halved and divided by
+        steps: (C,) quantization steps; needed where `huber` is above 0.
+        huber: above 0, differences up to this many quantization steps count by their square, halved and divided by
             that width, and larger ones as in equation 12 but for the constant that joins the two.
     """
     difference = (current - previous).abs()
     if huber > 0:
         if steps is None:
-            raise ValueError("a Huber loss needs the quantisation steps")
+            raise ValueError("a Huber loss needs the quantization steps")
         width = huber * steps
         difference = torch.where(difference < width, 0.5 * difference * difference / width, difference - 0.5 * width)
     return difference.sum() / plane_pixels

@@ -1,4 +1,4 @@
-"""Splats that turn with the surface they lie on: rotations read off the motion of their neighbours."""
+"""Splats that turn with the surface they lie on: rotations read off the motion of their neighbors."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 
-def neighbours(means: Tensor, count: int) -> Tensor:
+def neighbors(means: Tensor, count: int) -> Tensor:
     """(N, k) int64: indices of the k = min(count, N - 1) nearest other splats of (N, 3) positions."""
     from scipy.spatial import cKDTree
 
@@ -16,7 +16,7 @@ def neighbours(means: Tensor, count: int) -> Tensor:
 
 
 def local_median(values: Tensor, near: Tensor) -> Tensor:
-    """(N, C) medians of each splat's (N, C) values and those of its (N, k) neighbours, channel by channel.
+    """(N, C) medians of each splat's (N, C) values and those of its (N, k) neighbors, channel by channel.
 
     A median, because near a limb before the body it takes the majority's side where a mean would take neither.
     """
@@ -24,15 +24,15 @@ def local_median(values: Tensor, near: Tensor) -> Tensor:
 
 
 def local_rotations(before: Tensor, after: Tensor, near: Tensor) -> Tensor:
-    """(N, 4) unit quaternions, wxyz: how each splat's neighbourhood turned from `before` to `after`.
+    """(N, 4) unit quaternions, wxyz: how each splat's neighborhood turned from `before` to `after`.
 
-    The rotation that maps the offsets to the neighbours best in least squares (Kabsch 1976), which for a flat
-    neighbourhood is the one of the two reflections that is a rotation. Splats with fewer than two neighbours do not
+    The rotation that maps the offsets to the neighbors best in least squares (Kabsch 1976), which for a flat
+    neighborhood is the one of the two reflections that is a rotation. Splats with fewer than two neighbors do not
     turn.
 
     Args:
         before, after: (N, 3) positions.
-        near: (N, k) neighbours of each splat.
+        near: (N, k) neighbors of each splat.
     """
     if near.shape[1] < 2:
         identity = torch.zeros(len(before), 4, dtype=before.dtype, device=before.device)

@@ -97,15 +97,15 @@ class TrainView:
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3): what a drawn picture is compared with.
 
-        Without a plate the performer over the plain (3,) background colour, by the matte; with one the picture as
-        filmed on and around the performer, and the plain colour elsewhere.
+        Without a plate the performer over the plain (3,) background color, by the matte; with one the picture as
+        filmed on and around the performer, and the plain color elsewhere.
         """
         image, rest, _ = self._kept or self._parts()
         return torch.addcmul(image, rest, background)
 
     def backdrop(self, background: Tensor) -> Tensor | None:
         """(H, W, 3): what stands behind the splats when they are compared with `composited`: the plate on and around
-        the performer, the plain colour elsewhere. None without a plate: then it is the plain colour."""
+        the performer, the plain color elsewhere. None without a plate: then it is the plain color."""
         if self._plate is None:
             return None
         _, rest, plate = self._kept or self._parts()
@@ -187,7 +187,7 @@ class Shuffled:
 
 
 def backgrounds(kind: str, generator: torch.Generator, device: torch.device) -> Iterator[Tensor]:
-    """(3,) background colours without end: "random", "black" or "white"."""
+    """(3,) background colors without end: "random", "black" or "white"."""
     while True:
         if kind == "random":
             yield torch.rand(3, generator=generator).to(device)

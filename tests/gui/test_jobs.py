@@ -146,7 +146,7 @@ def states(workspace: Workspace) -> dict[str, str]:
     return {row.key: row.state for row in workspace.rows()}
 
 
-ALL = ("capture", "calibrate", "initialise", "train", "bake", "review")
+ALL = ("capture", "calibrate", "initialize", "train", "bake", "review")
 
 
 def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace: Workspace, take_copy: Path) -> None:

@@ -90,9 +90,9 @@ class Canvas:
         pixels: (height, width, 3) uint8 RGB.
     """
 
-    def __init__(self, width: float, height: float, colour: RGB = GROUND) -> None:
+    def __init__(self, width: float, height: float, color: RGB = GROUND) -> None:
         self.pixels = np.empty((max(int(height), 1), max(int(width), 1), 3), np.uint8)
-        self.pixels[:] = colour
+        self.pixels[:] = color
 
     @property
     def width(self) -> int:
@@ -104,32 +104,32 @@ class Canvas:
         """Pixels."""
         return int(self.pixels.shape[0])
 
-    def rect(self, x: float, y: float, width: float, height: float, colour: RGB) -> None:
+    def rect(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
         """A filled rectangle."""
         left, top = max(round(x), 0), max(round(y), 0)
-        self.pixels[top : max(round(y + height), top), left : max(round(x + width), left)] = colour
+        self.pixels[top : max(round(y + height), top), left : max(round(x + width), left)] = color
 
-    def frame(self, x: float, y: float, width: float, height: float, colour: RGB) -> None:
+    def frame(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
         """A rectangle's outline, a pixel wide."""
-        self.rect(x, y, width, 1, colour)
-        self.rect(x, y + height - 1, width, 1, colour)
-        self.rect(x, y, 1, height, colour)
-        self.rect(x + width - 1, y, 1, height, colour)
+        self.rect(x, y, width, 1, color)
+        self.rect(x, y + height - 1, width, 1, color)
+        self.rect(x, y, 1, height, color)
+        self.rect(x + width - 1, y, 1, height, color)
 
-    def dot(self, x: float, y: float, radius: float, colour: RGB, filled: bool = True) -> None:
+    def dot(self, x: float, y: float, radius: float, color: RGB, filled: bool = True) -> None:
         """A smooth disc, or a ring."""
         import cv2
 
         place, size = (round(x * 16), round(y * 16)), round(radius * 16)
-        cv2.circle(self.pixels, place, size, colour, -1 if filled else 2, cv2.LINE_AA, 4)
+        cv2.circle(self.pixels, place, size, color, -1 if filled else 2, cv2.LINE_AA, 4)
 
-    def line(self, points: Sequence[tuple[float, float]] | np.ndarray, colour: RGB, thickness: int = 1) -> None:
+    def line(self, points: Sequence[tuple[float, float]] | np.ndarray, color: RGB, thickness: int = 1) -> None:
         """A smooth line through (N, 2) points."""
         import cv2
 
         fixed = np.round(np.clip(np.asarray(points, np.float64), -1e5, 1e5) * 16).astype(np.int32).reshape(-1, 1, 2)
         if len(fixed) > 1:
-            cv2.polylines(self.pixels, [fixed], False, colour, thickness, cv2.LINE_AA, 4)
+            cv2.polylines(self.pixels, [fixed], False, color, thickness, cv2.LINE_AA, 4)
 
     def text(
         self,
@@ -137,7 +137,7 @@ class Canvas:
         y: float,
         text: str,
         size: int,
-        colour: RGB = TEXT,
+        color: RGB = TEXT,
         align: str = "left",
         width: float | None = None,
         mono: bool = False,
@@ -150,7 +150,7 @@ class Canvas:
             return 0
         cover = _glyphs(text, size, mono)
         left = round(x) - {"left": 0, "right": cover.shape[1], "middle": cover.shape[1] // 2}[align]
-        self._blend(cover, left, round(y), colour)
+        self._blend(cover, left, round(y), color)
         return int(cover.shape[1])
 
     def image(self, x: float, y: float, pixels: np.ndarray) -> None:
@@ -176,14 +176,14 @@ class Canvas:
         self.image(left, top, small)
         return left, top, *size
 
-    def _blend(self, cover: np.ndarray, left: int, top: int, colour: RGB) -> None:
+    def _blend(self, cover: np.ndarray, left: int, top: int, color: RGB) -> None:
         first_x, first_y = max(left, 0), max(top, 0)
         last_x, last_y = min(left + cover.shape[1], self.width), min(top + cover.shape[0], self.height)
         if last_x <= first_x or last_y <= first_y:
             return
         part = cover[first_y - top : last_y - top, first_x - left : last_x - left, None]
         below = self.pixels[first_y:last_y, first_x:last_x]
-        self.pixels[first_y:last_y, first_x:last_x] = np.round(below + (np.array(colour, np.float32) - below) * part)
+        self.pixels[first_y:last_y, first_x:last_x] = np.round(below + (np.array(color, np.float32) - below) * part)
 
 
 def line_height(size: int) -> int:

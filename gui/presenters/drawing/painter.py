@@ -27,16 +27,16 @@ def draw_points(canvas: Canvas, camera: Camera, points: np.ndarray, colors: np.n
     inside = (depth > NEAR) & (np.abs(pixels) < 1e6).all(axis=1)
     order = np.argsort(-depth[inside], kind="stable")
     place = np.floor(pixels[inside][order]).astype(int)
-    colour = colors[inside][order]
+    color = colors[inside][order]
     for dy in range(1 - radius, radius):
         for dx in range(1 - radius, radius):
             x, y = place[:, 0] + dx, place[:, 1] + dy
             good = (x >= 0) & (y >= 0) & (x < canvas.width) & (y < canvas.height)
-            canvas.pixels[y[good], x[good]] = colour[good]
+            canvas.pixels[y[good], x[good]] = color[good]
 
 
 def draw_line(
-    canvas: Canvas, camera: Camera, start: np.ndarray, end: np.ndarray, colour: RGB, thickness: int = 1
+    canvas: Canvas, camera: Camera, start: np.ndarray, end: np.ndarray, color: RGB, thickness: int = 1
 ) -> None:
     """A line between two world points, cut at the camera's plane."""
     ends = np.stack([start, end])
@@ -47,7 +47,7 @@ def draw_line(
         behind = int(np.argmin(depth))
         share = (NEAR * 2 - depth[behind]) / (depth[1 - behind] - depth[behind])
         ends[behind] = ends[behind] + share * (ends[1 - behind] - ends[behind])
-    canvas.line(project(camera, ends)[0], colour, thickness)
+    canvas.line(project(camera, ends)[0], color, thickness)
 
 
 def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.ndarray, opacity: float = 1.0) -> None:
@@ -71,7 +71,7 @@ def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.n
 
 
 def frustum(camera: Camera, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """The optical centre (3,) and the image's corners (4, 3) at a distance, world coordinates."""
+    """The optical center (3,) and the image's corners (4, 3) at a distance, world coordinates."""
     image = np.array([[0, 0], [camera.width, 0], [camera.width, camera.height], [0, camera.height]], float)
     rays = np.column_stack([(image[:, 0] - camera.cx) / camera.fx, (image[:, 1] - camera.cy) / camera.fy, np.ones(4)])
     return camera.center, camera.center + (rays * length) @ camera.rotation
@@ -82,16 +82,16 @@ def draw_frustum(
     view: Camera,
     camera: Camera,
     length: float,
-    colour: RGB,
+    color: RGB,
     picture: np.ndarray | None = None,
     thickness: int = 1,
 ) -> tuple[float, float] | None:
-    """A camera's pyramid with its picture; returns where its centre lies in the picture, None behind the viewer."""
-    centre, corners = frustum(camera, length)
+    """A camera's pyramid with its picture; returns where its center lies in the picture, None behind the viewer."""
+    center, corners = frustum(camera, length)
     if picture is not None:
         draw_quad(canvas, view, corners, picture, 0.9)
     for number in range(4):
-        draw_line(canvas, view, centre, corners[number], colour, thickness)
-        draw_line(canvas, view, corners[number], corners[(number + 1) % 4], colour, thickness)
-    pixel, depth = project(view, centre[None])
+        draw_line(canvas, view, center, corners[number], color, thickness)
+        draw_line(canvas, view, corners[number], corners[(number + 1) % 4], color, thickness)
+    pixel, depth = project(view, center[None])
     return (float(pixel[0, 0]), float(pixel[0, 1])) if depth[0] > NEAR else None

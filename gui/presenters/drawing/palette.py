@@ -1,4 +1,4 @@
-"""The window's colours: dark, calm, one accent. 8-bit sRGB."""
+"""The window's colors: dark, calm, one accent. 8-bit sRGB."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ GOOD: RGB = (120, 184, 132)
 FAIR: RGB = (222, 178, 92)
 BAD: RGB = (222, 110, 102)
 
-STATE_COLOURS: dict[str, RGB] = {
+STATE_COLORS: dict[str, RGB] = {
     "done": GOOD,
     "partial": FAIR,
     "stale": FAIR,
@@ -46,6 +46,6 @@ STATE_COLOURS: dict[str, RGB] = {
 }
 
 
-def unit(colour: RGB) -> tuple[float, float, float]:
+def unit(color: RGB) -> tuple[float, float, float]:
     """The same as floats in 0 to 1."""
-    return colour[0] / 255, colour[1] / 255, colour[2] / 255
+    return color[0] / 255, color[1] / 255, color[2] / 255

@@ -35,7 +35,7 @@ def curve(
     area: tuple[float, float, float, float],
     title: str,
     series: Sequence[tuple[Sequence[float], Sequence[float]]],
-    colour: RGB,
+    color: RGB,
     em: float,
     x_limits: tuple[float, float] = (0.0, 1.0),
     x_words: tuple[str, str] = ("", ""),
@@ -51,7 +51,7 @@ def curve(
     x, y, width, height = area
     size = round(0.82 * em)
     canvas.text(x, y, title, round(0.95 * em), TEXT)
-    canvas.text(x + width, y, newest, round(0.95 * em), colour, align="right")
+    canvas.text(x + width, y, newest, round(0.95 * em), color, align="right")
     left, top = x + 3.6 * em, y + 1.6 * em
     wide, high = width - 3.6 * em, height - 1.6 * em - 1.5 * size
     canvas.rect(left, top, wide, high, PANEL)
@@ -77,5 +77,5 @@ def curve(
     for line in lines:
         across = left + wide * (line[:, 0] - x_limits[0]) / span
         down = top + high * (1 - (line[:, 1] - low) / (high_value - low))
-        canvas.line(np.column_stack([across, down]), colour, 2)
-        canvas.dot(across[-1], down[-1], 3, colour)
+        canvas.line(np.column_stack([across, down]), color, 2)
+        canvas.dot(across[-1], down[-1], 3, color)

@@ -28,7 +28,7 @@ def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, f
     device = preferred_device()
     with torch.no_grad():
         moved = gaussians.to(device)
-        colour = torch.tensor(background, dtype=moved.means.dtype, device=device)
-        image = rasterize(moved, camera, colour).image
+        color = torch.tensor(background, dtype=moved.means.dtype, device=device)
+        image = rasterize(moved, camera, color).image
         pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: the picture is ours alone
     return np.ascontiguousarray(pixels.cpu().numpy())

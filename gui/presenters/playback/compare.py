@@ -15,7 +15,7 @@ WHATS = ("truth", "trained", "decoded")
 LABELS = {"truth": "ground truth", "trained": "trained", "decoded": "decoded"}
 
 HEAT_TOP = 48
-"""Difference in 8-bit levels that has the heat map's last colour; anything above has it too."""
+"""Difference in 8-bit levels that has the heat map's last color; anything above has it too."""
 
 LABEL_SIZE = 14
 
@@ -114,11 +114,11 @@ def label(
     y: float,
     text: str,
     align: str = "left",
-    colour: RGB = TEXT,
+    color: RGB = TEXT,
     size: int = LABEL_SIZE,
 ) -> None:
     """Words on a dark ground, readable on any picture."""
     width = text_width(text, size)
     left = x if align == "left" else x - width - 12
     canvas.rect(left, y, width + 12, size + 10, GROUND)
-    canvas.text(left + 6, y + 4, text, size, colour)
+    canvas.text(left + 6, y + 4, text, size, color)

@@ -60,7 +60,7 @@ class Lens:
         return np.ascontiguousarray(pixels)
 
     def mask_outside(self, pixels: np.ndarray, camera: Camera) -> None:
-        """Colour over what lies outside of the camera's image, in place: nothing is known of it."""
+        """Color over what lies outside of the camera's image, in place: nothing is known of it."""
         height, width = pixels.shape[:2]
         scale = self.scale(camera, width, height)
         x, y = self.offset(camera, width, height)

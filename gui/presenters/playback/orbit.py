@@ -70,7 +70,7 @@ class OrbitCamera:
 
         Args:
             camera: the capture camera.
-            target: (3,) the scene's centre; the point of the camera's axis nearest to it becomes the target.
+            target: (3,) the scene's center; the point of the camera's axis nearest to it becomes the target.
             up: (3,) world up direction; a roll of the capture camera against it is lost.
         """
         along = float(np.dot(np.asarray(target) - camera.center, camera.forward))

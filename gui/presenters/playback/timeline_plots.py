@@ -22,13 +22,13 @@ class Strip:
     Attributes:
         title: beside it.
         values: a frame each; None where there is none.
-        colour: of the curve.
+        color: of the curve.
         unit: after the numbers.
     """
 
     title: str
     values: Sequence[float | None]
-    colour: RGB
+    color: RGB
     unit: str
 
     @property
@@ -127,7 +127,7 @@ class StripBoard:
             size = self._size(height)
             words = f"{value:.2f} {strip.unit}"
             canvas.text(right, y + height / 2 - size * 0.62, words, size, TEXT, align="right")
-            self._bar(canvas, timeline, strip, frame, value, y, height, strip.colour)
+            self._bar(canvas, timeline, strip, frame, value, y, height, strip.color)
         first, last = timeline.span(frame)
         head = self.left + (first + last - 1) // 2
         below = canvas.pixels[GAP : self._track - GAP, head].astype(np.float32)
@@ -155,7 +155,7 @@ class StripBoard:
         value: float,
         y: int,
         height: int,
-        colour: RGB,
+        color: RGB,
     ) -> None:
         limits = strip.range
         assert limits is not None
@@ -164,7 +164,7 @@ class StripBoard:
         share = (value - low + pad) / (high - low + 2 * pad)
         bar = max(round(share * (height - 2)), 1)
         first, last = timeline.span(frame)
-        canvas.rect(self.left + first, y + height - 1 - bar, max(last - first - (last - first > 3), 1), bar, colour)
+        canvas.rect(self.left + first, y + height - 1 - bar, max(last - first - (last - first > 3), 1), bar, color)
 
     def _strip(self, canvas: Canvas, timeline: Timeline, strip: Strip, y: int, height: int) -> None:
         size = self._size(height)
@@ -179,8 +179,8 @@ class StripBoard:
             return
         for index, value in enumerate(strip.values[: self.frame_count]):
             if value is not None:
-                self._bar(canvas, timeline, strip, index, value, y, height, _dimmed(strip.colour))
+                self._bar(canvas, timeline, strip, index, value, y, height, _dimmed(strip.color))
 
 
-def _dimmed(colour: RGB) -> RGB:
-    return tuple(round(0.5 * one + 0.5 * other) for one, other in zip(colour, RAISED, strict=True))  # type: ignore[return-value]
+def _dimmed(color: RGB) -> RGB:
+    return tuple(round(0.5 * one + 0.5 * other) for one, other in zip(color, RAISED, strict=True))  # type: ignore[return-value]

@@ -96,11 +96,11 @@ def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float)
         x, y = zoom.shown(*point.pixels[camera])
         if not zoom.holds(x, y):
             continue
-        colour = ACCENT if chosen else GOOD
+        color = ACCENT if chosen else GOOD
         for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
             ends = [(x + 3 * dx, y + 3 * dy), (x + 0.6 * em * dx, y + 0.6 * em * dy)]
             canvas.line([(u + 1, v + 1) for u, v in ends], BLACK, 2 if chosen else 1)
-            canvas.line(ends, colour, 2 if chosen else 1)
+            canvas.line(ends, color, 2 if chosen else 1)
         words = fitted(point.name, small, 12 * em)
         wide, high = text_width(words, small), line_height(small)
         for left, top in ((x + 5, y + 3), (x + 5, y - 3 - high), (x - 5 - wide, y + 3), (x - 5 - wide, y - 3 - high)):
@@ -111,7 +111,7 @@ def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float)
             if free and zoom.holds(left, top) and zoom.holds(right, bottom):
                 taken.append((left, top, right, bottom))
                 canvas.text(left + 1, top + 1, words, small, BLACK)
-                canvas.text(left, top, words, small, colour)
+                canvas.text(left, top, words, small, color)
                 break
 
 
@@ -178,7 +178,7 @@ def point_list(
         words = f"{len(point.pixels)} cam" + (f"  {error:.1f} px" if isinstance(error, float) else "")
         wide = text_width(words, small)
         canvas.text(pad, y + 1, point.name, small, TEXT, width=width - wide - 2.5 * pad)
-        canvas.text(width - pad - 4, y + 1, words, small, _colour(error, len(point.pixels)), align="right")
+        canvas.text(width - pad - 4, y + 1, words, small, _color(error, len(point.pixels)), align="right")
         spots.add((0, y, width, step), partial(marks.choose, index))
     bottom = height - len(buttons) * step - 4
     for words, action in buttons:
@@ -190,7 +190,7 @@ def point_list(
     return scroll
 
 
-def _colour(error: object, cameras: int) -> RGB:
+def _color(error: object, cameras: int) -> RGB:
     if not isinstance(error, float):
         return TEXT if cameras > 1 else DIM
     return GOOD if error < 1 else FAIR if error < 3 else BAD

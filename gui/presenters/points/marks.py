@@ -106,7 +106,7 @@ class TieMarks:
             except ValueError:
                 numbers = []
             if len(numbers) != 3 or not np.isfinite(numbers).all():
-                return f"'{place}' is no place: give three numbers in metres, as in 0 0.3 0 (z is up)."
+                return f"'{place}' is no place: give three numbers in meters, as in 0 0.3 0 (z is up)."
             world = (numbers[0], numbers[1], numbers[2])
         self._put(replace(point, name=name, world=world))
         return ""

@@ -96,9 +96,9 @@ class ExportWish:
         if self.kind not in MOVIES:
             return found
         found += ["--size", self.size]
-        colour = MOVIE_BACKGROUNDS[self.background]
-        if colour is not None:
-            found += ["--background", ",".join(f"{value:g}" for value in colour)]
+        color = MOVIE_BACKGROUNDS[self.background]
+        if color is not None:
+            found += ["--background", ",".join(f"{value:g}" for value in color)]
         if self.kind == "turntable":
             try:
                 seconds = float(self.seconds)

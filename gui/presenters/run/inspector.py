@@ -179,7 +179,7 @@ def heading(canvas: Canvas, y: float, text: str, em: float) -> float:
     return y + 0.2 * em
 
 
-LINE_COLOURS: dict[str, RGB] = {"": DIM, "warning": FAIR, "error": BAD}
+LINE_COLORS: dict[str, RGB] = {"": DIM, "warning": FAIR, "error": BAD}
 
 
 def log_lines(lines: Iterable[tuple[str, str]], width: int, em: float) -> list[tuple[str, str]]:
@@ -203,5 +203,5 @@ def log_picture(lines: Sequence[tuple[str, str]], width: int, height: int, em: f
         canvas.text(0.6 * em, top, "No run yet.", size, DIM)
     end = max(len(lines) - back, min(count, len(lines)))
     for number, (kind, text) in enumerate(lines[max(end - count, 0) : end]):
-        canvas.text(0.6 * em, top + number * step, text, size, LINE_COLOURS[kind])
+        canvas.text(0.6 * em, top + number * step, text, size, LINE_COLORS[kind])
     return canvas.pixels

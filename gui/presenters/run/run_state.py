@@ -150,7 +150,7 @@ class RunState:
     def _metrics(self, event: Metrics) -> None:
         if event.frame is not None:
             self.frame_metrics.setdefault(event.frame, {}).update(event.values)
-        if event.stage in ("train", "bake", "initialise"):
+        if event.stage in ("train", "bake", "initialize"):
             self.results += 1
         figures = ", ".join(f"{name} {_short(value)}" for name, value in event.values.items())
         where = f"frame {event.frame}" if event.frame is not None else f"group {event.group}"

@@ -17,7 +17,7 @@ from pipelines.config.section import Section
 SECTIONS = {
     "capture": ("capture",),
     "calibrate": ("calibrate",),
-    "initialise": ("initialise",),
+    "initialize": ("initialize",),
     "train": ("train",),
     "bake": ("bake",),
     "review": ("evaluate", "run"),

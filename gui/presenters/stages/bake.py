@@ -20,7 +20,7 @@ from studio.stream import Manifest, StreamReader
 ATTRIBUTES = {
     "means_high": "positions, high bytes",
     "means_low": "positions, low bytes",
-    "sh": "colour",
+    "sh": "color",
     "opacities": "opacity",
     "scales": "scale",
     "quats": "rotation",
@@ -75,7 +75,7 @@ def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     for name, tensor in gaussians.state_dict().items():
         values = tensor.detach().cpu().numpy().reshape(len(gaussians), -1)
-        for number in range(min(values.shape[1], 4)):  # of the harmonics the constant colour
+        for number in range(min(values.shape[1], 4)):  # of the harmonics the constant color
             columns[name if values.shape[1] == 1 else f"{name} {number}"] = values[:, number]
     found = {}
     for name, column in columns.items():

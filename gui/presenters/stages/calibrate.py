@@ -1,4 +1,4 @@
-"""Calibrate: cameras as pyramids with their pictures, sparse points, errors by colour; and the report as a table."""
+"""Calibrate: cameras as pyramids with their pictures, sparse points, errors by color; and the report as a table."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class CalibrateBoard(OrbitBoard):
         value = self._report.get("cameras", {}).get(name, {}).get("mean")
         return float(value) if isinstance(value, int | float) else None
 
-    def _colour(self, name: str) -> RGB:
+    def _color(self, name: str) -> RGB:
         from studio.calibration.result import band
 
         error = self._error(name)
@@ -94,8 +94,8 @@ class CalibrateBoard(OrbitBoard):
         far_first = sorted(self._rig, key=lambda camera: -float(np.linalg.norm(camera.center - orbit.eye)))
         small = round(0.85 * self.em)
         for camera in far_first:
-            colour = self._colour(camera.name)
-            place = draw_frustum(canvas, view, camera, length, colour, self._thumbnail(camera.name), 2)
+            color = self._color(camera.name)
+            place = draw_frustum(canvas, view, camera, length, color, self._thumbnail(camera.name), 2)
             if place is not None:
                 error = self._error(camera.name)
                 words = camera.name if error is None else f"{camera.name}  {error:.2f} px"
@@ -117,9 +117,9 @@ class CalibrateBoard(OrbitBoard):
     def _legend(self, canvas: Canvas, small: int) -> None:
         known = any(self._error(camera.name) is not None for camera in self._rig or ())
         entries = list(BANDS.values()) if known else [UNKNOWN]
-        for number, (words, colour) in enumerate(entries):
+        for number, (words, color) in enumerate(entries):
             y = self.em * 0.7 + number * line_height(small)
-            canvas.dot(self.em, y + 0.6 * small, 0.3 * small, colour)
+            canvas.dot(self.em, y + 0.6 * small, 0.3 * small, color)
             canvas.text(1.7 * self.em, y, words, small, DIM)
 
     def _thumbnail(self, name: str) -> np.ndarray | None:
@@ -178,7 +178,7 @@ class CalibrateBoard(OrbitBoard):
                 f"{100 * found['coverage']:.0f} %" if "coverage" in found else "",
                 f"{camera.fx:.0f}",
             ]
-            canvas.dot(0.5 * em, y + 0.6 * normal, 0.25 * em, self._colour(camera.name))
+            canvas.dot(0.5 * em, y + 0.6 * normal, 0.25 * em, self._color(camera.name))
             for (_, at), word in zip(columns, words, strict=True):
                 canvas.text(em + at * wide, y, word, normal, TEXT, align="left" if at == 0 else "right")
             y += step
@@ -195,13 +195,13 @@ class CalibrateBoard(OrbitBoard):
 
 def _overview(rig: Rig) -> OrbitCamera:
     """A view of all cameras from above."""
-    centres = np.array([camera.center for camera in rig])
+    centers = np.array([camera.center for camera in rig])
     ahead = np.array([camera.forward for camera in rig])
     # the point nearest to all viewing rays
     crossing = np.eye(3)[None] - ahead[:, :, None] * ahead[:, None, :]
-    target = np.linalg.lstsq(crossing.sum(0), (crossing @ centres[..., None]).sum(0)[:, 0], rcond=None)[0]
-    orbit = OrbitCamera.around(np.vstack([centres, target[None]]), rig.up)
-    radius = float(np.linalg.norm(centres - target, axis=1).max())
+    target = np.linalg.lstsq(crossing.sum(0), (crossing @ centers[..., None]).sum(0)[:, 0], rcond=None)[0]
+    orbit = OrbitCamera.around(np.vstack([centers, target[None]]), rig.up)
+    radius = float(np.linalg.norm(centers - target, axis=1).max())
     return OrbitCamera(target=target, up=rig.up, distance=max(orbit.distance, 2.6 * radius), yaw=0.6, pitch=0.55)
 
 

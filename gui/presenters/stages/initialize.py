@@ -1,4 +1,4 @@
-"""Initialise: the mesh of each group's first frame, and the points that were sampled on it."""
+"""Initialize: the mesh of each group's first frame, and the points that were sampled on it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Mesh(Protocol):
         ...
 
 
-class InitialiseBoard(OrbitBoard):
+class InitializeBoard(OrbitBoard):
     """See the module.
 
     Args:
@@ -55,7 +55,7 @@ class InitialiseBoard(OrbitBoard):
         if take is None:
             return None
         starts = self.workspace.assessment.group_starts
-        return take.initialise_group(max(bisect_right(starts, self.frame) - 1, 0))
+        return take.initialize_group(max(bisect_right(starts, self.frame) - 1, 0))
 
     def state(self) -> Hashable:
         """The group's files and the view."""
@@ -68,7 +68,7 @@ class InitialiseBoard(OrbitBoard):
         folder = self._folder()
         take = self.workspace.take
         if folder is None or take is None or not (folder / "points.ply").is_file():
-            raise StudioError("This group has no mesh and no points yet. Run Initialise.")
+            raise StudioError("This group has no mesh and no points yet. Run Initialize.")
         self._read(take, folder)
         view = (self.orbit or self._home or OrbitCamera()).camera(*size)
         points, colors = self._points

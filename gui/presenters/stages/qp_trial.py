@@ -1,4 +1,4 @@
-"""What other quantisation parameters would cost, measured on the first frames of a take."""
+"""What other quantization parameters would cost, measured on the first frames of a take."""
 
 from __future__ import annotations
 

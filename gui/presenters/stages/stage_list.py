@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gui.presenters.drawing.canvas import Canvas, text_width
-from gui.presenters.drawing.palette import ACCENT, DIM, LINE, PANEL, RAISED, STATE_COLOURS, TEXT
+from gui.presenters.drawing.palette import ACCENT, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT
 from gui.presenters.stages.stage_rows import StageRow
 
 
@@ -32,16 +32,16 @@ def picture(rows: Sequence[StageRow], selected: str, width: int, em: float) -> n
         if row.key == selected:
             canvas.rect(0, y, width, each, RAISED)
             canvas.rect(0, y, 3, each, ACCENT)
-        colour = STATE_COLOURS[row.state]
+        color = STATE_COLORS[row.state]
         middle = y + each / 2
-        canvas.dot(1.2 * em, middle, 0.32 * em, colour, filled=row.state not in ("missing", "waiting"))
+        canvas.dot(1.2 * em, middle, 0.32 * em, color, filled=row.state not in ("missing", "waiting"))
         title = canvas.text(2.2 * em, middle - 0.62 * size, row.title, size, TEXT)
         room = width - 2.2 * em - title - 1.2 * em
         words = row.words
         if text_width(words, small) > room and "," in words:
             words = words.split(",")[0]
-        colour = colour if row.state in ("failed", "running", "stale", "partial") else DIM
-        canvas.text(width - 0.6 * em, middle - 0.62 * small, words, small, colour, align="right", width=room)
+        color = color if row.state in ("failed", "running", "stale", "partial") else DIM
+        canvas.text(width - 0.6 * em, middle - 0.62 * small, words, small, color, align="right", width=room)
         if row.state == "running":
             canvas.rect(2.2 * em, y + each - 4, width - 2.8 * em, 2, LINE)
             canvas.rect(2.2 * em, y + each - 4, (width - 2.8 * em) * min(max(row.fraction or 0.0, 0.0), 1.0), 2, ACCENT)

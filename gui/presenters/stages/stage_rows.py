@@ -11,7 +11,7 @@ from studio.errors import StudioError
 TITLES = {
     "capture": "Capture",
     "calibrate": "Calibrate",
-    "initialise": "Initialise",
+    "initialize": "Initialize",
     "train": "Train",
     "bake": "Bake",
     "review": "Review",

@@ -13,7 +13,7 @@ from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.bake import BakeBoard
 from gui.presenters.stages.calibrate import CalibrateBoard
 from gui.presenters.stages.capture import CaptureBoard
-from gui.presenters.stages.initialize import InitialiseBoard, Mesh
+from gui.presenters.stages.initialize import InitializeBoard, Mesh
 from gui.presenters.stages.stage_view import Board
 from gui.presenters.stages.train import TrainBoard
 
@@ -41,7 +41,7 @@ TOOLTIPS = {
     "progress": "Loss, PSNR and splats as they change, and a held-out camera beside its newest render",
     "gaussians": "The newest trained frames, to be turned and played",
     "bytes": "Bytes by attribute, and by group",
-    "try other QPs": "What other quantisation parameters would cost, measured on the first frames",
+    "try other QPs": "What other quantization parameters would cost, measured on the first frames",
     "planes": "The attribute planes of the frame as pictures",
 }
 
@@ -52,7 +52,7 @@ class Views:
     Args:
         workspace: the take.
         player: the playback.
-        read_mesh: see `InitialiseBoard`.
+        read_mesh: see `InitializeBoard`.
     """
 
     def __init__(self, workspace: Workspace, player: PlayerPresenter, read_mesh: Callable[[Path], Mesh]) -> None:
@@ -61,7 +61,7 @@ class Views:
         self.boards: dict[str, Board] = {
             "capture": self.capture,
             "calibrate": CalibrateBoard(workspace),
-            "initialise": InitialiseBoard(workspace, read_mesh),
+            "initialize": InitializeBoard(workspace, read_mesh),
             "train": TrainBoard(workspace),
             "bake": BakeBoard(workspace),
         }

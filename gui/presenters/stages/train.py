@@ -46,15 +46,15 @@ class TrainBoard(Board):
         run, em = self.workspace.run, self.em
         share = 0.44 * size[1]
         each = (size[0] - 4 * em) / 3
-        colours = (SECOND, ACCENT, SECOND)
-        for number, ((name, title, form), colour) in enumerate(zip(CURVES, colours, strict=True)):
+        colors = (SECOND, ACCENT, SECOND)
+        for number, ((name, title, form), color) in enumerate(zip(CURVES, colors, strict=True)):
             lines = list(run.curves.get(name, {}).values())
             last = max((line for line in lines if line.values), key=lambda line: line.positions[-1], default=None)
             newest = form.format(last.values[-1]) if last is not None else ""
             area = (em + number * (each + em), 0.7 * em, each, share - em)
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
-            curve(canvas, area, short, series, colour, em, (0.0, 1.0), ("0 %", "100 %"), newest)
+            curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0 %", "100 %"), newest)
         self._pictures(canvas, share)
         return canvas.pixels
 

@@ -1,6 +1,6 @@
 """The adjustment of cameras and points marked by hand: few unknowns, measured places, robust against wrong marks.
 
-SciPy's least squares and not COLMAP's bundle adjustment, which knows no places that were measured to a centimetre.
+SciPy's least squares and not COLMAP's bundle adjustment, which knows no places that were measured to a centimeter.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Accuracy:
 
     Attributes:
         mark: of a mark in pixels.
-        world: of a measured place in metres.
+        world: of a measured place in meters.
     """
 
     mark: float = 1.0

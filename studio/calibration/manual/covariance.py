@@ -41,7 +41,7 @@ def contradiction(rig: TieRig, sightings: Sightings) -> str:
 def uncertainty(
     rig: TieRig, sightings: Sightings, groups: Sequence[Sequence[str]], accuracy: Accuracy, *, radial: bool = True
 ) -> dict[str, float]:
-    """Standard deviation of each camera's centre, as a share of the cameras' mean distance from the points.
+    """Standard deviation of each camera's center, as a share of the cameras' mean distance from the points.
 
     From the adjustment's derivatives at its end. It is what the cameras may be off beside each other: where all of them
     lie in the world, and how large the world is, does not count.
@@ -76,7 +76,7 @@ def uncertainty(
 
 
 def _center_slopes(pose: np.ndarray) -> np.ndarray:
-    """(3, 6) derivatives of a camera's centre by its rotation vector and translation."""
+    """(3, 6) derivatives of a camera's center by its rotation vector and translation."""
     columns = []
     for axis in range(6):
         step = np.zeros(6)

@@ -4,7 +4,7 @@ YAML (JSON is YAML too):
 
     points:
       corner of the mat:
-        world: [0.0, 0.3, 0.0]       # optional, metres
+        world: [0.0, 0.3, 0.0]       # optional, meters
         frame: 0                     # optional: the moment it was marked at
         pixels:
           cam01: [512.5, 830.0]      # column, row; the corner of the image is 0, 0
@@ -45,7 +45,7 @@ class TiePoint:
     Attributes:
         name: unique.
         pixels: camera name to (column, row) in pixels of the image as filmed, origin at the image's corner.
-        world: (3,) where it lies in metres, z up; None where nobody measured it.
+        world: (3,) where it lies in meters, z up; None where nobody measured it.
         frame: number of the frame that it was marked in, None for what stands still.
     """
 

@@ -79,7 +79,7 @@ def calibrate_from_tie_points(
     Returns:
         cameras and the points. With three measured places or more the world is theirs; else it is as in
         `gauge.upright`. The report has, beside `reprojection_report`'s figures, `tie_points`: name to `error` (mean,
-        pixels), `cameras` (how many see it) and `off` (metres from where it was measured, where it was);
+        pixels), `cameras` (how many see it) and `off` (meters from where it was measured, where it was);
         `left_out`: marks taken for mistakes, {point, camera, error} (None: behind the camera); `uncertain`: camera to
         what the marks leave open of its place (`covariance.uncertainty`); `world_accuracy`; `known_lenses`; `metric`;
         `unregistered` (empty).

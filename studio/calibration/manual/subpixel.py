@@ -23,22 +23,22 @@ def snap(image: np.ndarray, x: float, y: float, radius: int = 6) -> tuple[float,
     """
     import cv2
 
-    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    found = [place for place in (_fit(grey, x, y, radius, dot) for dot in (False, True)) if place is not None]
+    gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    found = [place for place in (_fit(gray, x, y, radius, dot) for dot in (False, True)) if place is not None]
     if not found:
         return x, y
     best = min(found, key=lambda place: place[2])
     return best[0], best[1]
 
 
-def _fit(grey: np.ndarray, x: float, y: float, radius: int, dot: bool) -> tuple[float, float, float] | None:
+def _fit(gray: np.ndarray, x: float, y: float, radius: int, dot: bool) -> tuple[float, float, float] | None:
     """A corner or a dot's middle, and how badly it fits (0 to 1); None where the search leaves the radius."""
     here: np.ndarray = np.array([x, y], np.float64)
     cost = 1.0
     for _ in range(_TURNS):
         column, row = int(np.floor(here[0])), int(np.floor(here[1]))
         left, top = column - radius - 1, row - radius - 1
-        patch = grey[max(top, 0) : row + radius + 2, max(left, 0) : column + radius + 2].astype(np.float64)
+        patch = gray[max(top, 0) : row + radius + 2, max(left, 0) : column + radius + 2].astype(np.float64)
         if min(patch.shape) < 2 * radius + 3:
             return None  # at the image's edge
         down, right = (np.asarray(each) for each in np.gradient(patch))

@@ -59,7 +59,7 @@ def count_rows(database: Path, query: str) -> int:
 
 
 def file_name(number: int, moment: int) -> str:
-    """Of a camera's picture of a moment; the first one also names the camera and gives the points their colours."""
+    """Of a camera's picture of a moment; the first one also names the camera and gives the points their colors."""
     return image_name(number) if moment == 0 else f"{number:04d}_{moment:03d}.png"
 
 

@@ -144,7 +144,7 @@ def sfm_job(
         "lenses": lenses,
         "lens_of": lens_of,
         "masks": masks,
-        "pairs": neighbours(poses) if poses is not None else [],
+        "pairs": neighbors(poses) if poses is not None else [],
         "poses": [camera.world_to_camera[:3].tolist() for camera in poses] if poses is not None else [],
         "keep_poses": settings.keep_poses,
         "max_features": settings.max_features,
@@ -159,7 +159,7 @@ def sfm_job(
     }
 
 
-def neighbours(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int, int]]:
+def neighbors(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int, int]]:
     """Pairs of cameras worth matching where their poses are known.
 
     Args:

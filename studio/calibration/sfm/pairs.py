@@ -2,7 +2,7 @@
 
 Matching all features of all pairs grows with the square of the cameras: most of the time of a rig of 81 goes there, and
 most pairs look at different sides of the room. A glance at the few largest features, which are the ones that are found
-again from elsewhere (preemptive matching; Wu 2013, "Towards linear-time incremental structure from motion"), costs a
+again from elsewhere (preemptive matching; Wu 2013, "Toward linear-time incremental structure from motion"), costs a
 sixtieth and tells them apart.
 """
 

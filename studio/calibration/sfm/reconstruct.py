@@ -65,7 +65,7 @@ def calibrate_from_images(
         focal_lengths: first guesses in pixels, from EXIF say.
         settings: how to solve.
         allow_unregistered: go on without cameras that find no place (they stand in the report) instead of raising.
-        reference: put the result where this rig is (by camera centres, at least three in common).
+        reference: put the result where this rig is (by camera centers, at least three in common).
         distance: two cameras and how far apart they are, to fix the scale.
         progress: called several times a second; `Cancelled` raised from it stops COLMAP at once.
 
@@ -117,7 +117,7 @@ def calibrate_from_images(
 
 
 def _moved(result: CalibrationResult, before: Rig, settings: SfmSettings) -> dict[str, dict[str, float]]:
-    """How far each camera is from where it stood in the older solution: centre (in its units) and degrees."""
+    """How far each camera is from where it stood in the older solution: center (in its units) and degrees."""
     if settings.keep_poses or len(result.rig) < 3:
         return {}
     difference = compare_rigs(result.rig, before)

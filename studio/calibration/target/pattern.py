@@ -1,7 +1,7 @@
 """Calibration boards: what they look like, and where their corners are in a picture.
 
 A board's own coordinates are OpenCV's: the origin is the outer corner of the first square, x runs along the columns, y
-down the rows, z into the board; metres. Pixels are ours (origin at the image corner; OpenCV's are half a pixel less).
+down the rows, z into the board; meters. Pixels are ours (origin at the image corner; OpenCV's are half a pixel less).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class Board:
         kind: "charuco" (each corner is told by the markers beside it, so that parts of the board are enough) or
             "chessboard" (all corners must be in view).
         columns, rows: squares, not inner corners: a chessboard of 7 x 4 inner corners has 8 x 5 squares.
-        square: side of a square in metres, as measured on the print.
-        marker: side of a marker in metres; charuco only.
+        square: side of a square in meters, as measured on the print.
+        marker: side of a marker in meters; charuco only.
         dictionary: OpenCV's name of the markers' dictionary, as in DICT_4X4_50; charuco only.
         legacy: drawn by OpenCV before 4.6, whose boards of an even number of rows begin with a white square.
         inverted: black and white are exchanged.
@@ -52,7 +52,7 @@ class Board:
         if min(self.columns, self.rows) < 3 or max(self.columns, self.rows) > 100:
             raise StudioError(f"A board needs 3 to 100 squares each way, found {self.columns} x {self.rows}.")
         if not 0 < self.square < 10:
-            raise StudioError(f"The board's squares are {self.square:g} m wide; give metres, as in 0.06 for 60 mm.")
+            raise StudioError(f"The board's squares are {self.square:g} m wide; give meters, as in 0.06 for 60 mm.")
         if self.kind == "charuco":
             if not 0 < self.marker < self.square:
                 raise StudioError(
@@ -176,8 +176,8 @@ def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
     """Whether the square between the first four inner corners, which is black, is the lighter one of two."""
 
     def mean(part: np.ndarray) -> float:
-        centre = part.reshape(-1, 2).mean(0)
-        inside = centre + 0.5 * (part.reshape(-1, 2) - centre)
+        center = part.reshape(-1, 2).mean(0)
+        inside = center + 0.5 * (part.reshape(-1, 2) - center)
         columns = np.clip(inside[:, 0].round().astype(int), 0, gray.shape[1] - 1)
         rows = np.clip(inside[:, 1].round().astype(int), 0, gray.shape[0] - 1)
         return float(gray[rows, columns].mean())

@@ -11,7 +11,7 @@ import numpy as np
 from studio.calibration.target.pattern import Board
 from studio.errors import StudioError
 
-PAPERS = {  # millimetres, portrait
+PAPERS = {  # millimeters, portrait
     "a4": (210.0, 297.0),
     "a3": (297.0, 420.0),
     "a2": (420.0, 594.0),
@@ -20,8 +20,8 @@ PAPERS = {  # millimetres, portrait
     "letter": (215.9, 279.4),
     "tabloid": (279.4, 431.8),
 }
-_EDGE = 8.0  # millimetres that printers leave white
-_TEXT = 9.0  # millimetres for the ruler and the words below the board
+_EDGE = 8.0  # millimeters that printers leave white
+_TEXT = 9.0  # millimeters for the ruler and the words below the board
 
 
 def write_board_pdf(board: Board, path: Path, *, paper: str = "fit") -> tuple[float, float]:
@@ -34,7 +34,7 @@ def write_board_pdf(board: Board, path: Path, *, paper: str = "fit") -> tuple[fl
             which the page is taken upright or lying, as the board fits.
 
     Returns:
-        width and height of the page in millimetres.
+        width and height of the page in millimeters.
 
     Raises:
         StudioError: an unknown paper, a board too large for it, an unwritable place.
@@ -46,7 +46,7 @@ def write_board_pdf(board: Board, path: Path, *, paper: str = "fit") -> tuple[fl
     width, height = _page(board, paper)
     figure = Figure(figsize=(width / 25.4, height / 25.4))
     axes = figure.add_axes((0, 0, 1, 1))
-    axes.set(xlim=(0, width), ylim=(height, 0))  # millimetres from the upper left corner
+    axes.set(xlim=(0, width), ylim=(height, 0))  # millimeters from the upper left corner
     axes.axis("off")
     left = (width - board.columns * board.square * 1000) / 2
     top = (height - _TEXT - board.rows * board.square * 1000) / 2
@@ -80,7 +80,7 @@ def describe(board: Board) -> str:
 
 
 def dark(board: Board) -> list[tuple[float, float, float, float]]:
-    """What is black (white on an inverted board): rectangles x, y, width, height in metres, board coordinates.
+    """What is black (white on an inverted board): rectangles x, y, width, height in meters, board coordinates.
 
     Where a marker lies in a white square, its black cells are listed one by one.
     """
@@ -139,20 +139,20 @@ def _outline(board: Board, left: float, top: float, margin: float) -> tuple[floa
     return (left - margin, top - margin, width + 2 * margin, height + 2 * margin)
 
 
-def _rectangles(axes: Any, rectangles: list[tuple[float, float, float, float]], colour: str) -> None:
+def _rectangles(axes: Any, rectangles: list[tuple[float, float, float, float]], color: str) -> None:
     from matplotlib.collections import PolyCollection
 
     corners = [[(x, y), (x + w, y), (x + w, y + h), (x, y + h)] for x, y, w, h in rectangles]
-    axes.add_collection(PolyCollection(corners, facecolors=colour, edgecolors="none", antialiaseds=False))
+    axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors="none", antialiaseds=False))
 
 
 def _foot(axes: Any, board: Board, left: float, height: float) -> None:
     """A ruler to check the print with, and which board this is."""
     left, y = max(left, _EDGE), height - _EDGE / 2 - 2
     length = 50.0
-    grey = "0.35"
-    axes.plot([left, left + length], [y, y], color=grey, linewidth=0.6)
+    gray = "0.35"
+    axes.plot([left, left + length], [y, y], color=gray, linewidth=0.6)
     for at in range(0, int(length) + 1, 10):
-        axes.plot([left + at, left + at], [y - 1.5, y], color=grey, linewidth=0.6)
+        axes.plot([left + at, left + at], [y - 1.5, y], color=gray, linewidth=0.6)
     text = f"50 mm; print at 100 %, then measure. {describe(board)}"
-    axes.text(left + length + 3, y, text, fontsize=5, color=grey, verticalalignment="bottom")
+    axes.text(left + length + 3, y, text, fontsize=5, color=gray, verticalalignment="bottom")

@@ -28,10 +28,10 @@ class BoardSettings:
 
     Attributes:
         lens: COLMAP's model of lenses that are not known, as in `SfmSettings`.
-        principal_point: "refine", "centre" (the image's middle), or "auto": estimated where the views of the board
+        principal_point: "refine", "center" (the image's middle), or "auto": estimated where the views of the board
             cover three fifths of the image: else a shifted principal point looks like a turned camera.
         origin: moment whose board gives the world's origin (its middle), x axis (along its columns) and up; None puts
-            the origin where the cameras look and takes up from the cameras. Metres in any case.
+            the origin where the cameras look and takes up from the cameras. Meters in any case.
         stands: the origin's board stands upright (up is from its last row to its first) instead of lying flat (up is
             out of its face).
         outlier: views that lie off by more than this many times what they lie off a board of their own, and by more
@@ -49,8 +49,8 @@ class BoardSettings:
     def __post_init__(self) -> None:
         if self.lens not in LENSES:
             raise StudioError(f"The lens model '{self.lens}' is unknown; choose one of {', '.join(LENSES)}.")
-        if self.principal_point not in ("auto", "refine", "centre"):
-            raise StudioError(f"The principal point is '{self.principal_point}'; choose auto, refine or centre.")
+        if self.principal_point not in ("auto", "refine", "center"):
+            raise StudioError(f"The principal point is '{self.principal_point}'; choose auto, refine or center.")
         if self.threads < 0 or not self.outlier > 0:
             raise StudioError("Calibration from boards needs threads >= 0 and outlier > 0.")
 
@@ -157,7 +157,7 @@ def calibrate_from_boards(
         progress: of the steps.
 
     Returns:
-        cameras in metres; the points are the board's corners at all moments. The report has, beside
+        cameras in meters; the points are the board's corners at all moments. The report has, beside
         `reprojection_report`'s figures, `boards`: moments, views and corners used, views and corners left out, and what
         (see `scale_accuracy.scale_check`), and `unregistered` (empty).
 

@@ -29,7 +29,7 @@ def scale_check(state: BoardRig, board: Board) -> dict[str, float]:
 
     Returns:
         `scale_bias`: how much longer the measured distances between corners are than the board's, in parts (0.001 is
-        one millimetre a metre); `corner_error_mm`: root mean square of the triangulated corners' distances from the
+        one millimeter a meter); `corner_error_mm`: root mean square of the triangulated corners' distances from the
         board fitted to them. Empty where no corner is seen by two cameras.
     """
     scales, squares = [], []

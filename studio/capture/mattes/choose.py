@@ -73,11 +73,11 @@ def mask_source(
             matter = PlateMatter(load, paths, _difference(spec))
             return matter, f"Masks: difference to the clean plates '{pattern}'."
     if kind == "chroma_key":
-        return _chroma(spec, sources, pool), "Masks: what has not the colour of the screen."
+        return _chroma(spec, sources, pool), "Masks: what has not the color of the screen."
     if kind == "model":
         return _model(spec, names, pool, cache_folder), f"Masks: by the model {spec.mask_model}."
     if kind == "plain" or (kind == "auto" and _before_plain(sources)):
-        return PlainMatter(lambda camera: _first(sources[camera])), "Masks: what has not the plain colour behind it."
+        return PlainMatter(lambda camera: _first(sources[camera])), "Masks: what has not the plain color behind it."
     count = min(len(source.frames) for source in sources.values())
     if kind == "median_background" and count < 3:
         raise StudioError(
@@ -105,7 +105,7 @@ def _first(source: FrameSource) -> np.ndarray:
 
 
 def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
-    """Whether the performer was cut out and put before one colour: three cameras are asked."""
+    """Whether the performer was cut out and put before one color: three cameras are asked."""
     some = list(sources.values())
     try:
         return all(plain_color(_first(source)) is not None for source in {some[0], some[len(some) // 2], some[-1]})

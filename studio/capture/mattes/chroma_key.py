@@ -1,6 +1,6 @@
-"""A soft foreground matte from an image before a screen of one colour.
+"""A soft foreground matte from an image before a screen of one color.
 
-Steps: evidence a pixel (the angle between its colour and the screen's, in units of what the screen and the noise show;
+Steps: evidence a pixel (the angle between its color and the screen's, in units of what the screen and the noise show;
 and what is far darker than any shadow), smoothing along the image's edges, the clean-up that difference mattes get, and
 at the silhouette a matte solved from the screen as it is seen beside the performer: I = a F + (1 - a) B.
 """
@@ -20,11 +20,11 @@ from studio.capture.mattes.screen_color import Screen, find_screen
 from studio.capture.per_camera_cache import PerCamera
 
 SAMPLES = 5
-"""Frames of a camera that its screen's colour is found from."""
+"""Frames of a camera that its screen's color is found from."""
 
 _WORK_SIDE = 1920  # evidence is gathered at this size; edges are solved at full size
-_FLOOR = 0.06  # tangent of an angle that reflections and compression may turn the screen's colour by
-_DEEPEST_SHADOW = 0.3  # of the screen's light around; what is darker has no colour to tell it by
+_FLOOR = 0.06  # tangent of an angle that reflections and compression may turn the screen's color by
+_DEEPEST_SHADOW = 0.3  # of the screen's light around; what is darker has no color to tell it by
 _NO_SHADOW = 0.75
 
 
@@ -66,7 +66,7 @@ def chroma_matte(
 
 
 def key_evidence(image: np.ndarray, screen: Screen, settings: DifferenceSettings) -> np.ndarray:
-    """Log-odds of foreground from colour.
+    """Log-odds of foreground from color.
 
     Args:
         image: (H, W, 3) float32 RGB in 0..255.
@@ -99,14 +99,14 @@ def _binary(image: np.ndarray, screen: Screen, settings: DifferenceSettings, ins
     evidence = key_evidence(image, screen, settings)
     if inside is not None:
         evidence[~inside] = -4.0
-    grey = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
-    smooth = guided_filter(grey, evidence, radius=2, epsilon=4e-4)
+    gray = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
+    smooth = guided_filter(gray, evidence, radius=2, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
     return keep_components(mask, settings.components, int(1e-4 * mask.size), core=evidence > 4.0)
 
 
 def edge_reach(image: np.ndarray) -> float:
-    """Pixels around the silhouette that may be mixed colours, of an image (H, W, ...): 2 up to 1920 pixels wide."""
+    """Pixels around the silhouette that may be mixed colors, of an image (H, W, ...): 2 up to 1920 pixels wide."""
     return 2.0 * max(1.0, max(image.shape[:2]) / _WORK_SIDE)
 
 
@@ -161,11 +161,11 @@ def _weighted_mean(values: np.ndarray, weight: np.ndarray, sigma: float) -> tupl
 
 
 class ChromaMatter:
-    """What is not of the screen's colour.
+    """What is not of the screen's color.
 
     Args:
         read: gives the raw picture (H, W, 3) uint8 RGB of a camera and frame.
-        frames: gives a camera's frame numbers, from which a few are looked at for the screen's colour.
+        frames: gives a camera's frame numbers, from which a few are looked at for the screen's color.
         key_color: RGB in 0..1; None finds it, for each camera.
         settings: as of difference mattes.
         garbage: what is looked at; None is everything.

@@ -1,7 +1,7 @@
 """A soft foreground matte from an image and the same view of the empty set.
 
 Steps: evidence a pixel (difference to the plate in units of the noise, shadows discounted; then how much likelier the
-colour is in the foreground than in the background), smoothing of the evidence along the image's own edges (a guided
+color is in the foreground than in the background), smoothing of the evidence along the image's own edges (a guided
 filter, He et al. 2010, in place of a graph cut), connected pieces, and at the silhouette a matte solved from the known
 background: I = a F + (1 - a) B.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from studio.capture.mattes.filters import color_table, guided_filter, keep_components, look_up, masked_mean
 
-_NO_CHROMA = 127.5  # grey in Cr and Cb
+_NO_CHROMA = 127.5  # gray in Cr and Cb
 _FADED = 4.0  # levels of chroma: what a shadow takes away below that is not noticed
 _WORK_SIDE = 960  # evidence is gathered at this size; edges are solved at full size
 
@@ -97,7 +97,7 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     if settings.shadows:
         shadow, factor = _shadow(ours[..., 0], empty[..., 0], noise)
         variance[..., 0] += shadow * difference[..., 0] ** 2
-        # less light takes colour away by the same factor, which shows where the set is colourful
+        # less light takes color away by the same factor, which shows where the set is colorful
         faded = (shadow * (1 - factor))[..., None] * (empty[..., 1:] - np.float32(_NO_CHROMA))
         difference[..., 1:] += faded * np.clip(np.abs(faded) - _FADED, 0.0, 1.0)
     # The floor keeps faint reflections and flicker out of very clean footage.
@@ -133,7 +133,7 @@ def difference_matte(
         image: (H, W, 3) uint8 RGB.
         plate: (H, W, 3) uint8 RGB, the same view without the performer.
         settings: None is the defaults.
-        known: (H, W) bool, where the plate can be believed; None is everywhere. Elsewhere only colours decide.
+        known: (H, W) bool, where the plate can be believed; None is everywhere. Elsewhere only colors decide.
         doubtful: (H, W) bool, where the plate may show the performer; likeness to it does not make a hole there.
         colors: `color_table` of performer against set, learned from the whole footage; None learns from this image.
 
@@ -195,14 +195,14 @@ def foreground_mask(
         if sure.sum() > 50:
             table = color_table(image[sure], image[empty])
             evidence = evidence + 0.7 * np.clip(look_up(table, image), -3.0, 3.0)
-    grey = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
-    smooth = guided_filter(grey, evidence, radius=3, epsilon=4e-4)
+    gray = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
+    smooth = guided_filter(gray, evidence, radius=3, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
     minimum = int(1e-4 * mask.size)
     mask = keep_components(mask, settings.components, minimum, core=sure, likeness=ratio)
     if doubtful is None or ratio is None or not mask.any():
         return mask
-    # Dents and holes where the plate may show the performer: closed where the colours are the performer's.
+    # Dents and holes where the plate may show the performer: closed where the colors are the performer's.
     reach = max(1, round(0.04 * max(cv2.boundingRect(mask)[2:])))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     padded = cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
@@ -219,7 +219,7 @@ def solve_edges(
 ) -> np.ndarray:
     """A soft matte from a binary one: within `reach` pixels of the silhouette, solve I = a F + (1 - a) B for a.
 
-    F is the mean foreground colour just inside, B the plate. Where the two are hardly told apart the distance to the
+    F is the mean foreground color just inside, B the plate. Where the two are hardly told apart the distance to the
     silhouette decides.
 
     Args:
@@ -252,7 +252,7 @@ def solve_edges(
     power = cv2.transform(contrast * contrast, total)
     by_color = cv2.transform((ours - behind) * contrast, total) / np.maximum(power, 1.0)
     by_place = cv2.GaussianBlur(inner.astype(np.float32), (0, 0), 0.5 * reach)
-    # Variance of the colour solution: noise and texture of about 12 levels; of the place: 0.25.
+    # Variance of the color solution: noise and texture of about 12 levels; of the place: 0.25.
     trust = power / (12.0**2 * 3) * 0.25**2 * 16
     trust = np.where(weight > 1e-3, trust, 0.0)
     if known is not None:

@@ -1,20 +1,20 @@
 """Taking the screen's light off the performer's outline.
 
-At the outline a pixel mixes performer and screen, I = a F + (1 - a) B, and the screen's light colours the performer
+At the outline a pixel mixes performer and screen, I = a F + (1 - a) B, and the screen's light colors the performer
 himself. The first is undone with the matte and the screen as it is seen beside him, the second by the usual rule: the
 screen's channel may be no brighter than the brighter of the other two. Both touch the outline only, because clothes of
-the screen's hue would lose their colour.
+the screen's hue would lose their color.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-_LEAST_COVER = 0.1  # of a pixel by the performer, below which his colour is not solved for: noise would rule
+_LEAST_COVER = 0.1  # of a pixel by the performer, below which his color is not solved for: noise would rule
 
 
 def key_channels(color: np.ndarray) -> tuple[list[int], list[int]]:
-    """Channels (0 red, 1 green, 2 blue) that a screen's (3,) colour is bright in, and the others.
+    """Channels (0 red, 1 green, 2 blue) that a screen's (3,) color is bright in, and the others.
 
     One for green, blue and red screens; two for yellow, cyan and magenta ones.
     """
@@ -31,7 +31,7 @@ def despill(image: np.ndarray, matte: np.ndarray, behind: np.ndarray, color: np.
         image: (H, W, 3) uint8 RGB.
         matte: (H, W) uint8, 255 = performer.
         behind: (H, W, 3) uint8 RGB, the screen without the performer.
-        color: (3,) the screen's colour.
+        color: (3,) the screen's color.
 
     Returns:
         (H, W, 3) uint8. Pixels further from the outline than 1 % of the performer's size (at least 3 pixels) are as

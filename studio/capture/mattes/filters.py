@@ -6,7 +6,7 @@ import numpy as np
 
 
 def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: float) -> np.ndarray:
-    """Smooth `values` along the edges of `guide` (He, Sun and Tang, "Guided Image Filtering", 2010, grey guide).
+    """Smooth `values` along the edges of `guide` (He, Sun and Tang, "Guided Image Filtering", 2010, gray guide).
 
     Args:
         guide: (H, W) float32 in 0..1.
@@ -28,7 +28,7 @@ def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: f
 
 
 def color_histogram(colors: np.ndarray, bins: int = 16) -> np.ndarray:
-    """(bins, bins, bins) smoothed density of (N, 3) colours in 0..255, summing to 1."""
+    """(bins, bins, bins) smoothed density of (N, 3) colors in 0..255, summing to 1."""
     import cv2
 
     index = np.clip((colors * (bins / 256.0)).astype(np.int32), 0, bins - 1)
@@ -41,12 +41,12 @@ def color_histogram(colors: np.ndarray, bins: int = 16) -> np.ndarray:
 
 
 def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: float = 1e-5) -> np.ndarray:
-    """How much likelier colours are among `front` than among `back`, natural log.
+    """How much likelier colors are among `front` than among `back`, natural log.
 
     Args:
-        front, back: (N, 3) sample colours in 0..255.
+        front, back: (N, 3) sample colors in 0..255.
         bins: a channel.
-        floor: density below which a colour counts as not seen; 0 is returned where neither has it.
+        floor: density below which a color counts as not seen; 0 is returned where neither has it.
 
     Returns:
         (bins, bins, bins) float32, for `look_up`.
@@ -56,7 +56,7 @@ def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: floa
 
 
 def look_up(table: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """(H, W) values of a `color_table` at the colours of an (H, W, 3) image in 0..255."""
+    """(H, W) values of a `color_table` at the colors of an (H, W, 3) image in 0..255."""
     bins = table.shape[0]
     if image.dtype == np.uint8:
         index = (np.arange(256, dtype=np.int32) * bins // 256)[image]

@@ -35,7 +35,7 @@ class Matter(Protocol):
 
 @runtime_checkable
 class Recolors(Protocol):
-    """A `Matter` that also takes something off the performer's colours: a screen's light, say."""
+    """A `Matter` that also takes something off the performer's colors: a screen's light, say."""
 
     def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:
         """(H, W, 3) uint8 to use for the raw `image` (H, W, 3) uint8, of which `matte` (H, W) is the matte."""
@@ -71,7 +71,7 @@ class AlphaMatter:
 class FileMatter:
     """Separate mask images or videos, one a camera and frame; white is foreground.
 
-    A file's alpha channel is used where it has one and its colours say nothing (all equal). Masks of another size than
+    A file's alpha channel is used where it has one and its colors say nothing (all equal). Masks of another size than
     the images are scaled where the aspect ratio is the same.
     """
 

@@ -2,10 +2,10 @@
 
 A temporal median fails where the performer stays for half of the time. Here, per camera, at small size:
 
-1. A pixel's background is its densest colour over time (its mode): what stands still comes back exactly, what moves
+1. A pixel's background is its densest color over time (its mode): what stands still comes back exactly, what moves
    does not, even where it is seen more often.
-2. What differs from clear modes gives the performer's colours, the rest the set's; among a pixel's modes the one that
-   looks more like the set is taken, and colours are learned again.
+2. What differs from clear modes gives the performer's colors, the rest the set's; among a pixel's modes the one that
+   looks more like the set is taken, and colors are learned again.
 3. Frames are matted with that, and modes taken once more among the frames in which a pixel is not covered.
 
 Where a pixel is covered all the time the background stays unknown, and says so.
@@ -36,10 +36,10 @@ class Background:
     Attributes:
         plate: (H, W, 3) uint8 RGB.
         known: (H, W) bool, where the plate can be believed; None is everywhere.
-        doubtful: (H, W) bool, where the plate has a colour of the performer's that comes and goes, and so may show the
+        doubtful: (H, W) bool, where the plate has a color of the performer's that comes and goes, and so may show the
             performer standing still; None is nowhere.
-        colors: (B, B, B) float32, log ratio of a colour's density on the performer to that on the set; None where the
-            performer's colours were not learned.
+        colors: (B, B, B) float32, log ratio of a color's density on the performer to that on the set; None where the
+            performer's colors were not learned.
     """
 
     plate: np.ndarray
@@ -95,7 +95,7 @@ def _tolerance(stack: np.ndarray) -> int:
     return round(4 + 3 * noise)
 
 
-def _neighbours(stack: np.ndarray, tolerance: int) -> np.ndarray:
+def _neighbors(stack: np.ndarray, tolerance: int) -> np.ndarray:
     """(S, H, W) float32: how many samples of a pixel lie within `tolerance` of each one, itself included."""
     import cv2
 
@@ -110,7 +110,7 @@ def _neighbours(stack: np.ndarray, tolerance: int) -> np.ndarray:
 
 
 def _pick(stack: np.ndarray, score: np.ndarray, tolerance: int) -> tuple[np.ndarray, np.ndarray]:
-    """The mean colour (H, W, 3) float32 around each pixel's best sample, and which samples (S, H, W) belong to it."""
+    """The mean color (H, W, 3) float32 around each pixel's best sample, and which samples (S, H, W) belong to it."""
     best = score.argmax(axis=0)
     center = np.take_along_axis(stack, best[None, :, :, None], axis=0)[0].astype(np.int16)
     members = np.stack([np.abs(sample - center).max(axis=-1) <= tolerance for sample in stack])
@@ -129,11 +129,11 @@ def _evidence_of_color(table: np.ndarray, image: np.ndarray) -> np.ndarray:
 def _estimate_small(
     stack: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-    """Plate (H, W, 3) float32, its samples (S, H, W) bool, where it is known and doubtful (H, W), colour table."""
+    """Plate (H, W, 3) float32, its samples (S, H, W) bool, where it is known and doubtful (H, W), color table."""
     import cv2
 
     tolerance = _tolerance(stack)
-    density = np.log(_neighbours(stack, tolerance))
+    density = np.log(_neighbors(stack, tolerance))
     plate, members = _pick(stack, density, tolerance)
     table: np.ndarray | None = None
     for _ in range(3):
@@ -146,10 +146,10 @@ def _estimate_small(
             clear &= _evidence_of_color(table, plate) < 1.0
         front = stack[moved & clear]
         if len(front) < 200:
-            # Nothing moves much: there is no performer to learn colours from.
+            # Nothing moves much: there is no performer to learn colors from.
             everywhere = np.ones(plate.shape[:2], bool)
             return plate, members, everywhere, ~everywhere, None
-        # Colours of the set count more where the performer moves.
+        # Colors of the set count more where the performer moves.
         near = plate[clear & swept]
         table = color_table(front, np.concatenate([plate[clear], near, near]), bins=24, floor=2e-5)
         colors = np.stack([_evidence_of_color(table, sample) for sample in stack])
@@ -166,7 +166,7 @@ def _estimate_small(
         plate, members = _pick(stack, score, tolerance)
     members &= covered < 0.0
     best = np.take_along_axis(covered, score.argmax(axis=0)[None], axis=0)[0]
-    # A colour of the performer's that comes and goes may still be the performer standing there.
+    # A color of the performer's that comes and goes may still be the performer standing there.
     doubtful = (_evidence_of_color(table, plate) > 0.0) & (members.mean(axis=0) < 0.85)
     return plate, members, best < 0.0, doubtful, table
 
@@ -178,8 +178,8 @@ def _covered(
     evidence = difference_evidence(image, plate, settings)
     # Where the plate looks more like the performer than the image does, the plate is the one that is wrong.
     evidence = np.where((behind - colors > 1.0) & (evidence > 0.0), -2.0, evidence) + 0.7 * colors
-    grey = np.ascontiguousarray((image[..., 0] + image[..., 1] + image[..., 2]) / 765.0)
-    return guided_filter(grey, evidence.astype(np.float32), radius=6, epsilon=4e-4)
+    gray = np.ascontiguousarray((image[..., 0] + image[..., 1] + image[..., 2]) / 765.0)
+    return guided_filter(gray, evidence.astype(np.float32), radius=6, epsilon=4e-4)
 
 
 def _full_plate(

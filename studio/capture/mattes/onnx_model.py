@@ -113,7 +113,7 @@ class _Loaded:
 
         self._path = path
         options = onnxruntime.SessionOptions()
-        options.log_severity_level = 3  # errors come as exceptions; warnings are about its own optimiser
+        options.log_severity_level = 3  # errors come as exceptions; warnings are about its own optimizer
         options.intra_op_num_threads = settings.threads
         try:
             self._session: Any = onnxruntime.InferenceSession(

@@ -1,4 +1,4 @@
-"""Pictures whose performer was cut out already and put before one plain colour, white or black mostly, as data sets of
+"""Pictures whose performer was cut out already and put before one plain color, white or black mostly, as data sets of
 performers are often given out."""
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ import numpy as np
 from studio.capture.per_camera_cache import PerCamera
 from studio.errors import StudioError
 
-_BORDER = 4  # pixels all around that are looked at for the colour
+_BORDER = 4  # pixels all around that are looked at for the color
 _UNIFORM = 0.97  # share of them that must have it
-_NEAR = 6  # levels that count as the same colour there
+_NEAR = 6  # levels that count as the same color there
 _STRONG = 40  # levels above which a pixel is surely not background
 _MOST = 30  # levels that are forgiven at most
 _SPECK = 1e-5  # of the picture: smaller pieces are noise
 
 
 def plain_color(image: np.ndarray) -> np.ndarray | None:
-    """(3,) uint8: the one colour that nearly all of the picture's border has, exactly as far as coding leaves it; None
-    where there is no such colour, or nothing else in the picture. Of what is filmed this is never true.
+    """(3,) uint8: the one color that nearly all of the picture's border has, exactly as far as coding leaves it; None
+    where there is no such color, or nothing else in the picture. Of what is filmed this is never true.
 
     Args:
         image: (H, W, 3) uint8.
@@ -38,10 +38,10 @@ def plain_color(image: np.ndarray) -> np.ndarray | None:
 
 
 def plain_matte(image: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """What is not of the plain colour, soft by one pixel at the outline.
+    """What is not of the plain color, soft by one pixel at the outline.
 
-    Patches of the colour within the performer are holes (between an arm and the body). How many levels count as the
-    same colour is found beside the performer, where coding leaves its noise.
+    Patches of the color within the performer are holes (between an arm and the body). How many levels count as the
+    same color is found beside the performer, where coding leaves its noise.
 
     Args:
         image: (H, W, 3) uint8.
@@ -84,10 +84,10 @@ def _pieces(mask: np.ndarray, least: float) -> np.ndarray:
 
 
 class PlainMatter:
-    """What is not of the plain colour behind it; the colour is taken off the outline's pixels (see `Recolors`).
+    """What is not of the plain color behind it; the color is taken off the outline's pixels (see `Recolors`).
 
     Args:
-        first: gives a camera's first picture (H, W, 3) uint8, from which the colour is found.
+        first: gives a camera's first picture (H, W, 3) uint8, from which the color is found.
     """
 
     def __init__(self, first: Callable[[str], np.ndarray]) -> None:
@@ -98,7 +98,7 @@ class PlainMatter:
         color = plain_color(self._first(camera))
         if color is None:
             raise StudioError(
-                f"Camera '{camera}': the border of its first picture has not one plain colour, so masks cannot be made "
+                f"Camera '{camera}': the border of its first picture has not one plain color, so masks cannot be made "
                 "of it; choose other masks."
             )
         return color
@@ -108,7 +108,7 @@ class PlainMatter:
         return plain_matte(np.ascontiguousarray(image[:, :, :3]), self._colors(camera))
 
     def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:
-        """See `Recolors`: the performer's own colour in mixed pixels, F = (I - (1 - a) B) / a."""
+        """See `Recolors`: the performer's own color in mixed pixels, F = (I - (1 - a) B) / a."""
         rows, columns = np.nonzero((matte > 25) & (matte < 255))
         alpha = matte[rows, columns, None].astype(np.float32) / 255
         mixed = image[rows, columns].astype(np.float32) - (1 - alpha) * self._colors(camera)

@@ -1,7 +1,7 @@
-"""The coloured screen behind a performer: finding its colour in a camera's footage.
+"""The colored screen behind a performer: finding its color in a camera's footage.
 
-A screen is told by its direction in RGB: less light scales a colour towards black and leaves the direction, so wrinkles
-and shadows of the screen stay screen. Colours are compared by the tangents of their angles to that direction.
+A screen is told by its direction in RGB: less light scales a color toward black and leaves the direction, so wrinkles
+and shadows of the screen stay screen. Colors are compared by the tangents of their angles to that direction.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 
 from studio.errors import StudioError
 
-_SIDE = 320  # longest side while looking for the colour
+_SIDE = 320  # longest side while looking for the color
 _HUES = 72  # bins of 5 degrees
-_NEAR = 0.25  # tangent of the angle within which a colour may be a given key colour: 14 degrees
+_NEAR = 0.25  # tangent of the angle within which a color may be a given key color: 14 degrees
 _LEAST_SHARE = 0.12  # of the picture, border counted twice, that an unasked-for screen must cover
 _LEAST_SATURATION = 0.3
 
@@ -28,7 +28,7 @@ class Screen:
 
     Attributes:
         color: (3,) float32 RGB in 0..255, its median.
-        spread: tangent of the angle by which its colours lie apart (robust standard deviation on each axis).
+        spread: tangent of the angle by which its colors lie apart (robust standard deviation on each axis).
     """
 
     color: np.ndarray
@@ -36,7 +36,7 @@ class Screen:
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """(3, 3) float32 orthonormal rows: the colour's direction, and two across it."""
+        """(3, 3) float32 orthonormal rows: the color's direction, and two across it."""
         along = self.color.astype(np.float64) / np.linalg.norm(self.color)
         start = np.zeros(3)
         start[int(along.argmin())] = 1.0
@@ -45,7 +45,7 @@ class Screen:
         return np.stack([along, first, np.cross(along, first)]).astype(np.float32)
 
     def tangents(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far colours point away from the screen's, and how bright they are along it.
+        """How far colors point away from the screen's, and how bright they are along it.
 
         Args:
             image: (H, W, 3) float32 RGB in 0..255.
@@ -62,16 +62,16 @@ class Screen:
 
 
 def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[float] | None = None) -> Screen:
-    """The screen's colour as one camera sees it.
+    """The screen's color as one camera sees it.
 
     Args:
         images: a few frames, (H, W, 3) uint8 RGB.
         camera: its name, for the messages.
-        key_color: about what colour to look for, RGB in 0..1; None takes the hue that covers most of the picture in
-            saturated colours, where the border counts twice (the performer seldom stands there).
+        key_color: about what color to look for, RGB in 0..1; None takes the hue that covers most of the picture in
+            saturated colors, where the border counts twice (the performer seldom stands there).
 
     Raises:
-        StudioError: no saturated colour covers enough; nothing in the pictures is like `key_color`.
+        StudioError: no saturated color covers enough; nothing in the pictures is like `key_color`.
     """
     import cv2
 
@@ -95,7 +95,7 @@ def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[f
         if near.mean() < 0.01:
             raise StudioError(
                 f"Camera '{camera}': nothing in its picture is like key_color {_words(255 * np.asarray(key_color))}; "
-                "give the screen's colour as this footage shows it, or auto."
+                "give the screen's color as this footage shows it, or auto."
             )
         chosen = colors[near]
     return _screen_of(chosen)
@@ -120,14 +120,14 @@ def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray
     if share < _LEAST_SHARE:
         most = f"the most common one, {_words(np.median(colors[chosen], axis=0))}, covers" if share else "they cover"
         raise StudioError(
-            f"Camera '{camera}': no saturated colour dominates its picture ({most} {100 * share:.0f} % of it), so no "
+            f"Camera '{camera}': no saturated color dominates its picture ({most} {100 * share:.0f} % of it), so no "
             "screen was found; give key_color, or another kind of masks."
         )
     return colors[chosen]
 
 
 def _hue(colors: np.ndarray) -> np.ndarray:
-    """(N,) hue in 0..1 of (N, 3) float32 colours."""
+    """(N,) hue in 0..1 of (N, 3) float32 colors."""
     import cv2
 
     hsv = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2HSV)
@@ -135,7 +135,7 @@ def _hue(colors: np.ndarray) -> np.ndarray:
 
 
 def _screen_of(colors: np.ndarray) -> Screen:
-    """The screen of (N, 3) colours, most of which are its own; strays of like hue are left out."""
+    """The screen of (N, 3) colors, most of which are its own; strays of like hue are left out."""
     for _ in range(3):
         middle = np.median(colors / np.maximum(colors.sum(axis=1, keepdims=True), 1.0), axis=0)
         screen = Screen((middle * np.median(colors.sum(axis=1))).astype(np.float32), 0.0)
@@ -149,11 +149,11 @@ def _screen_of(colors: np.ndarray) -> Screen:
 
 
 def saturated(color: Sequence[float]) -> bool:
-    """Whether a colour (RGB in 0..1) is one that a screen can be told by."""
+    """Whether a color (RGB in 0..1) is one that a screen can be told by."""
     _, saturation, value = colorsys.rgb_to_hsv(*color)
     return saturation >= _LEAST_SATURATION and value > 0.1
 
 
 def _words(color: np.ndarray) -> str:
-    """[0.10, 0.60, 0.20] of an RGB colour in 0..255."""
+    """[0.10, 0.60, 0.20] of an RGB color in 0..255."""
     return "[" + ", ".join(f"{value / 255:.2f}" for value in color) + "]"

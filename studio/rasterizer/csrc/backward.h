@@ -3,11 +3,11 @@
 // Sums over the pixels of a tile that a splat's slot holds. q is dLoss/d(ln alpha).
 enum Slot { S_Q, S_QU, S_QUU, S_QV, S_QUV, S_QVV, S_RED, S_GREEN, S_BLUE, S_DEPTH };
 
-// Pass D for one tile. With S the sum of what lies behind a splat at a pixel (colour times gradient), blended,
+// Pass D for one tile. With S the sum of what lies behind a splat at a pixel (color times gradient), blended,
 // dLoss/dalpha = T (color . g) - S / (1 - alpha); S starts as the whole pixel and shrinks front to back.
 template <typename T, bool EXTRA>
 struct Undone {
-    Vec<T> through, behind, red, green, blue;  // the colours are gradients
+    Vec<T> through, behind, red, green, blue;  // the colors are gradients
 };
 template <typename T>
 struct Undone<T, true> {
@@ -174,7 +174,7 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
     const V d_x = root * l_a * qu, d_y = root * (l_b * qu + l_c * qv);
     V d_logit = keep<T>(drawn, g.one_minus_opacity * q);
 
-    // colour
+    // color
     V d_color[3], basis[16], bx[16], by[16], bz[16], sh[48];
     for (int ch = 0; ch < 3; ch++) d_color[ch] = load<T>(lanes[S_RED + ch]) * load<T>(open[ch]);
     sh_basis<T, true>(splats.coefficients, g.direction[0], g.direction[1], g.direction[2], basis, bx, by, bz);

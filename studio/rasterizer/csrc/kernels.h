@@ -31,9 +31,9 @@ struct Splats {
     const T* offsets;  // may be null
 };
 
-// A projected splat, one cache line in float. u = a dx + b dy and v = c dy, with dx, dy from the centre to the pixel;
+// A projected splat, one cache line in float. u = a dx + b dy and v = c dy, with dx, dy from the center to the pixel;
 // alpha = 2^(log2_opacity - u^2 - v^2): the Cholesky factor of the inverse covariance, scaled for base 2. At a given dy
-// the splat is centred at dx = slant dy, and u changes by 1 over `width` pixels.
+// the splat is centered at dx = slant dy, and u changes by 1 over `width` pixels.
 template <typename T>
 struct alignas(16 * sizeof(T)) Projected {
     T x, y, a, b, c, log2_opacity;
@@ -41,7 +41,7 @@ struct alignas(16 * sizeof(T)) Projected {
     T slant, width;
     std::int16_t left, top, right, bottom;  // pixels that may reach 1/255, inclusive; left > right: none
     std::uint32_t slot;                     // first of the splat's slots, one a tile of its box, row by row
-    std::uint8_t visible, clamped;          // clamped: bit c set where colour c was below 0
+    std::uint8_t visible, clamped;          // clamped: bit c set where color c was below 0
 };
 
 template <typename T>

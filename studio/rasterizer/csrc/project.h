@@ -150,7 +150,7 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
         V ratio = T(1) / vsqrt(g.yy * g.det);
         V a = s * g.yy * ratio, b = -s * g.xy * ratio, c = s / vsqrt(g.yy), slant = g.xy / g.yy;
 
-        // Pixels whose centres lie in the box; a little more than exact, since the pixels are tested one by one.
+        // Pixels whose centers lie in the box; a little more than exact, since the pixels are tested one by one.
         V slack_x = T(1e-3) + half_x * T(1e-5), slack_y = T(1e-3) + half_y * T(1e-5);
         V low_x = vmax<T>(mx - half_x - T(0.5) - slack_x, all<T>(T(-1))),
           high_x = vmin<T>(mx + half_x - T(0.5) + slack_x, all<T>(width - T(1)));

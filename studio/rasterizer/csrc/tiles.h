@@ -17,7 +17,7 @@ VS_INLINE TileBox tile_box(const Camera& camera, int tiles_x, int tile) {
     return box;
 }
 
-// Where the pixels of each column and each row of blocks are, counted from the first pixel's centre.
+// Where the pixels of each column and each row of blocks are, counted from the first pixel's center.
 template <typename T>
 struct Grid {
     Vec<T> x[BLOCKS_X], y[BLOCKS_Y];

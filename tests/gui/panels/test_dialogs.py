@@ -76,7 +76,7 @@ def test_recent_ones_that_are_gone(tree: Path) -> None:
 
 
 def test_a_marked_folder_is_opened_and_enter_confirms(
-    open_window: Callable, take_copy: Path, tmp_path: Path, artefacts: Path
+    open_window: Callable, take_copy: Path, tmp_path: Path, artifacts: Path
 ) -> None:
     settings = tmp_path / "config" / "v3studio"
     settings.mkdir(parents=True)
@@ -89,7 +89,7 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     window.menu("File", 2)
     window.wait_for("the list", lambda s: s["dialog"] == "recent")
     time.sleep(0.7)
-    window.screenshot(artefacts / "dialog_recent.png")
+    window.screenshot(artifacts / "dialog_recent.png")
     window.click("dialog forget")
     window.wait_for("no dialog", lambda s: s["dialog"] == "")
     assert json.loads((settings / "window.json").read_text())["recent"] == recent[1:]
@@ -101,7 +101,7 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     names = [entry.path.name for entry in FolderList(take_copy.parent, "take").entries]
     row = 0.011 + (names.index("take") + 0.5) / 14
     window.click("dialog list", 0.2, row)
-    window.screenshot(artefacts / "dialog_path.png")
+    window.screenshot(artifacts / "dialog_path.png")
     window.click("dialog open")
     state = window.wait_for("the take", lambda s: s["frames"] > 1 and s["dialog"] == "" and s["opening"] == "")
     assert state["title"].startswith("take ")

@@ -101,8 +101,8 @@ def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
 
 def test_harmonics_can_be_cut(here, tmp_path):
     settings = BakeSettings(qp=0)
-    coloured = body(0, 60).with_sh_degree(2)
-    write_manifest(tmp_path / "s", [bake_group([coloured], tmp_path / "s", 0, 0, settings)], 10.0, settings)
+    colored = body(0, 60).with_sh_degree(2)
+    write_manifest(tmp_path / "s", [bake_group([colored], tmp_path / "s", 0, 0, settings)], 10.0, settings)
     for degree in (0, 1):
         out = tmp_path / f"{degree}.ply"
         done = here("export", tmp_path / "s", "--format", "ply", "--sh-degree", degree, "--out", out)

@@ -40,7 +40,7 @@ def test_defaults_are_the_papers():
     ("section", "make", "theirs"),
     [
         ("train", train_settings, {"snapshot_every"}),
-        ("initialise", hull_settings, set()),
+        ("initialize", hull_settings, set()),
         ("calibrate", lambda section: sfm_settings(section, Config().run), {"threads", "seed"}),
         ("bake", lambda section: bake_settings(section, 1), {"threads"}),
         ("capture", capture_spec, {"cache_bytes", "mask_device", "mask_threads"}),

@@ -43,7 +43,7 @@ def test_numbers_that_json_lacks_become_null_and_numpy_numbers_plain():
 
 
 def test_fields_of_a_later_version_are_passed_over():
-    values = {**json.loads(EXAMPLES[5].to_json()), "colour": "red"}
+    values = {**json.loads(EXAMPLES[5].to_json()), "color": "red"}
     assert parse_event(json.dumps(values)) == EXAMPLES[5]
 
 

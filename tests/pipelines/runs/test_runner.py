@@ -66,14 +66,14 @@ def trained(events: list[Event]) -> list[int]:
 def test_a_run_leaves_every_result_in_its_place(project):
     root = project.take.root
     assert {path.name for path in root.iterdir()} == {
-        "take.json", "config.yaml", "calibrate", "initialise", "train", "stream", "evaluation.json", "report.html",
+        "take.json", "config.yaml", "calibrate", "initialize", "train", "stream", "evaluation.json", "report.html",
         ".v3studio",
     }  # fmt: skip
     assert [path.name for path in sorted((root / "train/group_000").iterdir())] == [
         "frame_000000.safetensors", "frame_000001.safetensors", "frame_000002.safetensors", "group.json",
     ]  # fmt: skip
     assert {path.name for path in (root / "stream").iterdir()} == {"manifest.json", "group_000", "group_001"}
-    points, colors = read_points(root / "initialise/group_001/points.ply")
+    points, colors = read_points(root / "initialize/group_001/points.ply")
     assert points.shape == colors.shape == (400, 3)
     # the ball of radius 0.55 stands at (0.09, 0.06, 0) in frame 3; a hull of five cameras is a little larger
     assert np.abs(np.linalg.norm(points - [0.09, 0.06, 0], axis=1) - 0.55).mean() < 0.1
@@ -157,14 +157,14 @@ def test_marks_come_into_the_report_without_measuring_again(project):
 
 
 def test_running_again_does_nothing(project):
-    before = project.bytes_of("train", "stream", "initialise", "calibrate")
+    before = project.bytes_of("train", "stream", "initialize", "calibrate")
     times = project.written("train")
     events = project.run()
     assert ran(events) == []
     assert isinstance(events[0], RunStarted)
     assert events[0].stages == ()
     assert events[0].done == ALL_STAGES
-    assert project.bytes_of("train", "stream", "initialise", "calibrate") == before
+    assert project.bytes_of("train", "stream", "initialize", "calibrate") == before
     assert project.written("train") == times
     assert set(project.states().values()) == {"done"}
 
@@ -172,7 +172,7 @@ def test_running_again_does_nothing(project):
 def test_a_baking_setting_reruns_baking_and_evaluation_only(project):
     before = project.bytes_of("train")
     assert project.states("bake.qp=35") == {
-        "calibrate": "done", "initialise": "done", "train": "done", "bake": "stale", "evaluate": "stale"
+        "calibrate": "done", "initialize": "done", "train": "done", "bake": "stale", "evaluate": "stale"
     }  # fmt: skip
     assert project.found["bake"].reason == "bake.qp changed from 20 to 35"
     size = json.loads(project.take.evaluation.read_text())["protocol"]["total_bytes"]
@@ -200,8 +200,8 @@ def test_a_changed_image_is_noticed(project):
     Image.fromarray(image).save(path)
     states = project.states()
     assert states["calibrate"] == "done"  # it came from a file that did not change
-    assert states["initialise"] == "stale"
-    assert project.found["initialise"].reason == "the footage changed"
+    assert states["initialize"] == "stale"
+    assert project.found["initialize"].reason == "the footage changed"
 
 
 def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project):
@@ -220,10 +220,10 @@ def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project):
 def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
     shutil.rmtree(project.take.root)
     Take.create(project.take.root)
-    project.run("capture.stop=4", stages=("calibrate", "initialise", "train", "bake"))
+    project.run("capture.stop=4", stages=("calibrate", "initialize", "train", "bake"))
     times = project.written("train")
     assert len(times) == 4
-    events = project.run(stages=("calibrate", "initialise", "train", "bake"))
+    events = project.run(stages=("calibrate", "initialize", "train", "bake"))
     assert trained(events) == [4]
     assert {name: time for name, time in project.written("train").items() if name in times} == times
     assert json.loads((project.take.stream / "manifest.json").read_text())["frame_count"] == 5
@@ -232,7 +232,7 @@ def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
 def test_a_shorter_take_drops_the_frames_it_lost(project):
     events = project.run("capture.stop=2")
     assert trained(events) == []
-    assert ran(events) == ["initialise", "train", "bake", "evaluate"]
+    assert ran(events) == ["initialize", "train", "bake", "evaluate"]
     assert sorted(project.written("train")) == ["frame_000000.safetensors", "frame_000001.safetensors"]
     assert not (project.take.root / "train/group_001").exists()
     assert {path.name for path in project.take.stream.iterdir()} == {"manifest.json", "group_000"}
@@ -253,16 +253,16 @@ def test_force_runs_a_stage_that_is_up_to_date_and_gives_the_same(project):
 
 def test_another_seed_trains_again_and_differs(project):
     before = project.bytes_of("train")
-    events = project.run("run.seed=7", stages=("initialise", "train"))
+    events = project.run("run.seed=7", stages=("initialize", "train"))
     assert trained(events) == [0, 1, 2, 3, 4]
     after = project.bytes_of("train")
     assert all(after[name] != before[name] for name in before if name.endswith("safetensors"))
 
 
 def test_progress_grows_and_says_how_long_is_left(project):
-    events = project.run("run.seed=8", "train.finetune_iterations=40", stages=("initialise", "train"))
+    events = project.run("run.seed=8", "train.finetune_iterations=40", stages=("initialize", "train"))
     progress = [event for event in events if isinstance(event, Progress)]
-    for stage in ("initialise", "train"):
+    for stage in ("initialize", "train"):
         fractions = [event.fraction for event in progress if event.stage == stage]
         assert fractions == sorted(fractions)
         assert fractions[-1] == 1.0
@@ -276,7 +276,7 @@ def test_progress_grows_and_says_how_long_is_left(project):
 def test_previews_are_pictures_of_the_held_out_camera(project):
     from pipelines.events import Preview
 
-    events = project.run("run.seed=9", "run.preview_seconds=0.001", stages=("initialise", "train"))
+    events = project.run("run.seed=9", "run.preview_seconds=0.001", stages=("initialize", "train"))
     previews = [event for event in events if isinstance(event, Preview)]
     assert previews
     assert {event.camera for event in previews} == {"cam4"}

@@ -63,10 +63,10 @@ def test_a_take_grouped_by_motion(project: Path, here: Callable[..., Any]) -> No
         return [group["first_frame"] for group in manifest["groups"]]
 
     assert run("--train.group-change", 0.001) == [0, 4]
-    written = (take / "initialise" / "groups.json").stat().st_mtime_ns
-    assert len(list((take / "initialise").glob("group_*"))) == 2
+    written = (take / "initialize" / "groups.json").stat().st_mtime_ns
+    assert len(list((take / "initialize").glob("group_*"))) == 2
     assert run("--train.group-change", 0.001) == [0, 4]
-    assert (take / "initialise" / "groups.json").stat().st_mtime_ns == written, "looked at once"
+    assert (take / "initialize" / "groups.json").stat().st_mtime_ns == written, "looked at once"
     keyframe = (take / "train" / "group_000" / "frame_000000.safetensors").read_bytes()
     assert run("--train.group-change", 0.9) == [0], "the ball only moves, which does not count"
     assert (take / "train" / "group_000" / "frame_000000.safetensors").read_bytes() == keyframe

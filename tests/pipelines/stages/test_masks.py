@@ -1,4 +1,4 @@
-"""Takes whose masks are made: by a matting model, from a coloured screen."""
+"""Takes whose masks are made: by a matting model, from a colored screen."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GREEN = (80, 165, 60)  # as OpenCV writes it: blue first
 
 
 def put_before(behind: tuple[int, int, int], capture: Path, saturation: float = 1.0) -> None:
-    """The ball's images without alpha channel, over a colour, with noise; the ball less colourful."""
+    """The ball's images without alpha channel, over a color, with noise; the ball less colorful."""
     random = np.random.default_rng(0)
     for path in capture.glob("images/*/*.png"):
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(float)
@@ -35,7 +35,7 @@ def put_before(behind: tuple[int, int, int], capture: Path, saturation: float = 
 
 
 def radii(take: Path) -> np.ndarray:
-    points, _ = read_points(take / "initialise" / "group_000" / "points.ply")
+    points, _ = read_points(take / "initialize" / "group_000" / "points.ply")
     return np.linalg.norm(points, axis=1)
 
 
@@ -53,17 +53,17 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
         ("mask-model-sigmoid", True),
     ]
     given = [word for name, value in settings for word in (f"--capture.{name}", value)]
-    done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialise", *given)
+    done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given)
     assert done.returncode == 0, done.stderr
     assert np.median(radii(project / "take")) == pytest.approx(RADIUS, abs=0.05)
     take = Take.open(project / "take")
     kept = {path: path.stat().st_mtime_ns for path in (take.footage_cache / "mattes").iterdir()}
     assert kept
     config = load_config(take.config)
-    assert status(take, config)["initialise"].state == "done"
+    assert status(take, config)["initialize"].state == "done"
     shutil.copy(MODELS / "fixed.onnx", model)  # another file of the same name
-    assert status(take, config)["initialise"].state == "stale"
-    done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialise", *given)
+    assert status(take, config)["initialize"].state == "stale"
+    done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given)
     assert done.returncode == 0, done.stderr
     assert len(list((take.footage_cache / "mattes").iterdir())) == 2 * len(kept)
     assert all(path.stat().st_mtime_ns == time for path, time in kept.items())

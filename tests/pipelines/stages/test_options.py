@@ -24,13 +24,13 @@ def test_what_is_no_number_is_wrong_usage(here, tmp_path, option, value, said):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--square", "-5"), "--square is -5; give the side of a square in millimetres"),
-        (("--square", "0", "--kind", "chessboard"), "--square is 0; give the side of a square in millimetres"),
-        (("--marker", "70"), "--marker is 70 mm; give the side of a marker in millimetres, above 0 and below that of"),
+        (("--square", "-5"), "--square is -5; give the side of a square in millimeters"),
+        (("--square", "0", "--kind", "chessboard"), "--square is 0; give the side of a square in millimeters"),
+        (("--marker", "70"), "--marker is 70 mm; give the side of a marker in millimeters, above 0 and below that of"),
         (("--marker", "-1"), "--marker is -1 mm"),
     ],
 )
-def test_a_boards_sizes_are_answered_in_millimetres(here, tmp_path, options, said):
+def test_a_boards_sizes_are_answered_in_millimeters(here, tmp_path, options, said):
     done = here("board", tmp_path / "b.pdf", *options)
     assert done.returncode == 1
     assert said in done.stderr

@@ -78,7 +78,7 @@ def test_comparison_measures_what_was_changed() -> None:
 
 
 def test_upright_world() -> None:
-    """z up, the origin where the cameras look, x towards the first camera, mean distance 1; whatever it was before."""
+    """z up, the origin where the cameras look, x toward the first camera, mean distance 1; whatever it was before."""
     rig = MOVE.rig(ring(5, 4.0, (0.3, 0.2, 0.1)))
     world = upright(rig, np.zeros((0, 3))).rig(rig)
     np.testing.assert_allclose(world.up, [0, 0, 1], atol=1e-9)

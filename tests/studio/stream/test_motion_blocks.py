@@ -25,7 +25,7 @@ def test_bodies_that_pass_through_each_other_are_told_apart():
     assert firsts == sorted(firsts)  # numbered by their first splat
     of_second, sizes = np.bincount(labels, weights=second), np.bincount(labels)
     strangers = np.minimum(of_second, sizes - of_second).sum()
-    assert strangers < 0.06 * len(labels)  # blocks of neighbours would hold half of each body
+    assert strangers < 0.06 * len(labels)  # blocks of neighbors would hold half of each body
 
 
 def test_a_rigid_body_needs_few_blocks():
@@ -52,8 +52,8 @@ def test_fit_finds_the_affine_motion_past_outliers():
     assert np.abs(blocks.local[:200] @ plain - wanted[:200]).max() > 0.1  # least squares alone is bent
 
 
-def test_centres_are_whole_cells():
+def test_centers_are_whole_cells():
     cells = np.array([[0, 0, 0], [1, 1, 1], [4, 5, 6], [9, 9, 9]])
     blocks = Blocks.over(cells, np.array([0, 0, 0, 1]), 2, 0.5, 2.0)
-    assert np.allclose(blocks.local[0], [-0.25, -0.5, -0.5, 1])  # centre 5 // 3, 6 // 3, 7 // 3 = 1, 2, 2
+    assert np.allclose(blocks.local[0], [-0.25, -0.5, -0.5, 1])  # center 5 // 3, 6 // 3, 7 // 3 = 1, 2, 2
     assert np.allclose(blocks.local[3], [0, 0, 0, 1])

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantise, join_bytes, quantise, split_bytes
+from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes, quantize, split_bytes
 
 ALL_CODES = np.arange(65536, dtype=np.uint16)
 
@@ -13,7 +13,7 @@ ALL_CODES = np.arange(65536, dtype=np.uint16)
 def test_error_is_at_most_half_a_step(levels, low, width, seed):
     high = low + width
     values = np.random.default_rng(seed).uniform(low, high, 100)
-    back = dequantise(quantise(values, low, high, levels), low, high, levels)
+    back = dequantize(quantize(values, low, high, levels), low, high, levels)
     rounding = 3e-7 * max(abs(low), abs(high))  # float32 of the result
     assert np.abs(back - values).max() <= 0.5 * (high - low) / levels + rounding
 
@@ -22,18 +22,18 @@ def test_error_is_at_most_half_a_step(levels, low, width, seed):
 def test_every_code_comes_back(levels):
     codes = np.arange(levels + 1, dtype=np.uint16)
     values = -1.5 + codes.astype(np.float64) * 4.0 / levels
-    assert np.array_equal(quantise(values, -1.5, 2.5, levels), codes)
+    assert np.array_equal(quantize(values, -1.5, 2.5, levels), codes)
 
 
 def test_ends_of_the_range_are_exact_and_beyond_is_clamped():
-    codes = quantise(np.array([-5.0, 2.0, 3.0, 9.0]), 2.0, 3.0, LEVELS_8)
+    codes = quantize(np.array([-5.0, 2.0, 3.0, 9.0]), 2.0, 3.0, LEVELS_8)
     assert codes.tolist() == [0, 0, 255, 255]
 
 
 def test_constant_range():
-    codes = quantise(np.full(7, 3.25), 3.25, 3.25, LEVELS_8)
+    codes = quantize(np.full(7, 3.25), 3.25, 3.25, LEVELS_8)
     assert not codes.any()
-    assert dequantise(codes, 3.25, 3.25, LEVELS_8).tolist() == [3.25] * 7
+    assert dequantize(codes, 3.25, 3.25, LEVELS_8).tolist() == [3.25] * 7
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

@@ -47,7 +47,7 @@ def cameras() -> list[Camera]:
 
 
 def ball(offset: torch.Tensor) -> Gaussians:
-    """300 opaque splats on a sphere of radius 0.5 with a checkered colour that moves with it."""
+    """300 opaque splats on a sphere of radius 0.5 with a checkered color that moves with it."""
     index = torch.arange(300) + 0.5
     polar, turn = torch.acos(1 - 2 * index / 300), math.pi * (1 + 5**0.5) * index
     unit = torch.stack([polar.sin() * turn.cos(), polar.cos(), polar.sin() * turn.sin()], -1)
@@ -117,7 +117,7 @@ def test_velocity_leaves_the_noise_of_single_splats_behind(after: list[TrainView
     older = replace(older, means=older.means + noise)
 
     def error(count: int) -> float:
-        settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_velocity_neighbours=count)
+        settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_velocity_neighbors=count)
         moved = train_interframe(previous, after, settings, before_previous=older).gaussians.means
         return float((moved - previous.means - SHIFT).norm(dim=-1).mean())
 
@@ -303,7 +303,7 @@ def test_a_warm_network_knows_the_motion_of_the_frame_before(after: list[TrainVi
 
 
 def test_fine_tuning_for_rounded_attributes_runs(after: list[TrainView]) -> None:
-    settings = TrainSettings(**{**vars(SETTINGS), "simulate_quantisation": True, "temporal_huber": 1.0})
+    settings = TrainSettings(**{**vars(SETTINGS), "simulate_quantization": True, "temporal_huber": 1.0})
     truth = ball(SHIFT)
     result = train_interframe(truth, after, settings, seed=3)
     assert loss_of(result.gaussians, after) < 1.5 * loss_of(truth, after) + 0.01

@@ -14,7 +14,7 @@ from studio.training.regularizers import (
     baked_values,
     bits_of_residual,
     channels,
-    quantisation_steps,
+    quantization_steps,
     temporal_loss,
 )
 
@@ -49,10 +49,10 @@ def test_bits_have_finite_gradients_far_out() -> None:
     assert torch.isfinite(bits).all()
     assert torch.isfinite(residual.grad).all()
     assert torch.isfinite(sigma.grad)
-    assert residual.grad[2] > 0 > residual.grad[3], "the loss pulls residuals towards the mean"
+    assert residual.grad[2] > 0 > residual.grad[3], "the loss pulls residuals toward the mean"
 
 
-def test_learnt_entropy_reaches_that_of_the_data() -> None:
+def test_learned_entropy_reaches_that_of_the_data() -> None:
     """Fitted to Gaussian residuals of deviation 3 steps, the bits equal a Gaussian's differential entropy."""
     torch.manual_seed(0)
     before = torch.zeros(5000, 11)
@@ -118,7 +118,7 @@ def test_temporal_loss_is_the_sum_over_the_plane() -> None:
 
 
 def test_steps_are_those_of_eight_bits() -> None:
-    step = quantisation_steps(torch.tensor([[0.0, 1.0], [2.55, 1.0]]))
+    step = quantization_steps(torch.tensor([[0.0, 1.0], [2.55, 1.0]]))
     assert step[0].item() == pytest.approx(0.01)
     assert step[1] > 0
 
@@ -137,7 +137,7 @@ def test_huber_is_quadratic_inside_and_linear_outside() -> None:
 
 
 def test_simulated_rounding_is_the_bakers_and_passes_gradients() -> None:
-    from studio.stream.quantize import LEVELS_8, dequantise, quantise
+    from studio.stream.quantize import LEVELS_8, dequantize, quantize
 
     generator = torch.Generator().manual_seed(4)
     n = 500
@@ -150,12 +150,12 @@ def test_simulated_rounding_is_the_bakers_and_passes_gradients() -> None:
     )
     splats.log_scales.requires_grad_(True)
     values = baked_values(splats, splats.unit_quats)
-    low, steps = values.detach().amin(0), quantisation_steps(values)
+    low, steps = values.detach().amin(0), quantization_steps(values)
     drawn = as_baked(splats, values, low, steps)
     for column in range(3):
         plain = splats.log_scales[:, column].detach().numpy()
         lowest, highest = float(plain.min()), float(plain.max())
-        stored = dequantise(quantise(plain, lowest, highest, LEVELS_8), lowest, highest, LEVELS_8)
+        stored = dequantize(quantize(plain, lowest, highest, LEVELS_8), lowest, highest, LEVELS_8)
         assert np.abs(drawn.log_scales[:, column].detach().numpy() - stored).max() < 1e-5
     assert drawn.sh.shape == splats.sh.shape
     drawn.log_scales.sum().backward()

@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.training.splat_rotation import local_rotations, multiply, neighbours, quaternions
+from studio.training.splat_rotation import local_rotations, multiply, neighbors, quaternions
 
 
 def wxyz(rotation: Rotation) -> torch.Tensor:
@@ -34,14 +34,14 @@ def test_a_turned_body_turns_its_splats(flat: bool) -> None:
         points[:, 2] = 0
     turn = Rotation.from_rotvec([[0.4, -0.2, 0.7]])
     before, after = torch.from_numpy(points), torch.from_numpy(turn.apply(points) + np.array([1.0, 2.0, 3.0]))
-    near = neighbours(before, 12)
+    near = neighbors(before, 12)
     assert near.shape == (200, 12)
-    assert not bool((near == torch.arange(200)[:, None]).any()), "nobody is its own neighbour"
+    assert not bool((near == torch.arange(200)[:, None]).any()), "nobody is its own neighbor"
     found = local_rotations(before, after, near)
     assert torch.allclose((found * wxyz(turn)).sum(-1).abs(), torch.ones(200).double(), atol=1e-9)
 
 
 def test_a_lone_splat_does_not_turn() -> None:
     before = torch.rand(2, 3)
-    found = local_rotations(before, torch.rand(2, 3), neighbours(before, 8))
+    found = local_rotations(before, torch.rand(2, 3), neighbors(before, 8))
     assert torch.equal(found, torch.tensor([[1.0, 0, 0, 0], [1.0, 0, 0, 0]]))

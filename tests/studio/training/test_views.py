@@ -16,7 +16,7 @@ SIZE = 120
 
 
 def captured(with_plate: bool) -> View:
-    """A grey square of half covered border pixels before a bright, uneven wall."""
+    """A gray square of half covered border pixels before a bright, uneven wall."""
     rng = np.random.default_rng(0)
     plate = rng.integers(120, 250, (SIZE, SIZE, 3)).astype(np.uint8)
     matte = np.zeros((SIZE, SIZE), np.uint8)
@@ -47,12 +47,12 @@ def test_crop_keeps_where_points_project() -> None:
     assert torch.equal(cropped.image, torch.from_numpy(view.image[20:100, 32:88]).float() / 255)
 
 
-def test_composite_without_plate_is_the_matte_over_the_colour() -> None:
+def test_composite_without_plate_is_the_matte_over_the_color() -> None:
     view = TrainView.from_view(captured(False))
-    colour = torch.tensor([1.0, 0.0, 0.5])
-    expected = view.image * view.matte[..., None] + colour * (1 - view.matte[..., None])
-    assert torch.allclose(view.composited(colour), expected, atol=1e-6)
-    assert view.backdrop(colour) is None
+    color = torch.tensor([1.0, 0.0, 0.5])
+    expected = view.image * view.matte[..., None] + color * (1 - view.matte[..., None])
+    assert torch.allclose(view.composited(color), expected, atol=1e-6)
+    assert view.backdrop(color) is None
 
 
 def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_matte_is_wrong() -> None:
@@ -62,13 +62,13 @@ def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_matte_is_wr
     wrong[40:80, 70:73] = 255  # three columns too many
     wrong[40:80, 50:52] = 0  # and two too few
     view = TrainView.from_view(View(source.camera, source.image, wrong, 0, source.plate))
-    colour = torch.tensor([0.2, 0.9, 0.4])
-    backdrop = view.backdrop(colour)
+    color = torch.tensor([0.2, 0.9, 0.4])
+    backdrop = view.backdrop(color)
     assert backdrop is not None
     drawn = 60 / 255 * truth + (1 - truth) * backdrop
-    assert torch.allclose(drawn, view.composited(colour), atol=0.5 / 255 + 1e-6)
+    assert torch.allclose(drawn, view.composited(color), atol=0.5 / 255 + 1e-6)
     plain = TrainView.from_view(View(source.camera, source.image, wrong))
-    assert (60 / 255 * truth + (1 - truth) * colour - plain.composited(colour)).abs().max() > 0.2
+    assert (60 / 255 * truth + (1 - truth) * color - plain.composited(color)).abs().max() > 0.2
 
 
 def test_surroundings_reach_a_little_beyond_the_matte() -> None:
@@ -98,11 +98,11 @@ def test_large_pictures_are_kept_as_bytes_and_seen_as_floats(monkeypatch: pytest
     assert view._kept is None
     assert torch.equal(small.composited(torch.ones(3)), view.composited(torch.ones(3)))
     assert all(part.dtype == torch.uint8 for part in (view._image, view._matte, view._plate) if part is not None)
-    colour = torch.tensor([0.2, 0.9, 0.4])
+    color = torch.tensor([0.2, 0.9, 0.4])
     floats = TrainView(view.camera, view.image, view.matte, view.full_size, view.plate)
-    assert torch.equal(view.composited(colour), floats.composited(colour))
-    assert view.backdrop(colour) is not None
-    assert torch.equal(view.backdrop(colour), floats.backdrop(colour))  # type: ignore[arg-type]
+    assert torch.equal(view.composited(color), floats.composited(color))
+    assert view.backdrop(color) is not None
+    assert torch.equal(view.backdrop(color), floats.backdrop(color))  # type: ignore[arg-type]
 
 
 def test_a_crop_does_not_hold_the_whole_picture() -> None:

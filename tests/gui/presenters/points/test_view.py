@@ -43,8 +43,8 @@ def picture(board: PointsBoard) -> np.ndarray:
     pytest.fail("the picture never came")
 
 
-def coloured(pixels: np.ndarray, colour: tuple[int, int, int]) -> int:
-    return int((np.abs(pixels.astype(int) - colour).max(axis=2) < 12).sum())
+def colored(pixels: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int((np.abs(pixels.astype(int) - color).max(axis=2) < 12).sum())
 
 
 def test_a_click_marks_where_the_picture_is_clicked(board: PointsBoard) -> None:
@@ -56,7 +56,7 @@ def test_a_click_marks_where_the_picture_is_clicked(board: PointsBoard) -> None:
     (point,) = read_tie_points(board.path)
     assert point.pixels[board.camera] == pytest.approx((30.0, 20.0), abs=0.02)
     assert point.frame == 0
-    assert coloured(picture(board), ACCENT) > coloured(before, ACCENT) + 20
+    assert colored(picture(board), ACCENT) > colored(before, ACCENT) + 20
     board.click(*zoom.shown(40.0, 25.0))  # the same point, moved
     (point,) = read_tie_points(board.path)
     assert point.pixels[board.camera] == pytest.approx((40.0, 25.0), abs=0.02)
@@ -113,9 +113,9 @@ def test_where_the_other_cameras_expect_it(board: PointsBoard, take_copy: Path) 
     assert board.marks is not None
     for name in names[:2]:
         board.marks.mark(name, *pixels[name], 0)
-    before = coloured(picture(board), FAIR)
+    before = colored(picture(board), FAIR)
     board.show_camera(names[2])
-    assert coloured(picture(board), FAIR) > before
+    assert colored(picture(board), FAIR) > before
 
 
 def test_a_file_that_changes_or_breaks_meanwhile(board: PointsBoard) -> None:
@@ -220,7 +220,7 @@ def test_zoom_keeps_the_place_under_the_mouse() -> None:
     assert (zoom.scale, zoom.center) == (1.0, (500, 250))
 
 
-def test_points_in_the_window(open_window: Callable, take_copy: Path, artefacts: Path) -> None:
+def test_points_in_the_window(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
     window = open_window(str(take_copy))
     window.wait_for("the take", lambda s: s["stages"]["calibrate"][0] == "done")
     window.stage("calibrate")
@@ -251,7 +251,7 @@ def test_points_in_the_window(open_window: Callable, take_copy: Path, artefacts:
     window.type("corner; 0 0 1")
     window.key("Return")
     window.wait_for("no dialog", lambda s: not s["dialog"])
-    window.screenshot(artefacts / "points_by_hand.png")
+    window.screenshot(artifacts / "points_by_hand.png")
     assert read_tie_points(file)[0].name == "corner"
     assert read_tie_points(file)[0].world == (0, 0, 1)
     assert window.close() == 0

@@ -32,7 +32,7 @@ def test_the_filter_looks_at_names_headings_and_documentation() -> None:
 
 
 def test_a_setting_is_found_and_changed_through_the_filter(
-    open_window: Callable, take_copy: Path, artefacts: Path
+    open_window: Callable, take_copy: Path, artifacts: Path
 ) -> None:
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["train"][0] == "done")
@@ -42,7 +42,7 @@ def test_a_setting_is_found_and_changed_through_the_filter(
     window.type("rates opacity")
     state = window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == FOUND)
     assert state["stage"] == "train", "letters in the field are no shortcuts"
-    window.screenshot(artefacts / "settings_filter.png")
+    window.screenshot(artifacts / "settings_filter.png")
     window.retype(FOUND[0], "0.025")
     window.wait_for("a stale training", lambda s: s["stages"]["train"][0] != "done")
     assert load_config(take_copy / "config.yaml").train.rates.opacity == 0.025

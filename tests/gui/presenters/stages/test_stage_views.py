@@ -55,17 +55,17 @@ def shown(views: Views, accept: Callable[[np.ndarray], bool] = lambda picture: T
     pytest.fail("the picture never came")
 
 
-def coloured(picture: np.ndarray) -> int:
+def colored(picture: np.ndarray) -> int:
     return int(((picture.max(axis=2).astype(int) - picture.min(axis=2)) > 60).sum())
 
 
-def has(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
-    return int((picture == colour).all(axis=2).sum())
+def has(picture: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int((picture == color).all(axis=2).sum())
 
 
 def test_every_stage_of_a_finished_take_has_its_picture(views: Views, finished_project: Path) -> None:
     opened(views, finished_project / "take")
-    for stage, least in (("capture", 3000), ("calibrate", 100), ("initialise", 0), ("train", 3000), ("bake", 1000)):
+    for stage, least in (("capture", 3000), ("calibrate", 100), ("initialize", 0), ("train", 3000), ("bake", 1000)):
         views.select(stage)
         board = views.boards[stage]
         for mode in board.modes:
@@ -76,12 +76,12 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: Views, finished_p
             board.draw(SIZE, board.state())  # raises where the board above is but a sentence
             assert picture.shape == (SIZE[1], SIZE[0], 3), (stage, mode)
             if mode == board.modes[0]:
-                assert coloured(picture) >= least, (stage, mode)
-    views.select("initialise")
+                assert colored(picture) >= least, (stage, mode)
+    views.select("initialize")
     views.choose("mesh")
     before = shown(views)
-    grey = (before == before[..., :1]).all(axis=2).sum()
-    assert (before != GROUND).any(axis=2).sum() > 0.05 * SIZE[0] * SIZE[1], grey
+    gray = (before == before[..., :1]).all(axis=2).sum()
+    assert (before != GROUND).any(axis=2).sum() > 0.05 * SIZE[0] * SIZE[1], gray
     views.drag(60, 20, True, SIZE[1])
     assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
 
@@ -97,7 +97,7 @@ def test_a_missing_image_is_named_and_the_others_are_shown(views: Views, tmp_pat
     opened(views, new.create())
     views.select("capture")
     picture = shown(views, lambda picture: has(picture, BAD) > 20)
-    assert coloured(picture) > 3000
+    assert colored(picture) > 3000
     views.capture.check()
     shown(views, lambda picture: not views.capture.checking)
     words = " ".join(views.capture._check.problems)
@@ -107,7 +107,7 @@ def test_a_missing_image_is_named_and_the_others_are_shown(views: Views, tmp_pat
 def test_stages_that_have_not_run_say_what_to_do(views: Views, footage_project: Path, tmp_path: Path) -> None:
     new = NewTake(str(footage_project / "capture"), "", str(tmp_path / "fresh"))
     opened(views, new.create())
-    for stage, said in (("calibrate", "Run Calibrate"), ("initialise", "Run Initialise"), ("bake", "Run Bake")):
+    for stage, said in (("calibrate", "Run Calibrate"), ("initialize", "Run Initialize"), ("bake", "Run Bake")):
         views.select(stage)
         board = views.boards[stage]
         with pytest.raises(StudioError, match=said):
@@ -182,7 +182,7 @@ def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
     assert Preferences.read(path) == Preferences()
 
 
-def test_the_accent_is_the_only_bright_colour_of_the_list(views: Views, finished_project: Path) -> None:
+def test_the_accent_is_the_only_bright_color_of_the_list(views: Views, finished_project: Path) -> None:
     from gui.presenters.stages import stage_list
 
     opened(views, finished_project / "take")

@@ -222,7 +222,7 @@ def test_what_is_odd_is_warned_of() -> None:
         [*points[:2], replace(points[2], world=(x + 0.4, y, z)), *points[3:]]
     )
     large = [replace(p, world=p.world and tuple(1000 * value for value in p.world)) for p in points]
-    assert "in metres?" in warnings(large)
+    assert "in meters?" in warnings(large)
     assert "other size or for other lenses" not in warnings(points)
     smaller = [replace(p, pixels={n: (x / 2, y / 2) for n, (x, y) in p.pixels.items()}, world=None) for p in points]
     assert "pictures of another size or for other lenses" in warnings(smaller)

@@ -21,7 +21,7 @@ import pytest
 
 from studio.calibration import compare_rigs
 from studio.calibration.sfm.features import _merge, count_rows, write_image, write_lenses
-from studio.calibration.sfm.job import neighbours
+from studio.calibration.sfm.job import neighbors
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
@@ -323,7 +323,7 @@ def test_moments_become_one_image_a_camera(tmp_path: Path) -> None:
     assert count_rows(tmp_path / "nothing.db", "SELECT COUNT(*) FROM images") == 0
 
 
-def test_neighbours_look_the_same_way() -> None:
+def test_neighbors_look_the_same_way() -> None:
     cameras = []
     for index in range(12):
         angle = np.radians(30 * index)
@@ -334,7 +334,7 @@ def test_neighbours_look_the_same_way() -> None:
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
         cameras.append(Camera(f"c{index}", 64, 48, np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]), pose))
-    pairs = neighbours(Rig(tuple(cameras)), each=4)
+    pairs = neighbors(Rig(tuple(cameras)), each=4)
     steps = {min((b - a) % 12, (a - b) % 12) for a, b in pairs}
     assert steps == {1, 2}  # 90 degrees apart is too far
     assert len(pairs) == 24

@@ -56,7 +56,7 @@ def render(camera: Camera, planes: list[Any]) -> np.ndarray:
         a, b = local @ u / (u @ u), local @ v / (v @ v)
         hit = (distance > 0) & (distance < nearest) & (a >= 0) & (a < 1) & (b >= 0) & (b < 1)
         nearest[hit] = distance[hit]
-        # the texture's grain is the same in metres on every plane
+        # the texture's grain is the same in meters on every plane
         grain = 128.0
         x = ((a * np.linalg.norm(u) * grain) % 511).astype(np.float32)
         y = ((b * np.linalg.norm(v) * grain) % 511).astype(np.float32)

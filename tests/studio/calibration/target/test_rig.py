@@ -91,7 +91,7 @@ def picture(board: Board, camera: Camera, place: np.ndarray) -> np.ndarray:
         x, y, w, h = rectangle
         corners = np.array([[x, y, 0], [x + w, y, 0], [x + w, y + h, 0], [x, y + h, 0]])
         pixels, _ = camera.project(corners @ place[:3, :3].T + place[:3, 3])
-        # cv2 fills up to pixel centres: half a fine pixel back, with 8 bits of sub-pixel
+        # cv2 fills up to pixel centers: half a fine pixel back, with 8 bits of sub-pixel
         cv2.fillPoly(image, [np.round((pixels * fine - 0.5) * 256).astype(np.int32)], value, cv2.LINE_8, 8)
 
     if board.inverted:
@@ -139,7 +139,7 @@ def test_what_is_printed_is_opencvs_board(board: Board) -> None:
 
 
 def polygons(pdf: bytes) -> tuple[tuple[float, float], list[np.ndarray]]:
-    """Page size and filled polygons of a PDF, in millimetres."""
+    """Page size and filled polygons of a PDF, in millimeters."""
     box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]", pdf)
     assert box is not None
     point = 25.4 / 72
@@ -156,7 +156,7 @@ def polygons(pdf: bytes) -> tuple[tuple[float, float], list[np.ndarray]]:
 
 
 def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
-    """The rectangles in the file, drawn at 4 pixels a millimetre, are a board that OpenCV finds where it should be."""
+    """The rectangles in the file, drawn at 4 pixels a millimeter, are a board that OpenCV finds where it should be."""
     board = Board(columns=5, rows=4, square=0.03, marker=0.02)
     width, height = write_board_pdf(board, tmp_path / "board.pdf", paper="a4")
     (page_width, page_height), shapes = polygons((tmp_path / "board.pdf").read_bytes())
@@ -178,7 +178,7 @@ def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
 
 
 def test_rig_from_a_board() -> None:
-    """0.2 pixels of noise: cameras within a millimetre of where they are, in metres, on the origin asked for."""
+    """0.2 pixels of noise: cameras within a millimeter of where they are, in meters, on the origin asked for."""
     rig = rig_of(4)
     views, places = filmed(rig, CHARUCO, 30, noise=0.2)
     said: list[int] = []
@@ -295,7 +295,7 @@ def test_bad_input(tmp_path: Path) -> None:
         Board(columns=12, rows=10)
     with pytest.raises(StudioError, match="must be smaller than its squares"):
         Board(marker=0.06)
-    with pytest.raises(StudioError, match="give metres"):
+    with pytest.raises(StudioError, match="give meters"):
         Board(square=60)
     with pytest.raises(StudioError, match="does not fit on a4"):
         write_board_pdf(CHARUCO, tmp_path / "x.pdf", paper="a4")

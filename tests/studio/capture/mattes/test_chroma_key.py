@@ -1,4 +1,4 @@
-"""Masks from a coloured screen: performers composed over screens by known mattes."""
+"""Masks from a colored screen: performers composed over screens by known mattes."""
 
 import itertools
 from pathlib import Path
@@ -48,7 +48,7 @@ def disc(x: float = 110.0, y: float = 80.0, radius: float = 40.0) -> np.ndarray:
 
 
 def performer_of(make: SimpleNamespace, camera: str, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """The sample capture's performer: colours, carried on outwards over his soft edge, and exact matte in 0..1."""
+    """The sample capture's performer: colors, carried on outwards over his soft edge, and exact matte in 0..1."""
     spec = CaptureSpec(make.sample, masks="files", mask_files="mattes/{camera}.mkv", cameras=(camera,))
     footage = open_footage(spec)
     image, alpha = footage.raw_image(camera, frame).astype(float), footage.raw_matte(camera, frame) / 255.0
@@ -78,7 +78,7 @@ def test_the_sample_performer_before_a_screen(
         (YELLOW, (25, 25, 28)),
     ],
 )
-def test_screens_of_any_colour(color: tuple[int, int, int], front: tuple[int, int, int]) -> None:
+def test_screens_of_any_color(color: tuple[int, int, int], front: tuple[int, int, int]) -> None:
     alpha = disc()
     image = compose(np.array(front), alpha, lit_screen(color, alpha))
     screen = find_screen([image], "cam")
@@ -116,7 +116,7 @@ def test_pieces_sensitivity_and_large_images() -> None:
     image = compose(np.array([205, 150, 125]), alpha, lit_screen(GREEN, alpha))
     screen = find_screen([image], "cam")
     assert iou(chroma_matte(image, screen, DifferenceSettings(components=1)), disc(70)) > 0.97
-    # of a colour that is hardly the screen's: sensitivity decides
+    # of a color that is hardly the screen's: sensitivity decides
     near = compose(np.array([75, 150, 85]), disc(), lit_screen(GREEN, disc(), shadow=0.0))
     found = [int((chroma_matte(near, screen, DifferenceSettings(value)) > 127).sum()) for value in (0.5, 4.0)]
     assert found[0] < 0.1 * found[1]
@@ -128,10 +128,10 @@ def test_pieces_sensitivity_and_large_images() -> None:
 
 
 def test_a_picture_without_a_screen_says_so(tmp_path: Path, make: SimpleNamespace) -> None:
-    grey = compose(np.array([205, 150, 125]), disc(), np.full((160, 240, 3), 120.0))
-    make.image(tmp_path / "images" / "a" / "0.png", grey)
+    gray = compose(np.array([205, 150, 125]), disc(), np.full((160, 240, 3), 120.0))
+    make.image(tmp_path / "images" / "a" / "0.png", gray)
     footage = open_footage(CaptureSpec(tmp_path, masks="chroma_key"))
-    with pytest.raises(StudioError, match=r"Camera 'a': no saturated colour dominates its picture .* give key_color"):
+    with pytest.raises(StudioError, match=r"Camera 'a': no saturated color dominates its picture .* give key_color"):
         footage.matte("a", 0)
     (problem,) = check_footage(footage)
     assert "no screen was found" in problem
@@ -141,14 +141,14 @@ def test_a_picture_without_a_screen_says_so(tmp_path: Path, make: SimpleNamespac
 
 
 @pytest.mark.parametrize(
-    ("key", "words"), [((0.5, 0.5, 0.52), "grey or black"), ("green", "three numbers"), ((0.1, 2.0, 0.1), "in 0..1")]
+    ("key", "words"), [((0.5, 0.5, 0.52), "gray or black"), ("green", "three numbers"), ((0.1, 2.0, 0.1), "in 0..1")]
 )
-def test_key_colours_that_are_none(key: object, words: str) -> None:
+def test_key_colors_that_are_none(key: object, words: str) -> None:
     with pytest.raises(StudioError, match=words):
         CaptureSpec(Path("."), key_color=key)  # type: ignore[arg-type]
 
 
-def test_a_given_colour_is_keyed_although_another_covers_more(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_a_given_color_is_keyed_although_another_covers_more(tmp_path: Path, make: SimpleNamespace) -> None:
     """A red floor larger than the green screen; a garbage matte takes the floor away."""
     alpha = disc(110, 50, 35)
     image = compose(np.array([225, 220, 215]), alpha, lit_screen(GREEN, alpha, shadow=0.0))
@@ -186,7 +186,7 @@ def test_key_channels() -> None:
     assert key_channels(np.array(YELLOW)) == ([0, 1], [2])
 
 
-def test_despill_gives_back_the_performers_colour_at_the_outline_only() -> None:
+def test_despill_gives_back_the_performers_color_at_the_outline_only() -> None:
     """With the exact matte and screen, and no noise, the mixture is undone to rounding."""
     alpha = disc()
     screen = np.broadcast_to(np.array(GREEN, float), (160, 240, 3))

@@ -102,7 +102,7 @@ def test_soft_shadows_are_not_the_performer() -> None:
     assert iou(kept, 255 * alpha) < 0.85  # so the setting does it
 
 
-def test_shadows_on_a_colourful_floor_are_not_the_performer() -> None:
+def test_shadows_on_a_colorful_floor_are_not_the_performer() -> None:
     import cv2
 
     empty, alpha = set_of() * np.array([0.6, 0.7, 1.1]), performer(240, 160, 100, 70)

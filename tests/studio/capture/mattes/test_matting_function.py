@@ -36,7 +36,7 @@ def test_the_matte_is_the_models_output_that_is_a_picture() -> None:
     assert np.abs(matte - weighted(image / 255)).max() < 1e-6
 
 
-def test_normalisation_and_sigmoid() -> None:
+def test_normalization_and_sigmoid() -> None:
     image = noisy()
     settings = OnnxSettings(mean=(0.5, 0.4, 0.3), std=(0.5, 0.25, 0.2), sigmoid=True, device="cpu")
     seen = (image / 255 - [0.5, 0.4, 0.3]) / [0.5, 0.25, 0.2]
@@ -69,12 +69,12 @@ def test_input_sizes() -> None:
 
 def test_first_picture() -> None:
     vector, small, matte = np.zeros((1, 8)), np.zeros((1, 1, 1, 1)), np.ones((1, 1, 4, 6))
-    colour, classes = np.zeros((1, 3, 4, 6)), np.zeros((2, 4, 6))
-    found = first_picture([vector, small, colour, classes, matte, 0 * matte])
+    color, classes = np.zeros((1, 3, 4, 6)), np.zeros((2, 4, 6))
+    found = first_picture([vector, small, color, classes, matte, 0 * matte])
     assert found is not None
     assert found.shape == (4, 6)
     assert found.min() == 1
-    assert first_picture([vector, colour]) is None
+    assert first_picture([vector, color]) is None
 
 
 @pytest.mark.parametrize(

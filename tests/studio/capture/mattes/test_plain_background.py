@@ -1,4 +1,4 @@
-"""Performers who were cut out before one plain colour."""
+"""Performers who were cut out before one plain color."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIZE = 160
 
 
 def performer() -> tuple[np.ndarray, np.ndarray]:
-    """Colours (H, W, 3) float and coverage (H, W) 0..1: a textured ring, with the background in its hole."""
+    """Colors (H, W, 3) float and coverage (H, W) 0..1: a textured ring, with the background in its hole."""
     y, x = np.mgrid[:SIZE, :SIZE] + 0.5
     radius = np.hypot(x - SIZE / 2, y - SIZE / 2)
     alpha = np.clip(50.5 - radius, 0, 1) * np.clip(radius - 19.5, 0, 1)
@@ -33,7 +33,7 @@ def before(color: int) -> np.ndarray:
 
 @pytest.mark.parametrize("color", [0, 255])
 @pytest.mark.parametrize("quality", [None, 90])
-def test_cut_out_before_one_colour(color: int, quality: int | None) -> None:
+def test_cut_out_before_one_color(color: int, quality: int | None) -> None:
     image = before(color)
     if quality:
         image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
@@ -61,7 +61,7 @@ def test_auto_takes_it_and_cleans_the_outline(tmp_path: Path) -> None:
         (tmp_path / "images" / camera).mkdir(parents=True)
         Image.fromarray(before(255)).save(tmp_path / "images" / camera / "000000.png")
     footage = open_footage(CaptureSpec(tmp_path))
-    assert "plain colour" in footage.description
+    assert "plain color" in footage.description
     image, matte = footage.image("a", 0).astype(float), footage.matte("a", 0)
     colors, _ = performer()
     mixed = (matte > 100) & (matte < 220)
@@ -78,5 +78,5 @@ def test_another_background_is_refused_by_name(tmp_path: Path) -> None:
     Image.fromarray(before(0)).save(tmp_path / "images" / "b.png")
     assert "none" in open_footage(CaptureSpec(tmp_path)).description
     footage = open_footage(CaptureSpec(tmp_path, masks="plain"))
-    with pytest.raises(StudioError, match=r"Camera 'a'.*plain colour"):
+    with pytest.raises(StudioError, match=r"Camera 'a'.*plain color"):
         footage.matte("a", 0)
