@@ -65,7 +65,7 @@ def main() -> int:
     from pipelines.stages.params import derived_seed
     from pipelines.takes.frame_files import read_frame
     from pipelines.takes.take import Take
-    from studio.training import TrainView, train_interframe
+    from studio.training import TrainingView, train_interframe
 
     take = Take.open(arguments.take)
     config = load_config(take.config)
@@ -80,7 +80,7 @@ def main() -> int:
             previous = read_frame(take.trained_frame(group.index, index - 1))
             before = read_frame(take.trained_frame(group.index, index - 2)) if position > 1 else None
             views = [
-                TrainView.from_view(footage.view(camera, frame), context.device, settings.crop_margin)
+                TrainingView.from_view(footage.view(camera, frame), context.device, settings.crop_margin)
                 for camera in footage.train_cameras
             ]
             started = time.monotonic()

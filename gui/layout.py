@@ -13,7 +13,7 @@ from gui.panels.picture import color
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
 from gui.presenters.drawing.palette import GROUND, PANEL
-from gui.presenters.stages.stage_views import Views
+from gui.presenters.stages.stage_views import StageViews
 from gui.viewport import Viewport
 
 NARROW = 60
@@ -32,7 +32,7 @@ class Panels:
 
     window: gui.Window
     em: float
-    views: Views
+    views: StageViews
     viewport: Viewport
     timeline: TimelinePanel
     controls: ControlsPanel
@@ -114,8 +114,8 @@ class Layout:
         panels.stages.place(x, y, left, height, context)
         panels.status.frame = gui.Rect(inner + pad, y + height - round(1.5 * em), padded, round(1.4 * em))
         panels.controls.flow.place(inner + pad, y + height - controls - round(1.7 * em), padded, context)
-        strips = bottom_height - controls - 2.2 * em - pad
-        panels.timeline.picture.place(inner + pad, bottom + pad, padded, strips)
+        plots = bottom_height - controls - 2.2 * em - pad
+        panels.timeline.picture.place(inner + pad, bottom + pad, padded, plots)
         view_width = inner_width - right - (gap if figures else 0)
         modes = panels.modes.place(panels.views.stage, inner + pad, y + 0.25 * em, view_width - pad, context)
         row = round(modes + 0.5 * em)

@@ -18,7 +18,7 @@ from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import Exports
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_views import Views
+from gui.presenters.stages.stage_views import StageViews
 from gui.viewport import Viewport
 
 
@@ -29,7 +29,7 @@ class Shell(Protocol):
     device: str
     workspace: Workspace
     player: PlayerPresenter
-    views: Views
+    views: StageViews
     exports: Exports
     marks: Marks
     opening: str

@@ -46,7 +46,7 @@ def state_of(window: Shell) -> dict[str, Any]:
         "marks": {str(frame): note for frame, note in sorted(window.marks.notes.items())},
         "orbit": [player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
         "background": player.background,
-        "timeline_left": window.timeline.board.left,
+        "timeline_left": window.timeline.plots_view.left,
         "widgets": {
             name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
             for name, widget in _widgets(window).items()

@@ -25,11 +25,11 @@ from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.rate import Rate
 from gui.presenters.playback.sources import Opened
-from gui.presenters.playback.timeline_plots import strips_of
+from gui.presenters.playback.timeline_plots import plots_of
 from gui.presenters.preferences import PICTURE_SIZES, Preferences
 from gui.presenters.run.exports import Exports
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_views import Views
+from gui.presenters.stages.stage_views import StageViews
 from gui.presenters.worker import LatestWorker
 from gui.raycast import MeshPicture
 from gui.state import StateLog
@@ -63,7 +63,7 @@ class MainWindow:
         self.device = device
         self.workspace = Workspace()
         self.player = PlayerPresenter()
-        self.views = Views(self.workspace, self.player, MeshPicture)
+        self.views = StageViews(self.workspace, self.player, MeshPicture)
         self.exports = Exports()
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.opening = ""
@@ -272,7 +272,7 @@ class MainWindow:
         return due
 
     def _update_panels(self) -> bool:
-        board = self.views.board
+        stage_view = self.views.stage_view
         changed, layout = self.controls.update()
         if layout:
             self.window.set_needs_layout()
@@ -284,7 +284,7 @@ class MainWindow:
         changed |= self.inspector.update(
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn.value
         )
-        status = self.player.status if board is None else board.status
+        status = self.player.status if stage_view is None else stage_view.status
         return changed | self._set_text(self.status, "   ".join(filter(None, [status, self.exports.words])))
 
     def _read_evaluation(self) -> None:
@@ -293,7 +293,7 @@ class MainWindow:
             return
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
         series = {name: self.evaluation.series(name, frames) for name in ("psnr_trained", "psnr_decoded", "bytes")}
-        self.timeline.strips = strips_of(series, self.evaluation.mean)
+        self.timeline.plots = plots_of(series, self.evaluation.mean)
         self.timeline.picture.widget.tooltip = self.evaluation.explanation
 
     def marks_changed(self) -> None:

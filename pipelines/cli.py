@@ -43,6 +43,7 @@ def main() -> int:
 
 def execute(arguments: Sequence[str]) -> int:
     """Run a command inside this process; returns the exit code (SystemExit with 2 for wrong usage)."""
+    arguments = _stages_of_now(arguments)
     parser, commands = _parser()
     # what is wrong with a command's arguments is told with that command's usage, not with that of all
     named = commands.get(arguments[0], parser) if arguments else parser
@@ -201,6 +202,24 @@ def _long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentPar
             value = following
         plain.append(f"--set={name}={value}")
     return plain
+
+
+def _stages_of_now(arguments: Sequence[str]) -> list[str]:
+    """Stages by the names of now, as a command and after `--until`."""
+    words = list(arguments)
+    if not words or words[0].startswith("-"):
+        return words
+    from pipelines.config.renamed import STAGES, tell
+
+    for index, word in enumerate(words):
+        option, equals, value = word.partition("=")
+        if index == 0 or words[index - 1] == "--until":
+            words[index] = STAGES.get(word, word)
+        elif option == "--until" and equals:
+            words[index] = f"{option}={STAGES.get(value, value)}"
+        if words[index] != word:
+            tell("the command line", [f"{value or word} is now {words[index].removeprefix('--until=')}"])
+    return words
 
 
 def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gui.panels.option_dialogs import ask_export
-from gui.presenters.run.exports import LEAST_SECONDS, ExportWish, PathKey
+from gui.presenters.run.exports import LEAST_SECONDS, ExportRequest, PathKey
 from gui.shell import Shell
 from pipelines.commands.export import DEFAULT_OF
 from pipelines.reports.pictures import write_picture
@@ -67,17 +67,17 @@ class OutputActions:
         # the default first, where it is there; the dialog says which it is
         sources = sorted(opened.sources, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
-        wish = ExportWish(kind, str(opened.path), opened.title, folder, *sources[:1])
+        wanted = ExportRequest(kind, str(opened.path), opened.title, folder, *sources[:1])
         length = window.player.transport.frame_count / window.player.transport.fps
-        wish.seconds = f"{max(length, LEAST_SECONDS):g}"
+        wanted.seconds = f"{max(length, LEAST_SECONDS):g}"
 
-        def start(chosen: ExportWish) -> None:
+        def start(chosen: ExportRequest) -> None:
             try:
                 window.exports.start(chosen)
             except (StudioError, OSError) as error:
                 window.dialogs.message("Export", str(error))
 
-        ask_export(window.dialogs, wish, sources, start)
+        ask_export(window.dialogs, wanted, sources, start)
 
     def report(self) -> None:
         """Write the take's report, or bring the marks of now into it."""

@@ -22,25 +22,25 @@ class PointActions:
 
     def keys(self) -> dict[Any, Callable[[], object]]:
         """Keys that mean something else while points are marked."""
-        key, board = gui.KeyName, self._window.views.points
+        key, stage_view = gui.KeyName, self._window.views.points
         if not self._window.views.marks_points:
             return {}
         return {
-            key.N: board.new_point,
+            key.N: stage_view.new_point,
             key.E: self._describe,
-            key.DELETE: board.unmark,
-            key.BACKSPACE: board.unmark,
-            key.A: board.toggle_snap,
-            key.U: board.undo,
-            key.C: lambda: board.step_camera(1),
-            key.UP: lambda: board.step_point(-1),
-            key.DOWN: lambda: board.step_point(1),
+            key.DELETE: stage_view.unmark,
+            key.BACKSPACE: stage_view.unmark,
+            key.A: stage_view.toggle_snap,
+            key.U: stage_view.undo,
+            key.C: lambda: stage_view.step_camera(1),
+            key.UP: lambda: stage_view.step_point(-1),
+            key.DOWN: lambda: stage_view.step_point(1),
         }
 
     def poll(self) -> bool:
         """Do what the board asks for; returns whether it asked."""
-        board = self._window.views.points
-        asked, board.asks = board.asks, ""
+        stage_view = self._window.views.points
+        asked, stage_view.asks = stage_view.asks, ""
         if asked == "describe":
             self._describe()
         elif asked == "run":
@@ -71,17 +71,17 @@ class PointActions:
 
     def _run(self) -> None:
         """Let the take's cameras come from these points."""
-        window, board = self._window, self._window.views.points
-        workspace, path = window.workspace, board.path
-        if path is None or board.marks is None or not path.is_file():
-            board.problem = "Mark some points first."
+        window, stage_view = self._window, self._window.views.points
+        workspace, path = window.workspace, stage_view.path
+        if path is None or stage_view.marks is None or not path.is_file():
+            stage_view.problem = "Mark some points first."
             return
         config = workspace.config
         if config is not None and not config.calibrate.tie_points:
             for name, value in (("capture.rig", None), ("calibrate.tie_points", str(path.resolve()))):
                 wrong = workspace.change_setting(name, value)
                 if wrong:
-                    board.problem = wrong
+                    stage_view.problem = wrong
                     return
         if workspace.start("calibrate", again=False):
             window.select("calibrate")

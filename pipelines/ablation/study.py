@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.ablation.variants import Variant
-from pipelines.config import Config, dump_config, load_config
+from pipelines.config import Config, load_config
+from pipelines.config.loading import digest_text
 from pipelines.events import Emit
 from pipelines.runs.runner import run
 from pipelines.takes.atomic_files import digest_of, read_json, write_json
@@ -61,7 +62,7 @@ def ablate(
         else:
             share(base, take)
         entry = known.get(variant.name, {})
-        digest = digest_of(dump_config(config))
+        digest = digest_of(digest_text(config))
         if entry.get("settings") != digest:
             entry = {"points": []}
         entry.update(name=variant.name, title=variant.title, settings=digest)

@@ -57,7 +57,7 @@ OPTIONS = (
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
     Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
     Variant("simulated-quantization", "fine-tuned on rounded attributes", {"train.simulate_quantization": True}),
-    Variant("mcmc", "splats relocated instead of cloned and split", {"train.density": "mcmc"}),
+    Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),
     Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
 )
 """Settings beyond the paper, measured where they are asked for by name."""

@@ -32,13 +32,13 @@ def add_board_command(commands: Any) -> None:
 def _board(arguments: argparse.Namespace) -> int:
     import yaml
 
-    from studio.calibration import Board, write_board_pdf
+    from studio.calibration import CalibrationTarget, write_target_pdf
     from studio.errors import StudioError
 
     if arguments.file.suffix.lower() != ".pdf":
         raise StudioError(f"{arguments.file}: the board is written as a PDF; give a name that ends in .pdf.")
     marker = arguments.marker if arguments.marker is not None else 0.75 * arguments.square
-    # told here in millimeters, as they were given: `Board` knows meters
+    # told here in millimeters, as they were given: `CalibrationTarget` knows meters
     if not 0 < arguments.square < 10_000:
         raise StudioError(
             f"--square is {arguments.square:g}; give the side of a square in millimeters, above 0 and below 10000, as "
@@ -49,7 +49,7 @@ def _board(arguments: argparse.Namespace) -> int:
             f"--marker is {marker:g} mm; give the side of a marker in millimeters, above 0 and below that of a square, "
             f"which is {arguments.square:g} mm."
         )
-    board = Board(
+    board = CalibrationTarget(
         kind=arguments.kind,
         columns=arguments.columns,
         rows=arguments.rows,
@@ -58,7 +58,7 @@ def _board(arguments: argparse.Namespace) -> int:
         dictionary=arguments.dictionary,
         inverted=arguments.inverted,
     )
-    width, height = write_board_pdf(board, arguments.file, paper=arguments.paper)
+    width, height = write_target_pdf(board, arguments.file, paper=arguments.paper)
     names = ["kind", "columns", "rows", "square"]
     names += ["marker", "dictionary"] if board.kind == "charuco" else []
     names += ["inverted"] if board.inverted else []

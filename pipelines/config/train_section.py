@@ -98,12 +98,12 @@ class TrainSection(Section):
     keyframe_iterations: int = Field(default=12_000, ge=1)
     """Steps of the keyframe before pruning."""
 
-    density: Literal["gradient", "mcmc"] = "gradient"
-    """How splats find their places: gradient clones and splits as 3DGS does; mcmc moves dead splats to where they are
+    strategy: Literal["default", "mcmc"] = "default"
+    """How splats find their places: default clones and splits as 3DGS does; mcmc moves dead splats to where they are
     needed and grows to densify_max_splats."""
 
     mcmc_noise: float = Field(default=1.0, ge=0)
-    """Strength of the exploration noise of density mcmc; 1 as published."""
+    """Strength of the exploration noise of strategy mcmc; 1 as published."""
 
     densify_from: int = Field(default=500, ge=0)
     """First step at which splats are cloned and split."""

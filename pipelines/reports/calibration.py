@@ -26,7 +26,7 @@ def calibration_lenses(report: dict[str, Any]) -> list[str]:
     from studio.calibration.sfm.verdict import TRUSTED
 
     found: list[str] = []
-    if report.get("explained", 1.0) < TRUSTED:
+    if report.get("match_inlier_ratio", 1.0) < TRUSTED:
         return found  # what a wrong solution says of lenses means nothing
     for each in report.get("sharing", []):
         which = f"{len(each['images'])} cameras ({each['images'][0]} to {each['images'][-1]})"
@@ -35,7 +35,7 @@ def calibration_lenses(report: dict[str, Any]) -> list[str]:
         else:
             found.append(
                 f"A lens each for {which}: with one for all the errors grow {each['misfit']:.0f} times as much as by "
-                f"chance (up to {LIMIT:.0f} would pass; calibrate.shared_lens decides it beforehand)."
+                f"chance (up to {LIMIT:.0f} would pass; calibrate.shared_intrinsics decides it beforehand)."
             )
     return found
 
@@ -48,7 +48,7 @@ def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
         "points": report["points"],
         "cameras": {name: figures["mean"] for name, figures in report["cameras"].items()},
         "unregistered": report.get("unregistered", {}),
-        **({"explained": report["explained"]} if "explained" in report else {}),
+        **({"match_inlier_ratio": report["match_inlier_ratio"]} if "match_inlier_ratio" in report else {}),
     }
 
 
@@ -67,17 +67,17 @@ def calibration_warnings(report: dict[str, Any]) -> list[str]:
             found.append(
                 f"Camera '{name}' has a focal length of {figures['focal']:.0f} px where the others have "
                 f"{figures['usual_focal']:.0f}: unless it is zoomed so, its lens was not found; try "
-                "calibrate.shared_lens or lens_groups, or give its lens (calibrate.known)."
+                "calibrate.shared_intrinsics or intrinsics_groups, or give its lens (calibrate.known_cameras)."
             )
     poor = [name for name, figures in report["cameras"].items() if figures["mean"] > 1]
     if poor and report["reprojection"]["mean"] <= 1:
         found.append(f"The reprojection error is over 1 px for {', '.join(poor)}; look at them before you train.")
-    explained = report.get("explained", 1.0)
-    if explained < TRUSTED:
+    match_inlier_ratio = report.get("match_inlier_ratio", 1.0)
+    if match_inlier_ratio < TRUSTED:
         found.append(
-            f"Only {explained:.0%} of the matches between cameras agree with where they were put (0.75 and more is "
-            "usual): some may stand wrongly, whatever their reprojection error; try calibrate.shared_lens where the "
-            "lenses are alike, other or more moments (calibrate.frame, frames), or a board."
+            f"Only {match_inlier_ratio:.0%} of the matches between cameras agree with where they were put (0.75 and more "
+            "is usual): some may stand wrongly, whatever their reprojection error; try calibrate.shared_intrinsics where "
+            "the lenses are alike, other or more moments (calibrate.frame, frames), or a board."
         )
     known = report.get("known_lenses", ())
     sparse = [n for n, figures in report["cameras"].items() if figures["coverage"] < _SPARSE and n not in known]

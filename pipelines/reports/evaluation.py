@@ -16,6 +16,7 @@ from pipelines.reports.plots import mark_rows, plots
 from pipelines.takes.atomic_files import read_json, write_text
 from pipelines.takes.groups import Group
 from pipelines.takes.marks import read_marks
+from pipelines.takes.migration import current_report
 from pipelines.takes.records import note_rewritten, read_record
 from pipelines.takes.take import Take, program_version
 from studio.errors import StudioError
@@ -149,7 +150,7 @@ def _calibration(take: Take) -> dict[str, Any]:
     if not take.calibration_report.is_file():
         return {}
     found: dict[str, Any] = {}
-    for name, value in read_json(take.calibration_report).items():
+    for name, value in current_report(read_json(take.calibration_report)).items():
         if isinstance(value, dict) and len(value) <= 4:
             found |= {f"{name} {key}": item for key, item in value.items() if isinstance(item, (int, float))}
         elif isinstance(value, (str, int, float)):

@@ -26,6 +26,7 @@ from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, writ
 from pipelines.stages import STAGES, stage_named
 from pipelines.stages.base import Context, Stage, StageReporter
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
+from pipelines.takes.migration import migrate
 from pipelines.takes.records import write_failure
 from pipelines.takes.take import Take, program_version
 from studio.errors import Cancelled, StudioError
@@ -75,6 +76,7 @@ def run(
         started = clock()
         try:
             with disk_errors(take.root), take.locked(command):
+                migrate(take)
                 tell = Logged(emit, take)
                 _run_locked(Context(take, config, tell, cancellation, clock), names, force, started)
         except Cancelled:
@@ -155,12 +157,12 @@ def _update_marks(context: Context) -> None:
 
 def _refuse_gaps(todo: list[str], found: dict[str, StageStatus]) -> None:
     for name in todo:
-        for need in stage_named(name).needs:
-            if need not in todo and found[need].state != DONE:
+        for dependency in stage_named(name).dependencies:
+            if dependency not in todo and found[dependency].state != DONE:
                 raise StudioError(
-                    f"The stage {name} needs {need}, which is {found[need].state}"
-                    f"{f' ({found[need].reason})' if found[need].reason else ''}; "
-                    f"run `v3studio {need}` first, or `v3studio run` for all that is needed."
+                    f"The stage {name} needs {dependency}, which is {found[dependency].state}"
+                    f"{f' ({found[dependency].reason})' if found[dependency].reason else ''}; "
+                    f"run `v3studio {dependency}` first, or `v3studio run` for all that is needed."
                 )
 
 

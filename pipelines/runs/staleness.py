@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pipelines.stages.base import Context, Stage
-from pipelines.stages.params import Ingredients
+from pipelines.stages.params import Params
 from pipelines.takes.atomic_files import digest_of, digest_of_files, remove, write_json
 from pipelines.takes.records import read_failure, read_record, result_of
 from studio.errors import StudioError
@@ -39,15 +39,15 @@ class StageStatus:
     summary: dict[str, Any] | None = None
 
 
-def current_ingredients(stage: Stage, context: Context) -> Ingredients:
+def current_params(stage: Stage, context: Context) -> Params:
     """What the stage would be made from now.
 
     Raises:
         StudioError: the footage cannot be read.
     """
-    found: Ingredients = {"version of the stage": stage.version, **stage.ingredients(context)}
-    for need in stage.needs:
-        found[f"result of {need}"] = result_of(context.take, need)
+    found: Params = {"version of the stage": stage.version, **stage.params(context)}
+    for dependency in stage.dependencies:
+        found[f"result of {dependency}"] = result_of(context.take, dependency)
     return found
 
 
@@ -59,7 +59,7 @@ def write_record(stage: Stage, context: Context, seconds: float, summary: dict[s
         context.take.record(stage.name),
         {
             "stage": stage.name,
-            "ingredients": current_ingredients(stage, context),
+            "params": current_params(stage, context),
             "result": digest_of_files(root, files),
             "files": {path.relative_to(root).as_posix(): path.stat().st_size for path in files},
             "written": {path.relative_to(root).as_posix(): path.stat().st_mtime_ns for path in files},
@@ -80,7 +80,7 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
     found = StageStatus(stage.name, STALE if record else MISSING)
     if record:
         found = replace(found, seconds=record.get("seconds"), summary=record.get("summary"))
-    waiting = [need for need in stage.needs if upstream[need].state != DONE]
+    waiting = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
     try:
         reason = _why_not_done(stage, context, record, waiting)
         units = stage.units(context) if reason and not waiting else None
@@ -113,23 +113,23 @@ def _why_not_done(stage: Stage, context: Context, record: dict[str, Any] | None,
         return "not made yet" if not waiting else f"waits for {', '.join(waiting)}"
     if waiting:
         return f"{', '.join(waiting)} must run first"
-    changed = differences(record["ingredients"], current_ingredients(stage, context))
+    changed = differences(record["params"], current_params(stage, context))
     if changed:
         return "; ".join(changed)
     root = context.take.root
     for name, size in record.get("files", {}).items():
-        path = root / name
+        path = context.take.file(name)
         if not path.is_file() or path.stat().st_size != size:
             return f"{name} is {'not as it was written' if path.exists() else 'gone'}"
     # A file that was written to since (or copied: then its bytes are the same) is read again.
     written = record.get("written", {})
-    touched = any((root / name).stat().st_mtime_ns != time for name, time in written.items())
-    if touched and digest_of_files(root, [root / name for name in written]) != record["result"]:
+    touched = any(context.take.file(name).stat().st_mtime_ns != time for name, time in written.items())
+    if touched and digest_of_files(root, [context.take.file(name) for name in written]) != record["result"]:
         return "a result's bytes are not as they were written"
     return ""
 
 
-def differences(before: Ingredients, now: Ingredients) -> list[str]:
+def differences(before: Params, now: Params) -> list[str]:
     """What changed, in words, at most four of them."""
     found = []
     for name in sorted(before.keys() | now.keys()):

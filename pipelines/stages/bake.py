@@ -13,7 +13,7 @@ import numpy as np
 from pipelines.reports.pictures import draw
 from pipelines.stages.arguments import bake_settings
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.params import Ingredients, key_of, settings_of
+from pipelines.stages.params import Params, key_of, settings_of
 from pipelines.takes.atomic_files import digest_of_file, link_or_copy, read_json, remove, write_json
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
@@ -36,9 +36,9 @@ class BakeStage:
     title = "Baking"
     version = 2
     weight = 3.0
-    needs: tuple[str, ...] = ("train",)
+    dependencies: tuple[str, ...] = ("train",)
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """How frames become video, and what the manifest says beside them."""
         return {
             **settings_of(context.config, "bake", "capture.background", "capture.held_out", "capture.held_out_every"),

@@ -17,7 +17,7 @@ from pipelines.events.cancellation import Cancellation
 from pipelines.stages.arguments import choose_device
 from pipelines.stages.footage import TakeFootage
 from pipelines.stages.grouping import groups_of
-from pipelines.stages.params import Ingredients
+from pipelines.stages.params import Params
 from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
 from studio.progress import ProgressFn
@@ -184,7 +184,7 @@ class Stage(Protocol):
         title: what it does, for people.
         version: raised whenever its results change meaning or form; older results are then stale.
         weight: share of a run's time, roughly, before anything is measured.
-        needs: stages whose results it reads.
+        dependencies: stages whose results it reads.
     """
 
     @property
@@ -196,9 +196,9 @@ class Stage(Protocol):
     @property
     def weight(self) -> float: ...
     @property
-    def needs(self) -> tuple[str, ...]: ...
+    def dependencies(self) -> tuple[str, ...]: ...
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """Settings and inputs that the results are made from; other stages' results are added by the runner."""
         ...
 

@@ -26,7 +26,7 @@ from pipelines.stages.known_cameras import (
     known_file,
     tie_file,
 )
-from pipelines.stages.params import Ingredients, settings_of, without
+from pipelines.stages.params import Params, settings_of, without
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_json
 from pipelines.takes.point_files import write_points
 from studio.errors import StudioError
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 TIE_SETTINGS = (
     "calibrate.tie_accuracy", "calibrate.tie_world_accuracy", "calibrate.board", "calibrate.board_frames",
-    "calibrate.lens", "calibrate.lens_images", "calibrate.shared_lens", "calibrate.scale_between",
+    "calibrate.camera_model", "calibrate.intrinsics_images", "calibrate.shared_intrinsics", "calibrate.scale_between",
     "calibrate.scale_distance", "calibrate.refine_principal_point", "capture.color_matrix", "capture.size_rule",
 )  # fmt: skip
 """Settings that cameras from tie points follow from."""
@@ -50,9 +50,9 @@ class CalibrateStage:
     title = "Cameras"
     version = 1
     weight = 1.0
-    needs: tuple[str, ...] = ()
+    dependencies: tuple[str, ...] = ()
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """A calibration file's content, or the footage and how it is calibrated."""
         given = _given(context)
         if given is not None:
@@ -120,8 +120,8 @@ class CalibrateStage:
         figures = {"cameras": len(rig), "source": report["source"]}
         if "reprojection" in report:
             figures |= {"quality": report["quality"], "mean_error_px": report["reprojection"]["mean"]}
-        if "explained" in report:
-            figures["explained"] = report["explained"]
+        if "match_inlier_ratio" in report:
+            figures["match_inlier_ratio"] = report["match_inlier_ratio"]
         return figures
 
     def _from_file(self, context: Context, path: Path) -> tuple[Any, dict[str, Any]]:
@@ -200,7 +200,7 @@ class CalibrateStage:
             focal_lengths={} if lenses else focal_lengths(footage, frames[0]),
             settings=sfm_settings(section, context.config.run),
             distance=distance,
-            progress=reporter.part("structure from motion", 0.2 if section.lens_images else 0.0, 1.0),
+            progress=reporter.part("structure from motion", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         rig, points = result.rig, result.points
         if section.floor:
@@ -230,7 +230,7 @@ class CalibrateStage:
             focal_lengths={} if lenses else focal_lengths(footage, footage.frames[0]),
             distance=known_distance(section, names),
             settings=tie_settings(section, context.config.run),
-            progress=reporter.part("placing the cameras", 0.2 if section.lens_images else 0.0, 1.0),
+            progress=reporter.part("placing the cameras", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         _keep_points(context, result.points, result.colors)
         return result.rig, {"source": "tie points", "file": str(tie_file(context)), **report, **result.report}
@@ -252,12 +252,12 @@ def _given(context: Context) -> Path | None:
     return None if ways and ways != ["capture.rig"] else camera_file(context.config.capture)
 
 
-def _lens_files(context: Context) -> Ingredients:
+def _lens_files(context: Context) -> Params:
     """What the lenses that are known beforehand are read from (see `_known_lenses`)."""
     section = context.config.calibrate
     return {
-        **({"known": _digest(known_file(context))} if section.known else {}),
-        **({"board footage": board_digest(context)} if section.lens_images else {}),
+        **({"known": _digest(known_file(context))} if section.known_cameras else {}),
+        **({"board footage": board_digest(context)} if section.intrinsics_images else {}),
     }
 
 
@@ -267,10 +267,10 @@ def _keep_points(context: Context, points: np.ndarray, colors: np.ndarray) -> No
 
 
 def _known_lenses(context: Context, reporter: StageReporter) -> tuple[dict[str, Camera], Rig | None, dict[str, Any]]:
-    """Lenses that are known beforehand at the footage's size, the cameras of calibrate.known, and what to report."""
+    """Lenses that are known beforehand at the footage's size, cameras of calibrate.known_cameras, what to report."""
     lenses: dict[str, Camera] = {}
     report: dict[str, Any] = {}
-    if context.config.calibrate.lens_images:
+    if context.config.calibrate.intrinsics_images:
         lenses, report["lenses"] = lenses_from_boards(context, reporter, 0.0, 0.2)
         lenses = {name: at_footage_size(context, name, camera) for name, camera in lenses.items()}
     before = known_cameras(context)

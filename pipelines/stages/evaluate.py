@@ -12,7 +12,7 @@ import numpy as np
 from pipelines.reports.evaluation import Sample, render_report
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.params import Ingredients, settings_of, without
+from pipelines.stages.params import Params, settings_of, without
 from pipelines.takes.atomic_files import write_json, write_text
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
@@ -42,9 +42,9 @@ class EvaluateStage:
     title = "Evaluation"
     version = 1
     weight = 5.0
-    needs: tuple[str, ...] = ("calibrate", "train", "bake")
+    dependencies: tuple[str, ...] = ("calibrate", "train", "bake")
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """The footage and all that decides what is compared."""
         return {
             "footage": context.footage.digest,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pipelines.config import Config
 from pipelines.stages.arguments import capture_spec
-from pipelines.stages.params import Ingredients, settings_of, without
+from pipelines.stages.params import Params, settings_of, without
 from pipelines.takes.take import Take
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class TakeFootage:
         """Open the footage anew when it is next asked for (cameras have changed)."""
         self.__dict__.pop("calibrated", None)
 
-    def seen_by_training(self) -> Ingredients:
+    def seen_by_training(self) -> Params:
         """The footage and the settings that decide what a training view looks like."""
         return {"footage": self.digest, **without(settings_of(self.config, "capture"), *CAPTURE_FOR_TRAINING_LEAVES)}
 

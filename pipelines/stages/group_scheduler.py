@@ -55,7 +55,9 @@ def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
     return [max(1, threads // at_once) if index < full else last for index in range(groups)]
 
 
-def run_lanes(jobs: Mapping[int, Callable[[], None]], at_once: int, threads: Sequence[int], stop: Cancellation) -> None:
+def run_groups(
+    jobs: Mapping[int, Callable[[], None]], at_once: int, threads: Sequence[int], stop: Cancellation
+) -> None:
     """Do the jobs, a group's each, so many at a time.
 
     Args:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from pipelines.config.renamed import first_names
 from pipelines.stages.footage import TakeFootage
 from pipelines.takes.atomic_files import digest_of, read_json, write_json
 from pipelines.takes.groups import Group, cut_at, cut_into_groups
@@ -45,7 +46,7 @@ def _found(footage: TakeFootage) -> list[int] | None:
 def key(footage: TakeFootage) -> str:
     """Digest of all that the groups by motion depend on."""
     settings = footage.config.train
-    seen = footage.seen_by_training()
+    seen = first_names(footage.seen_by_training())
     return digest_of([1, seen, list(footage.raw.frames), settings.group_size, settings.group_change])
 
 

@@ -11,17 +11,17 @@ import numpy as np
 from pipelines.stages import grouping
 from pipelines.stages.arguments import hull_settings
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.params import Ingredients, derived_seed, key_of, settings_of
+from pipelines.stages.params import Params, derived_seed, key_of, settings_of
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_json, remove, write_json
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
 from pipelines.takes.records import result_of
 
 if TYPE_CHECKING:
-    from studio.capture import Footage, View
+    from studio.capture import Footage, FootageView
 
 
-class TrainViews(Sequence["View"]):
+class TrainingViews(Sequence["FootageView"]):
     """The training cameras' views of one frame, read when asked for: a large rig does not fit into memory at once."""
 
     def __init__(self, footage: Footage, frame: int) -> None:
@@ -44,9 +44,9 @@ class InitializeStage:
     title = "Initial points"
     version = 1
     weight = 6.0
-    needs: tuple[str, ...] = ("calibrate",)
+    dependencies: tuple[str, ...] = ("calibrate",)
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """What training sees, how hulls are carved, and where groups begin."""
         return {
             **context.footage.seen_by_training(),
@@ -106,7 +106,7 @@ class InitializeStage:
 
         settings = context.config.initialize
         found = initialize_points(
-            TrainViews(context.footage.calibrated, group.keyframe),
+            TrainingViews(context.footage.calibrated, group.keyframe),
             settings.points,
             settings=hull_settings(settings),
             max_faces=settings.max_faces,
@@ -137,6 +137,6 @@ class InitializeStage:
 
     def _drop_leftovers(self, context: Context, groups: tuple[Group, ...]) -> None:
         wanted = {context.take.initialize_group(group.index) for group in groups}
-        for folder in (context.take.root / "initialize").glob("group_*"):
+        for folder in context.take.folder("initialize").glob("group_*"):
             if folder not in wanted:
                 remove(folder)

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def known_file(context: Context) -> Path:
-    """calibrate.known.
+    """calibrate.known_cameras.
 
     Raises:
         StudioError: it is not there.
     """
-    return _named(context, "known", "camera file")
+    return _named(context, "known_cameras", "camera file")
 
 
 def tie_file(context: Context) -> Path:
@@ -43,7 +43,7 @@ def _named(context: Context, setting: str, what: str) -> Path:
 
 
 def known_cameras(context: Context) -> Rig | None:
-    """The cameras of calibrate.known, at the footage's size and under its names; None where it is empty.
+    """The cameras of calibrate.known_cameras, at the footage's size and under its names; None where it is empty.
 
     Raises:
         StudioError: the file is unusable or lacks a camera, or known_poses without a file.
@@ -53,9 +53,9 @@ def known_cameras(context: Context) -> Rig | None:
     from studio.capture import match_rig
 
     section = context.config.calibrate
-    if not section.known:
+    if not section.known_cameras:
         if section.known_poses:
-            raise StudioError("calibrate.known_poses needs the older solution; name it in calibrate.known.")
+            raise StudioError("calibrate.known_poses needs the older solution; name it in calibrate.known_cameras.")
         return None
     footage = context.footage.raw
     found = match_rig(read_rig(known_file(context)), footage.camera_names)

@@ -8,8 +8,8 @@ from typing import Any
 
 from pipelines.stages.arguments import NOT_TRAINING
 from pipelines.stages.base import Context, StageReporter, leftover
-from pipelines.stages.group_scheduler import groups_at_once, run_lanes, threads_by_group
-from pipelines.stages.params import Ingredients, key_of, settings_of, without
+from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
+from pipelines.stages.params import Params, key_of, settings_of, without
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
 from pipelines.takes.atomic_files import read_json, remove
@@ -32,9 +32,9 @@ class TrainStage:
     title = "Training"
     version = 2
     weight = 85.0
-    needs: tuple[str, ...] = ("calibrate", "initialize")
+    dependencies: tuple[str, ...] = ("calibrate", "initialize")
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """What training sees, how it trains, and which frames."""
         return {
             **self._recipe(context),
@@ -73,7 +73,7 @@ class TrainStage:
                     f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are trained already"
                 )
                 jobs[group.index] = partial(work.train, group, finished[group.index], self._keys(context, group))
-        run_lanes(jobs, at_once, threads, work.stop)
+        run_groups(jobs, at_once, threads, work.stop)
         splats = []
         for group in groups:
             self._drop_leftovers(context, group)
@@ -99,7 +99,7 @@ class TrainStage:
         if problems:
             raise StudioError("\n".join(problems))
 
-    def _recipe(self, context: Context) -> Ingredients:
+    def _recipe(self, context: Context) -> Params:
         """Of all frames."""
         settings = without(settings_of(context.config, "train"), *(f"train.{name}" for name in NOT_TRAINING))
         return {**context.footage.seen_by_training(), **settings, **settings_of(context.config, "run.seed")}

@@ -24,7 +24,7 @@ from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
-    from studio.training import TrainSettings, TrainView
+    from studio.training import TrainingView, TrainSettings
 
 
 _MANY_PIXELS, _GOOD_PIXELS = 600_000, 150_000
@@ -64,7 +64,7 @@ class GroupWork:
         before = read_frame(take.trained_frame(group.index, group.first + finished - 2)) if finished > 1 else None
         # one frame ahead: the next frame's images are decoded while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:
-            views: Future[list[TrainView]] = ahead.submit(self._views, group.frames[finished], tell=True)
+            views: Future[list[TrainingView]] = ahead.submit(self._views, group.frames[finished], tell=True)
             for position in range(finished, len(group.frames)):
                 current = views.result()
                 self._advise(current)
@@ -87,7 +87,7 @@ class GroupWork:
         position: int,
         previous: Gaussians | None,
         before: Gaussians | None,
-        views: list[TrainView],
+        views: list[TrainingView],
         keys: list[str],
     ) -> Gaussians:
         from studio.training import train_interframe
@@ -121,7 +121,7 @@ class GroupWork:
         return found.gaussians.detach().to("cpu")
 
     def _keyframe(
-        self, group: Group, views: list[TrainView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
+        self, group: Group, views: list[TrainingView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
     ) -> Gaussians:
         """From its checkpoint, where a run of the same recipe left one."""
         import torch
@@ -180,9 +180,9 @@ class GroupWork:
 
         return tell
 
-    def _views(self, frame: int, tell: bool = False) -> list[TrainView]:
+    def _views(self, frame: int, tell: bool = False) -> list[TrainingView]:
         """What training sees of a frame; `tell`: nothing else goes on that would show progress."""
-        from studio.training import TrainView
+        from studio.training import TrainingView
 
         footage, device = self.context.footage.calibrated, self.context.device
         views = []
@@ -196,14 +196,14 @@ class GroupWork:
                 self.reporter.progress(fraction, label)
             view = footage.view(camera, frame)
             if (view.matte > 127).any():
-                views.append(TrainView.from_view(view, device, self.settings.crop_margin))
+                views.append(TrainingView.from_view(view, device, self.settings.crop_margin))
             else:
                 self.reporter.warn(f"{camera} does not see the performer in frame {frame}; left out there.")
         if not views:
             raise StudioError(f"No training camera sees the performer in frame {frame}; check the masks.")
         return views
 
-    def _advise(self, views: list[TrainView]) -> None:
+    def _advise(self, views: list[TrainingView]) -> None:
         """Without a GPU, say once what smaller pictures would do where they are larger than it can train on."""
         with self._lock:
             if self._advised or self.context.device != "cpu":

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from pipelines.config.renamed import first_path
 from studio.errors import StudioError
 
 PARTIAL = ".partial"
@@ -88,8 +89,8 @@ def digest_of_file(path: Path) -> str:
 
 
 def digest_of_files(folder: Path, files: Iterable[Path]) -> str:
-    """A short digest of files' names (relative to `folder`) and bytes."""
-    return digest_of({path.relative_to(folder).as_posix(): digest_of_file(path) for path in files})
+    """A short digest of files' names (relative to `folder`, as they were called first) and bytes."""
+    return digest_of({first_path(path.relative_to(folder).as_posix()): digest_of_file(path) for path in files})
 
 
 def link_or_copy(source: str, target: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pipelines.config.renamed import REPORT_KEYS, current_name, current_names, current_path
 from pipelines.takes.atomic_files import digest_of_files, read_json, write_json
 from pipelines.takes.take import Take
 from studio.errors import StudioError
@@ -21,7 +22,23 @@ def read_record(take: Take, stage: str) -> dict[str, Any] | None:
         record = read_json(path)
     except StudioError:
         return None
-    return record if isinstance(record, dict) and "ingredients" in record and "result" in record else None
+    return current_record(record) if isinstance(record, dict) and "result" in record else None
+
+
+def current_record(record: dict[str, Any]) -> dict[str, Any] | None:
+    """A record of any format with the names of now; None where it is no record."""
+    params = record.get("params", record.get("ingredients"))
+    if not isinstance(params, dict):
+        return None
+    found = {name: value for name, value in record.items() if name != "ingredients"}
+    found["params"] = current_names(params)
+    found["stage"] = current_name(str(record.get("stage", "")))
+    for table in ("files", "written"):
+        if isinstance(found.get(table), dict):
+            found[table] = {current_path(name): value for name, value in found[table].items()}
+    if isinstance(found.get("summary"), dict):
+        found["summary"] = {REPORT_KEYS.get(name, name): value for name, value in found["summary"].items()}
+    return found
 
 
 def note_rewritten(take: Take, stage: str) -> None:
@@ -29,10 +46,12 @@ def note_rewritten(take: Take, stage: str) -> None:
     record = read_record(take, stage)
     if record is None:
         return
-    files = [take.root / name for name in record["files"]]
+    files = [take.file(name) for name in record["files"]]
     record["result"] = digest_of_files(take.root, files)
     for what, value in (("files", "st_size"), ("written", "st_mtime_ns")):
-        record[what] = {path.relative_to(take.root).as_posix(): getattr(path.stat(), value) for path in files}
+        record[what] = {
+            current_path(path.relative_to(take.root).as_posix()): getattr(path.stat(), value) for path in files
+        }
     write_json(take.record(stage), record)
 
 

@@ -27,11 +27,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from pipelines.config.renamed import first_name, first_path
 from pipelines.takes.atomic_files import read_json, remove, sweep_partial, write_json
 from studio.errors import StudioError
 
-TAKE_FORMAT = 1
-"""Version of this layout."""
+TAKE_FORMAT = 2
+"""Version of this layout. Format 1 had other names (`pipelines.config.renamed`): it is read as it is, and brought to
+this one when a run first holds it (`pipelines.takes.migration`)."""
+
+READABLE = (1, TAKE_FORMAT)
 
 
 @dataclass(frozen=True)
@@ -55,10 +59,11 @@ class Take:
             raise StudioError(f"{root} is not a take (it has no take.json); give the folder of a take{hint}.")
         found = read_json(root / "take.json")
         version = found.get("format") if isinstance(found, dict) else None
-        if version != TAKE_FORMAT:
+        if version not in READABLE:
             maker = found.get("created_by", "an unknown program") if isinstance(found, dict) else "an unknown program"
             raise StudioError(
-                f"{root / 'take.json'}: format {version!r}, made by {maker}; this version reads format {TAKE_FORMAT}: "
+                f"{root / 'take.json'}: format {version!r}, made by {maker}; this version reads "
+                f"formats {' and '.join(map(str, READABLE))}: "
                 "use the version that made it, or run into a new folder."
             )
         return cls(root)
@@ -109,7 +114,21 @@ class Take:
 
     def initialize_group(self, group: int) -> Path:
         """initialize/group_000: mesh.ply, points.ply, report.json."""
-        return self.root / "initialize" / group_name(group)
+        return self.folder("initialize") / group_name(group)
+
+    def folder(self, stage: str) -> Path:
+        """A stage's folder of results."""
+        return self._kept(self.root, stage)
+
+    def file(self, name: str) -> Path:
+        """A file by its path relative to the take, as it is called now."""
+        path, first = self.root / name, self.root / first_path(name)
+        return first if not path.exists() and first.exists() else path
+
+    def _kept(self, folder: Path, stage: str, ending: str = "") -> Path:
+        """`folder/stage`; in a take of format 1 what that was called."""
+        path, first = folder / f"{stage}{ending}", folder / f"{first_name(stage)}{ending}"
+        return first if first != path and not path.exists() and first.exists() else path
 
     def train_group(self, group: int) -> Path:
         """train/group_000: a frame_000000.safetensors a frame, group.json."""
@@ -167,19 +186,19 @@ class Take:
     @property
     def grouping(self) -> Path:
         """Where groups begin, if the footage was asked."""
-        return self.root / "initialize" / "groups.json"
+        return self.folder("initialize") / "groups.json"
 
     def record(self, stage: str) -> Path:
         """What a stage's results were made from; there only when the stage is finished."""
-        return self.private / "stages" / f"{stage}.json"
+        return self._kept(self.private / "stages", stage, ".json")
 
     def failure(self, stage: str) -> Path:
         """Why a stage's last attempt failed; there only if it did."""
-        return self.private / "stages" / f"{stage}.failed.json"
+        return self._kept(self.private / "stages", stage, ".failed.json")
 
     def work(self, stage: str) -> Path:
         """A stage's folder for work in progress."""
-        return self.private / "work" / stage
+        return self._kept(self.private / "work", stage)
 
     @property
     def footage_cache(self) -> Path:

@@ -7,33 +7,33 @@ from studio.calibration.manual.solve import TieSettings, calibrate_from_tie_poin
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.sfm.job import SfmSettings
 from studio.calibration.sfm.reconstruct import calibrate_from_images
-from studio.calibration.target.pattern import Board, View
-from studio.calibration.target.pdf import PAPERS, write_board_pdf
-from studio.calibration.target.rig import BoardSettings, calibrate_from_boards, calibrate_lenses, detect_boards
+from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
+from studio.calibration.target.pdf import PAPERS, write_target_pdf
+from studio.calibration.target.rig import TargetSettings, calibrate_from_target, calibrate_lenses, detect_target
 
 __all__ = [
     "PAPERS",
     "Accuracy",
-    "Board",
-    "BoardSettings",
     "CalibrationResult",
+    "CalibrationTarget",
     "RigDifference",
     "SfmSettings",
     "Similarity",
+    "TargetObservation",
+    "TargetSettings",
     "TiePoint",
     "TieSettings",
-    "View",
     "align_points",
     "align_rigs",
-    "calibrate_from_boards",
     "calibrate_from_images",
+    "calibrate_from_target",
     "calibrate_from_tie_points",
     "calibrate_lenses",
     "compare_rigs",
-    "detect_boards",
+    "detect_target",
     "floor_world",
     "read_tie_points",
     "reprojection_report",
-    "write_board_pdf",
+    "write_target_pdf",
     "write_tie_points",
 ]

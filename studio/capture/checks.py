@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 from studio.capture.footage import Footage
-from studio.capture.mattes.matte_source import FullMatter
+from studio.capture.mattes.matte_source import FullMatteSource
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 
@@ -56,7 +56,7 @@ def check_footage(
     """
     frames = footage.frames if frames is None else frames
     total = len(frames) * len(footage.camera_names)
-    masked = not isinstance(footage.matter, FullMatter)
+    masked = not isinstance(footage.matte_source, FullMatteSource)
     lock, stop = threading.Lock(), threading.Event()
     done = 0
 

@@ -61,14 +61,14 @@ def open_footage(
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = _held_out(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have their mask
-    matter, mask_note = mask_source(spec, sources, masked, pool, cache_folder)
+    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder)
     exact, exact_note = exact_mattes(spec, tuple(sources), masked)
     notes += [mask_note, exact_note]
     if held_out:
         notes.append(f"Held out: {', '.join(held_out)}.")
     description = "\n".join(note for note in notes if note)
     return Footage(
-        spec, sources, frames, held_out, fps, matter, exact, warps, pool, cache, description, tuple(problems)
+        spec, sources, frames, held_out, fps, matte_source, exact, warps, pool, cache, description, tuple(problems)
     )
 
 

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class PerCamera(Generic[T]):
+class PerCameraCache(Generic[T]):
     """Thread safe; cameras do not wait for each other. What raised is tried again next time."""
 
     def __init__(self, make: Callable[[str], T]) -> None:

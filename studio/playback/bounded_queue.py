@@ -12,7 +12,7 @@ T = TypeVar("T")
 _POLL = 0.01  # seconds between looks at the clock while a full lane waits for its oldest item to grow stale
 
 
-class Lane(Generic[T]):
+class BoundedQueue(Generic[T]):
     """At most `capacity` items, in order; None is never an item."""
 
     def __init__(self, capacity: int) -> None:

@@ -22,8 +22,8 @@ _HUGE_SHARE = 0.1
 def density_control(
     count: int, extent: float, settings: TrainSettings, device: torch.device
 ) -> DensityControl | Relocation:
-    """What `settings.density` names; arguments as of `DensityControl`."""
-    return Relocation(settings) if settings.density == "mcmc" else DensityControl(count, extent, settings, device)
+    """What `settings.strategy` names; arguments as of `DensityControl`."""
+    return Relocation(settings) if settings.strategy == "mcmc" else DensityControl(count, extent, settings, device)
 
 
 class DensityControl:

@@ -19,7 +19,7 @@ from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.splat_rotation import local_median, local_rotations, multiply, neighbors
 from studio.training.step import SnapshotFn, Step, Stepper, check_finite
-from studio.training.views import TrainView
+from studio.training.views import TrainingView
 
 _FIGURES_EVERY = 20
 _ENTROPY_RATE = 0.01
@@ -50,7 +50,7 @@ def interframe_steps(settings: TrainSettings, first: bool = False) -> int:
 
 def train_interframe(
     previous: Gaussians,
-    views: Sequence[TrainView],
+    views: Sequence[TrainingView],
     settings: TrainSettings,
     *,
     before_previous: Gaussians | None = None,
@@ -109,7 +109,7 @@ def _move(
     previous: Gaussians,
     before_previous: Gaussians | None,
     warm_start: dict[str, Tensor] | None,
-    views: Sequence[TrainView],
+    views: Sequence[TrainingView],
     settings: TrainSettings,
     iterations: int,
     generator: torch.Generator,
@@ -171,7 +171,7 @@ def _rate(fraction: float) -> float:
 def _fine_tune(
     previous: Gaussians,
     warped: Gaussians,
-    views: Sequence[TrainView],
+    views: Sequence[TrainingView],
     settings: TrainSettings,
     generator: torch.Generator,
     progress: ProgressFn,

@@ -15,7 +15,7 @@ from studio.training.densify import density_control
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import SnapshotFn, Stepper, check_finite
-from studio.training.views import TrainView
+from studio.training.views import TrainingView
 
 Checkpoint = dict[str, Tensor]
 """All that a keyframe in training knows, by name; for safetensors."""
@@ -79,7 +79,7 @@ def prune_rounds(settings: TrainSettings, splats: int) -> int:
 
 
 def train_keyframe(
-    views: Sequence[TrainView],
+    views: Sequence[TrainingView],
     points: Tensor,
     colors: Tensor,
     settings: TrainSettings,
@@ -128,7 +128,7 @@ class _Run:
 
     def __init__(
         self,
-        views: Sequence[TrainView],
+        views: Sequence[TrainingView],
         points: Tensor,
         colors: Tensor,
         settings: TrainSettings,

@@ -48,7 +48,7 @@ class TrainSettings:
             plate, instead of cutting the performer out by his matte.
         crop_margin: the loss is computed in the performer's box, padded by this share of its size (and 16 px).
         keyframe_iterations: 3DGS steps of the keyframe, before pruning.
-        density: how the keyframe's splats find their places: "gradient" is 3DGS's rule, "mcmc" relocates dead splats
+        strategy: how the keyframe's splats find their places: "default" is 3DGS's rule, "mcmc" relocates dead splats
             and grows to `densify_max_splats` (Kheradmand et al. 2024).
         mcmc_noise: strength of MCMC's exploration noise, 1 as published; only for "mcmc".
         densify_from, densify_until, densify_every: densification, in steps.
@@ -98,7 +98,7 @@ class TrainSettings:
     use_plates: bool = True
     crop_margin: float = 0.15
     keyframe_iterations: int = 12_000
-    density: str = "gradient"
+    strategy: str = "default"
     mcmc_noise: float = 1.0
     densify_from: int = 500
     densify_until: int = 9_000
@@ -148,8 +148,8 @@ class TrainSettings:
             raise StudioError(f"sh_degree is {self.sh_degree}; it must be 0, 1, 2 or 3.")
         if self.background not in ("random", "black", "white"):
             raise StudioError(f"background is '{self.background}'; it must be random, black or white.")
-        if self.density not in ("gradient", "mcmc"):
-            raise StudioError(f"density is '{self.density}'; it must be gradient or mcmc.")
+        if self.strategy not in ("default", "mcmc"):
+            raise StudioError(f"strategy is '{self.strategy}'; it must be default or mcmc.")
         if not 0 <= self.dropout < 1:
             raise StudioError(f"dropout is {self.dropout}; it must be at least 0 and below 1.")
         if not 0 < self.prune_ratio < 1:

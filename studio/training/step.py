@@ -14,7 +14,7 @@ from studio.metrics import psnr
 from studio.rasterizer import Render, rasterize
 from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
-from studio.training.views import Shuffled, TrainView, backgrounds
+from studio.training.views import Shuffled, TrainingView, backgrounds
 
 _MAX_OPACITY = 0.995
 
@@ -36,7 +36,7 @@ class Step:
     loss: Tensor
     target: Tensor
     render: Render
-    view: TrainView
+    view: TrainingView
 
     @property
     def psnr(self) -> float:
@@ -47,7 +47,7 @@ class Step:
 class Stepper:
     """Draws views and backgrounds in a random order fixed by the generator and computes equation 7."""
 
-    def __init__(self, views: Sequence[TrainView], settings: TrainSettings, generator: torch.Generator) -> None:
+    def __init__(self, views: Sequence[TrainingView], settings: TrainSettings, generator: torch.Generator) -> None:
         self._settings = settings
         self._generator = generator
         self._views = Shuffled(views, generator)

@@ -11,7 +11,7 @@ import numpy as np
 
 from gui.presenters.playback import compare
 from gui.presenters.playback.compare import Box
-from gui.presenters.playback.image_zoom import Lens
+from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.sources import FrameSource
 from pipelines.stages.base import Context
@@ -26,7 +26,7 @@ DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Wish:
+class RenderRequest:
     """A picture to be made.
 
     Attributes:
@@ -36,7 +36,7 @@ class Wish:
         what: what is shown; in a comparison it is compared with `reference`.
         orbit: the viewer's own camera.
         camera: name of the capture camera to look through; "" for the viewer's own.
-        lens: which part of its image.
+        image_zoom: which part of its image.
         size: (width, height).
         wipe: place of the wipe's line, 0 to 1.
         context: the take, for ground truth; None where there is none.
@@ -50,7 +50,7 @@ class Wish:
     reference: str
     orbit: OrbitCamera
     camera: str
-    lens: Lens
+    image_zoom: ImageZoom
     size: tuple[int, int]
     background: Color
     wipe: float
@@ -67,15 +67,15 @@ class Wish:
             return tuple(name for name in order if name in self.sources or name == "truth")
         return (self.reference, self.what)
 
-    def same_as(self, other: Wish) -> bool:
+    def same_as(self, other: RenderRequest) -> bool:
         """Whether it would give the same picture."""
         return (
             self.orbit is other.orbit
             and self.context is other.context
             and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded"))
-            and (self.frame, self.mode, self.what, self.reference, self.camera, self.lens, self.size, self.background,
-                self.wipe)
-            == (other.frame, other.mode, other.what, other.reference, other.camera, other.lens, other.size,
+            and (self.frame, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
+                self.background, self.wipe)
+            == (other.frame, other.mode, other.what, other.reference, other.camera, other.image_zoom, other.size,
                 other.background, other.wipe)
         )  # fmt: skip
 
@@ -116,7 +116,7 @@ class _Part:
 
 
 @dataclass
-class PictureMaker:
+class FrameRenderer:
     """Makes wishes true; remembers the last few parts, so that moving the wipe's line draws nothing anew.
 
     Args:
@@ -126,60 +126,60 @@ class PictureMaker:
     draw: DrawFn
     _kept: OrderedDict[tuple[object, ...], _Part] = field(default_factory=OrderedDict)
 
-    def __call__(self, wish: Wish) -> Picture:
+    def __call__(self, wanted: RenderRequest) -> Picture:
         """The picture.
 
         Raises:
             StudioError: a frame or an image that is not there or damaged.
         """
-        capture = capture_camera(wish)
-        names = wish.names
-        apart = wish.mode == "side by side"
-        where = compare.boxes(wish.size, len(names) if apart else 1)
-        parts = [self._part(wish, name, where[0], capture) for name in names]
+        capture = capture_camera(wanted)
+        names = wanted.names
+        apart = wanted.mode == "side by side"
+        where = compare.boxes(wanted.size, len(names) if apart else 1)
+        parts = [self._part(wanted, name, where[0], capture) for name in names]
         images = [part.image for part in parts]
-        if wish.mode == "single":
+        if wanted.mode == "single":
             image = images[0]
         elif apart:
-            image = compare.side_by_side(wish.size, where, images, names)
-        elif wish.mode == "wipe":
-            image = compare.wipe(wish.size, where[0], images[0], images[1], wish.wipe, (names[0], names[1]))
+            image = compare.side_by_side(wanted.size, where, images, names)
+        elif wanted.mode == "wipe":
+            image = compare.wipe(wanted.size, where[0], images[0], images[1], wanted.wipe, (names[0], names[1]))
         else:
-            image = compare.heat_map(wish.size, where[0], images[0], images[1], (names[0], names[1]))
+            image = compare.heat_map(wanted.size, where[0], images[0], images[1], (names[0], names[1]))
         return Picture(
             image,
-            wish.frame,
-            wish.what,
+            wanted.frame,
+            wanted.what,
             parts[-1].splats,
             sum(part.load_seconds for part in parts),
             sum(part.draw_seconds for part in parts),
-            wish.mode,
+            wanted.mode,
             where[0],
-            wish.camera,
+            wanted.camera,
         )
 
-    def _part(self, wish: Wish, name: str, box: Box, capture: Camera | None) -> _Part:
-        source = wish.sources.get(name)
-        seen_by: object = (wish.camera, wish.lens) if capture is not None else wish.orbit.key
-        holder = wish.context if name == "truth" else source
-        key = (name, id(holder), wish.frame, seen_by, wish.background, box.width, box.height)
+    def _part(self, wanted: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
+        source = wanted.sources.get(name)
+        seen_by: object = (wanted.camera, wanted.image_zoom) if capture is not None else wanted.orbit.key
+        holder = wanted.context if name == "truth" else source
+        key = (name, id(holder), wanted.frame, seen_by, wanted.background, box.width, box.height)
         kept = self._kept.get(key)
         if kept is None:
             start = time.perf_counter()
             if name == "truth":
-                image = ground_truth(wish, box.width, box.height)
+                image = ground_truth(wanted, box.width, box.height)
                 kept = _Part(image, 0, time.perf_counter() - start, 0.0, holder)
             elif source is None:
                 raise StudioError(f"There is nothing {name} to show yet.")
             else:
-                gaussians = source.gaussians(wish.frame)
+                gaussians = source.gaussians(wanted.frame)
                 loaded = time.perf_counter()
-                camera = wish.orbit.camera(box.width, box.height)
+                camera = wanted.orbit.camera(box.width, box.height)
                 if capture is not None:
-                    camera = wish.lens.camera(capture, box.width, box.height)
-                image = self.draw(gaussians, camera, wish.background)
+                    camera = wanted.image_zoom.camera(capture, box.width, box.height)
+                image = self.draw(gaussians, camera, wanted.background)
                 if capture is not None:
-                    wish.lens.mask_outside(image, capture)
+                    wanted.image_zoom.mask_outside(image, capture)
                 kept = _Part(image, len(gaussians), loaded - start, time.perf_counter() - loaded, holder)
         self._kept[key] = kept
         self._kept.move_to_end(key)
@@ -192,43 +192,45 @@ class PictureMaker:
         self._kept.clear()
 
 
-def capture_camera(wish: Wish) -> Camera | None:
+def capture_camera(wanted: RenderRequest) -> Camera | None:
     """The capture camera to look through, without lens distortion; None for the viewer's own.
 
     Raises:
         StudioError: there is no such camera.
     """
-    if not wish.camera:
+    if not wanted.camera:
         return None
-    if wish.context is not None:
+    if wanted.context is not None:
         try:
-            return wish.context.footage.calibrated.rig[wish.camera]
+            return wanted.context.footage.calibrated.rig[wanted.camera]
         except StudioError:
-            if wish.rig is None:
+            if wanted.rig is None:
                 raise
-    if wish.rig is None:
+    if wanted.rig is None:
         raise StudioError("A stream alone has no capture cameras; open its take.")
-    return wish.rig[wish.camera].undistorted()
+    return wanted.rig[wanted.camera].undistorted()
 
 
-def ground_truth(wish: Wish, width: int, height: int) -> np.ndarray:
+def ground_truth(wanted: RenderRequest, width: int, height: int) -> np.ndarray:
     """(height, width, 3) uint8: the performer as filmed, over the background, as evaluation sees it.
 
     Raises:
         StudioError: no footage, or an image that cannot be read.
     """
-    if wish.context is None:
+    if wanted.context is None:
         raise StudioError("A stream alone has no ground truth; open its take.")
-    if not wish.camera:
+    if not wanted.camera:
         raise StudioError("Ground truth is seen from capture cameras only; choose one (C).")
-    footage = wish.context.footage.calibrated
-    if wish.frame >= len(footage.frames):
-        raise StudioError(f"The footage has the frames 0 to {len(footage.frames) - 1}; there is no frame {wish.frame}.")
-    frame = footage.frames[wish.frame]
-    alpha = footage.evaluation_matte(wish.camera, frame)[..., None].astype(np.float32) / 255
-    background = np.array(wish.background, np.float32) * 255
-    image = footage.image(wish.camera, frame).astype(np.float32) * alpha + background * (1 - alpha)
-    camera = footage.rig[wish.camera]
-    pixels = wish.lens.picture((image + 0.5).astype(np.uint8), camera, width, height)
-    wish.lens.mask_outside(pixels, camera)
+    footage = wanted.context.footage.calibrated
+    if wanted.frame >= len(footage.frames):
+        raise StudioError(
+            f"The footage has the frames 0 to {len(footage.frames) - 1}; there is no frame {wanted.frame}."
+        )
+    frame = footage.frames[wanted.frame]
+    alpha = footage.evaluation_matte(wanted.camera, frame)[..., None].astype(np.float32) / 255
+    background = np.array(wanted.background, np.float32) * 255
+    image = footage.image(wanted.camera, frame).astype(np.float32) * alpha + background * (1 - alpha)
+    camera = footage.rig[wanted.camera]
+    pixels = wanted.image_zoom.picture((image + 0.5).astype(np.uint8), camera, width, height)
+    wanted.image_zoom.mask_outside(pixels, camera)
     return pixels

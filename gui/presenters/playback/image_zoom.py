@@ -13,7 +13,7 @@ MOST_ZOOM = 40.0
 
 
 @dataclass(frozen=True)
-class Lens:
+class ImageZoom:
     """A part of an image.
 
     Attributes:
@@ -68,20 +68,20 @@ class Lens:
         top, bottom = max(round(y), 0), min(round(y + camera.height * scale), height)
         pixels[:top], pixels[bottom:], pixels[:, :left], pixels[:, right:] = GROUND, GROUND, GROUND, GROUND
 
-    def zoomed(self, notches: float) -> Lens:
+    def zoomed(self, notches: float) -> ImageZoom:
         """Nearer (positive) or farther by notches of the wheel."""
         zoom = float(np.clip(self.zoom / 0.9**notches, 1.0, MOST_ZOOM))
-        return Lens(0.5, 0.5, 1.0) if zoom == 1.0 else Lens(self.u, self.v, zoom)
+        return ImageZoom(0.5, 0.5, 1.0) if zoom == 1.0 else ImageZoom(self.u, self.v, zoom)
 
-    def moved(self, dx: float, dy: float, camera: Camera, width: int, height: int) -> Lens:
+    def moved(self, dx: float, dy: float, camera: Camera, width: int, height: int) -> ImageZoom:
         """Moved by a drag in pixels of the picture."""
         scale = self.scale(camera, width, height)
         u = float(np.clip(self.u - dx / scale / camera.width, 0.0, 1.0))
         v = float(np.clip(self.v - dy / scale / camera.height, 0.0, 1.0))
-        return Lens(u, v, self.zoom)
+        return ImageZoom(u, v, self.zoom)
 
     @classmethod
-    def around(cls, points: np.ndarray, camera: Camera, width: int, height: int) -> Lens:
+    def around(cls, points: np.ndarray, camera: Camera, width: int, height: int) -> ImageZoom:
         """The part that holds almost all of the points.
 
         Args:

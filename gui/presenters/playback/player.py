@@ -11,8 +11,8 @@ import numpy as np
 from gui.presenters.drawing.splats import draw
 from gui.presenters.loading import load
 from gui.presenters.playback.compare import LABELS, MODES, WHATS
-from gui.presenters.playback.frame_renderer import DrawFn, Picture, PictureMaker, Wish
-from gui.presenters.playback.image_zoom import Lens
+from gui.presenters.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
+from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.rate import Rate
 from gui.presenters.playback.sources import Opened, open_path, take_contents
@@ -41,9 +41,9 @@ class PlayerPresenter(Viewpoint):
     def __init__(self, draw_function: DrawFn = draw, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._now = now
-        self._maker = PictureMaker(draw_function)
-        self._worker: LatestWorker[Wish, Picture] = LatestWorker(self._maker, "v3studio viewport")
-        self._asked: Wish | None = None
+        self._maker = FrameRenderer(draw_function)
+        self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._maker, "v3studio viewport")
+        self._asked: RenderRequest | None = None
         self._shown = Rate(now)
         self._contents: tuple[object, ...] = ()
         self.filmed: Sequence[int] = ()
@@ -169,7 +169,7 @@ class PlayerPresenter(Viewpoint):
         if self.what == "truth" and self.opened.default is not None:
             self.what = self.opened.default.name
         self.mode = mode
-        self._lens_follows |= self.camera != "" and self.lens == Lens()
+        self._lens_follows |= self.camera != "" and self.image_zoom == ImageZoom()
         self._fit_lens()
         return True
 
@@ -189,14 +189,14 @@ class PlayerPresenter(Viewpoint):
     def poll(self) -> Picture | None:
         """Ask for what is due and return a new picture if one is there. Never waits; call at each tick."""
         if self.opened is not None and self.source is not None:
-            wish = Wish(
+            wanted = RenderRequest(
                 self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
-                self.camera, self.lens, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
+                self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
                 self.opened.rig,
             )  # fmt: skip
-            if self._asked is None or not wish.same_as(self._asked):
-                self._asked = wish
-                self._worker.ask(wish)
+            if self._asked is None or not wanted.same_as(self._asked):
+                self._asked = wanted
+                self._worker.ask(wanted)
         done = self._worker.take()
         picture = self._received(done) if done is not None else None
         if self._left_out is not None and (self.picture is None or not self.transport.playing):
@@ -213,7 +213,7 @@ class PlayerPresenter(Viewpoint):
         """The viewport shows something else by now: the next poll makes the picture again."""
         self._asked = None
 
-    def _received(self, done: Done[Wish, Picture]) -> Picture | None:
+    def _received(self, done: Done[RenderRequest, Picture]) -> Picture | None:
         if self.opened is None or done.request.sources is not self.opened.sources:
             return None  # of what was open before
         if isinstance(done.error, LeftOut):

@@ -16,7 +16,7 @@ GAP = 3
 
 
 @dataclass(frozen=True)
-class Strip:
+class Plot:
     """One row.
 
     Attributes:
@@ -38,7 +38,7 @@ class Strip:
         return (min(known), max(known)) if known else None
 
 
-def strips_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean") -> tuple[Strip, ...]:
+def plots_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean") -> tuple[Plot, ...]:
     """The three strips of a take; those without a value stay, empty, so that nothing moves.
 
     Args:
@@ -47,14 +47,14 @@ def strips_of(evaluation_series: dict[str, list[float | None]], mean: str = "mea
     """
     kilobytes = [None if value is None else value / 1000 for value in evaluation_series.get("bytes", [])]
     return (
-        Strip(f"PSNR trained, {mean}", evaluation_series.get("psnr_trained", []), SECOND, "dB"),
-        Strip(f"PSNR decoded, {mean}", evaluation_series.get("psnr_decoded", []), ACCENT, "dB"),
-        Strip("KB a frame, mean of group", kilobytes, SECOND, "KB"),
+        Plot(f"PSNR trained, {mean}", evaluation_series.get("psnr_trained", []), SECOND, "dB"),
+        Plot(f"PSNR decoded, {mean}", evaluation_series.get("psnr_decoded", []), ACCENT, "dB"),
+        Plot("KB a frame, mean of group", kilobytes, SECOND, "KB"),
     )
 
 
 @dataclass(frozen=True)
-class StripBoard:
+class TimelinePlots:
     """Strips over the track. All lie over the same frames, so a click on any seeks.
 
     Attributes:
@@ -88,16 +88,16 @@ class StripBoard:
         """The frame under a column of the board."""
         return self.timeline.frame_at(x - self.left)
 
-    def picture(self, frame: int | None, strips: Sequence[Strip], marks: Iterable[int] = ()) -> np.ndarray:
+    def picture(self, frame: int | None, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
         """(height, width, 3) uint8: the strips, the track with its head and marks, the head's line over all."""
-        return self.with_head(self.base(strips, marks), frame, strips)
+        return self.with_head(self.base(plots, marks), frame, plots)
 
-    def base(self, strips: Sequence[Strip], marks: Iterable[int] = ()) -> np.ndarray:
+    def base(self, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
         """(height, width, 3) uint8: all that does not depend on the frame. Worth keeping: playing draws it often."""
         canvas = Canvas(self.width, self.height, PANEL)
         timeline = self.timeline
-        for number, strip in enumerate(strips):
-            self._strip(canvas, timeline, strip, *self._rows(len(strips))[number])
+        for number, plot in enumerate(plots):
+            self._plot(canvas, timeline, plot, *self._rows(len(plots))[number])
         canvas.text(0, self._track + self.track_height / 2 - self._size(99) * 0.62, "Frame", self._size(99), DIM)
         for mark in marks:
             if mark < self.frame_count:
@@ -105,7 +105,7 @@ class StripBoard:
                 canvas.rect(middle - 2, self._track - GAP, 4, MARK_HEIGHT, BAD)
         return canvas.pixels
 
-    def with_head(self, base: np.ndarray, frame: int | None, strips: Sequence[Strip]) -> np.ndarray:
+    def with_head(self, base: np.ndarray, frame: int | None, plots: Sequence[Plot]) -> np.ndarray:
         """`base`, a copy, with the track, the head and the frame's figures."""
         canvas = Canvas(1, 1)
         canvas.pixels = base.copy()
@@ -120,14 +120,14 @@ class StripBoard:
         size = self._size(99)
         right = self.left - 8
         canvas.text(right, self._track + self.track_height / 2 - size * 0.62, str(frame), size, TEXT, align="right")
-        for strip, (y, height) in zip(strips, self._rows(len(strips)), strict=True):
-            value = strip.values[frame] if frame < len(strip.values) else None
+        for plot, (y, height) in zip(plots, self._rows(len(plots)), strict=True):
+            value = plot.values[frame] if frame < len(plot.values) else None
             if value is None:
                 continue
             size = self._size(height)
-            words = f"{value:.2f} {strip.unit}"
+            words = f"{value:.2f} {plot.unit}"
             canvas.text(right, y + height / 2 - size * 0.62, words, size, TEXT, align="right")
-            self._bar(canvas, timeline, strip, frame, value, y, height, strip.color)
+            self._bar(canvas, timeline, plot, frame, value, y, height, plot.color)
         first, last = timeline.span(frame)
         head = self.left + (first + last - 1) // 2
         below = canvas.pixels[GAP : self._track - GAP, head].astype(np.float32)
@@ -150,14 +150,14 @@ class StripBoard:
         self,
         canvas: Canvas,
         timeline: Timeline,
-        strip: Strip,
+        plot: Plot,
         frame: int,
         value: float,
         y: int,
         height: int,
         color: RGB,
     ) -> None:
-        limits = strip.range
+        limits = plot.range
         assert limits is not None
         low, high = limits
         pad = max(0.12 * (high - low), 1e-3 * max(abs(high), 1e-3))
@@ -166,20 +166,20 @@ class StripBoard:
         first, last = timeline.span(frame)
         canvas.rect(self.left + first, y + height - 1 - bar, max(last - first - (last - first > 3), 1), bar, color)
 
-    def _strip(self, canvas: Canvas, timeline: Timeline, strip: Strip, y: int, height: int) -> None:
+    def _plot(self, canvas: Canvas, timeline: Timeline, plot: Plot, y: int, height: int) -> None:
         size = self._size(height)
-        room = self.left - 16 - text_width(f"00.00 {strip.unit}", size)
-        canvas.text(0, y + height / 2 - size * 0.62, strip.title, size, DIM, width=room)
+        room = self.left - 16 - text_width(f"00.00 {plot.unit}", size)
+        canvas.text(0, y + height / 2 - size * 0.62, plot.title, size, DIM, width=room)
         canvas.rect(self.left, y, timeline.width, height, RAISED)
         for start in self.group_starts:
             if 0 < start < self.frame_count:
                 canvas.rect(self.left + timeline.span(start)[0], y, 1, height, LINE)
-        if strip.range is None:
+        if plot.range is None:
             canvas.text(self.left + 8, y + height / 2 - size * 0.62, "not measured yet", size, FAINT)
             return
-        for index, value in enumerate(strip.values[: self.frame_count]):
+        for index, value in enumerate(plot.values[: self.frame_count]):
             if value is not None:
-                self._bar(canvas, timeline, strip, index, value, y, height, _dimmed(strip.color))
+                self._bar(canvas, timeline, plot, index, value, y, height, _dimmed(plot.color))
 
 
 def _dimmed(color: RGB) -> RGB:

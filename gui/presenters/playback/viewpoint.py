@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gui.presenters.playback.image_zoom import Lens
+from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.sources import FrameSource, Opened
 from pipelines.stages.base import Context
@@ -23,7 +23,7 @@ class Viewpoint:
         what: "truth", "trained" or "decoded".
         mode: of `compare.MODES`.
         camera: the capture camera that is looked through; "" for the free view.
-        lens: which part of its image.
+        image_zoom: which part of its image.
         orbit, home: the free view, now and on opening.
         size: of the picture, (width, height).
         background: of `BACKGROUNDS`.
@@ -36,7 +36,7 @@ class Viewpoint:
         self.what = "decoded"
         self.mode = "single"
         self.camera = ""
-        self.lens = Lens()
+        self.image_zoom = ImageZoom()
         self._lens_follows = False
         self._points = np.zeros((0, 3))
         self.orbit = OrbitCamera()
@@ -93,15 +93,15 @@ class Viewpoint:
 
     def zoom_to_performer(self) -> None:
         """Bring the performer near, within the capture camera's image; or show the whole image again."""
-        self._lens_follows = self.camera != "" and self.lens == Lens()
-        self.lens = Lens()
+        self._lens_follows = self.camera != "" and self.image_zoom == ImageZoom()
+        self.image_zoom = ImageZoom()
         self._fit_lens()
 
     def _fit_lens(self) -> None:
         """Hold the performer in a picture of the present size, as long as nobody has chosen another part."""
         if self._lens_follows and self.camera and self.opened is not None and self.opened.rig is not None:
             camera = self.opened.rig[self.camera].undistorted()
-            self.lens = Lens.around(self._points, camera, *self._box_size)
+            self.image_zoom = ImageZoom.around(self._points, camera, *self._box_size)
 
     @property
     def _box_size(self) -> tuple[int, int]:
@@ -123,7 +123,7 @@ class Viewpoint:
             self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
         if not camera and self.what == "truth" and self.opened is not None and self.opened.default is not None:
             self.what = self.opened.default.name
-        self.camera, self.lens, self._lens_follows = camera, Lens(), camera != "" and self.mode != "single"
+        self.camera, self.image_zoom, self._lens_follows = camera, ImageZoom(), camera != "" and self.mode != "single"
         self._fit_lens()
         if not camera and self.mode != "single" and len(self.source_names) < 2:
             self.mode = "single"
@@ -147,7 +147,7 @@ class Viewpoint:
         """Move by a drag in pixels; in a capture camera's image where one is looked through."""
         if self.camera and self.opened is not None and self.opened.rig is not None:
             self._lens_follows = False
-            self.lens = self.lens.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
+            self.image_zoom = self.image_zoom.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
             return
         self.orbit = self.orbit.pan(dx, dy, self.size[1])
 
@@ -155,7 +155,7 @@ class Viewpoint:
         """Nearer or farther; in a capture camera's image where one is looked through."""
         if self.camera:
             self._lens_follows = False
-            self.lens = self.lens.zoomed(notches)
+            self.image_zoom = self.image_zoom.zoomed(notches)
             return
         self.orbit = self.orbit.zoom(notches)
 
@@ -168,13 +168,13 @@ class Viewpoint:
         if self.opened is None:
             return None
         if self.camera and self.opened.rig is not None:
-            return self.lens.camera(self.opened.rig[self.camera].undistorted(), *self.size)
+            return self.image_zoom.camera(self.opened.rig[self.camera].undistorted(), *self.size)
         return self.orbit.camera(*self.size)
 
     def reset_view(self) -> None:
         """Back to where the view was on opening; a capture camera's whole image where one is looked through."""
         if self.camera:
-            self.lens, self._lens_follows = Lens(), False
+            self.image_zoom, self._lens_follows = ImageZoom(), False
         else:
             self.orbit = self.home
 

@@ -172,7 +172,7 @@ def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
         (1, 2) its place, from two other cameras' marks or more; (N, 2) a line on which it lies, from one mark; None
         without any.
     """
-    from studio.calibration.manual.bootstrap import Sightings, TieRig, pixel_rays, triangulate
+    from studio.calibration.manual.bootstrap import Observations, TieRig, pixel_rays, triangulate
 
     others = [name for name in point.pixels if name != camera.name and name in rig]
     if not others:
@@ -180,7 +180,7 @@ def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
     if len(others) > 1:
         seen = {name: np.array([point.pixels[name]]) for name in others}
         solved = TieRig({name: rig[name] for name in others}, np.full((1, 3), np.nan))
-        triangulate(Sightings([point.name], solved.places, seen), solved)
+        triangulate(Observations([point.name], solved.places, seen), solved)
         places = solved.places
     else:
         other = rig[others[0]]

@@ -14,14 +14,14 @@ from gui.presenters.points.drawing import MOST_PICTURES, Action, Spots, crops, c
 from gui.presenters.points.magnifier import Zoom
 from gui.presenters.points.marks import TieMarks, advice, expected
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_view import Board, Size
+from gui.presenters.stages.stage_view import Size, StageView
 from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import read_json
 from studio.cameras import Rig
 from studio.errors import StudioError
 
 
-class PointsBoard(Board):
+class PointsView(StageView):
     """See the module. Clicks fall on what the last picture had where.
 
     Attributes:
@@ -60,7 +60,7 @@ class PointsBoard(Board):
         return config.capture.root / named if named else take.root / "points.yaml"
 
     def state(self) -> Hashable:
-        """See `Board`."""
+        """See `StageView`."""
         path = self.path
         if path is not None and (self.marks is None or self.marks.path != path or self.marks.stale):
             stamp = (path, path.stat().st_mtime_ns if path.is_file() else 0)
@@ -92,7 +92,7 @@ class PointsBoard(Board):
     # Pictures
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `Board`."""
+        """See `StageView`."""
         marks = self.marks
         if marks is None or self.workspace.context is None:
             raise StudioError(self.problem or "Open a take to mark points in its footage.")
@@ -299,7 +299,7 @@ class PointsBoard(Board):
 
     @property
     def status(self) -> str:
-        """See `Board`."""
+        """See `StageView`."""
         if self.problem:
             return self.problem
         if self.marks is None:

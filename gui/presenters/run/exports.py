@@ -46,7 +46,7 @@ class PathKey:
 
 
 @dataclass
-class ExportWish:
+class ExportRequest:
     """What the operator has chosen so far, as typed.
 
     Attributes:
@@ -139,7 +139,7 @@ class Exports:
         """Whether one is at work."""
         return self._process is not None
 
-    def start(self, wish: ExportWish) -> None:
+    def start(self, wanted: ExportRequest) -> None:
         """Begin.
 
         Raises:
@@ -147,16 +147,16 @@ class Exports:
         """
         if self._process is not None:
             raise StudioError("An export runs already; wait for it or stop it (menu Export).")
-        if wish.path.exists():
-            raise StudioError(f"{wish.path} is there already; nothing is overwritten, so choose another name.")
-        command = [*v3studio_command(), "export", *wish.arguments()]
+        if wanted.path.exists():
+            raise StudioError(f"{wanted.path} is there already; nothing is overwritten, so choose another name.")
+        command = [*v3studio_command(), "export", *wanted.arguments()]
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
-        if wish.kind == "camera-path":
-            width, height = map(int, wish.size.split("x"))
+        if wanted.kind == "camera-path":
+            width, height = map(int, wanted.size.split("x"))
             command += ["--path", str(self._write_path(scratch, (width, height)))]
         self._process = ChildProcess(command, scratch / "errors.txt", scratch)
-        self._target, self._stopping = wish.path, False
-        self.words, self.result = f"export {wish.kind}: starting", ""
+        self._target, self._stopping = wanted.path, False
+        self.words, self.result = f"export {wanted.kind}: starting", ""
 
     def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
         from studio.export import Key, path_to_json

@@ -12,7 +12,7 @@ from gui.presenters.drawing.canvas import Canvas, line_height
 from gui.presenters.drawing.palette import ACCENT, DIM, FAINT, GROUND, PANEL, RAISED, TEXT
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.qp_trial import TRIED_QPS, QpTrial
-from gui.presenters.stages.stage_view import Board, Size
+from gui.presenters.stages.stage_view import Size, StageView
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import Manifest, StreamReader
@@ -86,7 +86,7 @@ def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
     return found
 
 
-class BakeBoard(Board):
+class BakeView(StageView):
     """See the module."""
 
     modes = ("bytes", "try other QPs", "planes")
@@ -103,7 +103,7 @@ class BakeBoard(Board):
         return (take, stamp, self.mode, self.frame if self.mode == "planes" else 0, self._trial.changes, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `Board`."""
+        """See `StageView`."""
         take, config = self.workspace.take, self.workspace.config
         if take is None:
             raise StudioError("There is no take.")
@@ -240,6 +240,6 @@ class BakeBoard(Board):
         return canvas.pixels
 
     def close(self) -> bool:
-        """See `Board`."""
+        """See `StageView`."""
         self._trial.stop()
         return super().close()

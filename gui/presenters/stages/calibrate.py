@@ -12,8 +12,9 @@ from gui.presenters.drawing.painter import draw_frustum, draw_points
 from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, RGB, SECOND, TEXT
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_view import OrbitBoard, Size
+from gui.presenters.stages.stage_view import OrbitView, Size
 from pipelines.takes.atomic_files import read_json
+from pipelines.takes.migration import current_report
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
@@ -27,10 +28,10 @@ BANDS: dict[str, tuple[str, RGB]] = {
 UNKNOWN: tuple[str, RGB] = ("no error known: cameras were given", SECOND)
 
 
-class CalibrateBoard(OrbitBoard):
+class CalibrateView(OrbitView):
     """See the module."""
 
-    modes = ("cameras", "report", "points by hand")  # the last is `PointsBoard`'s
+    modes = ("cameras", "report", "points by hand")  # the last is `PointsView`'s
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -50,7 +51,7 @@ class CalibrateBoard(OrbitBoard):
         return (stamp, self.mode, view, self.frame if self.mode == "cameras" else 0, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `Board`."""
+        """See `StageView`."""
         take = self.workspace.take
         if take is None or not take.rig.is_file():
             raise StudioError("There are no cameras yet. Run Calibrate.")
@@ -64,7 +65,7 @@ class CalibrateBoard(OrbitBoard):
         from studio.camera_files import read_rig
 
         self._rig = read_rig(take.rig)
-        self._report = read_json(take.calibration_report) if take.calibration_report.is_file() else {}
+        self._report = current_report(read_json(take.calibration_report)) if take.calibration_report.is_file() else {}
         self._points = read_points(take.calibration_points) if take.calibration_points.is_file() else None
         self._thumbnails.clear()
         self._home = _overview(self._rig)
@@ -188,7 +189,7 @@ class CalibrateBoard(OrbitBoard):
         return canvas.pixels
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """See `Board`."""
+        """See `StageView`."""
         if self.mode == "cameras":  # the report is a table
             super().drag(dx, dy, turn, height)
 

@@ -12,7 +12,7 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
 from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, RAISED, TEXT
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_view import Board, Size, sentence
+from gui.presenters.stages.stage_view import Size, StageView, sentence
 from pipelines.config import Config
 from pipelines.stages.arguments import capture_spec
 from studio.capture import Footage, check_footage, open_footage
@@ -21,7 +21,7 @@ from studio.errors import Cancelled, StudioError
 TINT = np.array(ACCENT, np.float32)
 
 
-class CaptureBoard(Board):
+class CaptureView(StageView):
     """Thumbnails of every camera. Modes: the mask laid over, the image alone, the performer alone."""
 
     modes = ("mask overlay", "images", "performer")
@@ -39,7 +39,7 @@ class CaptureBoard(Board):
         return (capture, self.frame, self.mode, self._check.words, tuple(self._check.problems), self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `Board`."""
+        """See `StageView`."""
         footage = self._open()
         if footage is None:
             return sentence(size, "This take has no settings that can be read, so no footage is known.", self.em)
@@ -134,7 +134,7 @@ class CaptureBoard(Board):
         return self._check.running
 
     def close(self) -> bool:
-        """See `Board`."""
+        """See `StageView`."""
         self._check.stop()
         return super().close()
 

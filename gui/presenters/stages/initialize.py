@@ -14,7 +14,7 @@ from gui.presenters.drawing.painter import draw_points
 from gui.presenters.drawing.palette import DIM, GROUND
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.stage_view import OrbitBoard, Size
+from gui.presenters.stages.stage_view import OrbitView, Size
 from pipelines.takes.atomic_files import read_json
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
@@ -32,7 +32,7 @@ class Mesh(Protocol):
         ...
 
 
-class InitializeBoard(OrbitBoard):
+class InitializeView(OrbitView):
     """See the module.
 
     Args:
@@ -64,7 +64,7 @@ class InitializeBoard(OrbitBoard):
         return (folder, _stamp(folder), self.mode, view, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `Board`."""
+        """See `StageView`."""
         folder = self._folder()
         take = self.workspace.take
         if folder is None or take is None or not (folder / "points.ply").is_file():

@@ -17,7 +17,7 @@ from studio.errors import StudioError
 Size = tuple[int, int]
 
 
-class Board:
+class StageView:
     """A stage's picture. Subclasses say what it depends on (`state`) and how it is made (`draw`, on a thread).
 
     Args:
@@ -110,7 +110,7 @@ class Board:
         return self._worker.close()
 
 
-class OrbitBoard(Board):
+class OrbitView(StageView):
     """A board that shows something from a viewer's camera; drags turn and move it, the wheel comes nearer.
 
     Attributes:
@@ -125,13 +125,13 @@ class OrbitBoard(Board):
         self._home: OrbitCamera | None = None
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """See `Board`."""
+        """See `StageView`."""
         orbit = self.orbit or self._home
         if orbit is not None:
             self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
 
     def wheel(self, notches: float) -> None:
-        """See `Board`."""
+        """See `StageView`."""
         orbit = self.orbit or self._home
         if orbit is not None:
             self.orbit = orbit.zoom(notches)

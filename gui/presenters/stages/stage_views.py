@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from gui.presenters.playback.player import PlayerPresenter
-from gui.presenters.points.view import PointsBoard
+from gui.presenters.points.view import PointsView
 from gui.presenters.run.workspace import Workspace
-from gui.presenters.stages.bake import BakeBoard
-from gui.presenters.stages.calibrate import CalibrateBoard
-from gui.presenters.stages.capture import CaptureBoard
-from gui.presenters.stages.initialize import InitializeBoard, Mesh
-from gui.presenters.stages.stage_view import Board
-from gui.presenters.stages.train import TrainBoard
+from gui.presenters.stages.bake import BakeView
+from gui.presenters.stages.calibrate import CalibrateView
+from gui.presenters.stages.capture import CaptureView
+from gui.presenters.stages.initialize import InitializeView, Mesh
+from gui.presenters.stages.stage_view import StageView
+from gui.presenters.stages.train import TrainView
 
 Choice = tuple[str, str, str]
 
@@ -46,47 +46,47 @@ TOOLTIPS = {
 }
 
 
-class Views:
+class StageViews:
     """Boards by stage, and which one is shown.
 
     Args:
         workspace: the take.
         player: the playback.
-        read_mesh: see `InitializeBoard`.
+        read_mesh: see `InitializeView`.
     """
 
     def __init__(self, workspace: Workspace, player: PlayerPresenter, read_mesh: Callable[[Path], Mesh]) -> None:
         self.workspace, self.player = workspace, player
-        self.capture = CaptureBoard(workspace)
-        self.boards: dict[str, Board] = {
+        self.capture = CaptureView(workspace)
+        self.stage_views: dict[str, StageView] = {
             "capture": self.capture,
-            "calibrate": CalibrateBoard(workspace),
-            "initialize": InitializeBoard(workspace, read_mesh),
-            "train": TrainBoard(workspace),
-            "bake": BakeBoard(workspace),
+            "calibrate": CalibrateView(workspace),
+            "initialize": InitializeView(workspace, read_mesh),
+            "train": TrainView(workspace),
+            "bake": BakeView(workspace),
         }
-        self.points = PointsBoard(workspace)
+        self.points = PointsView(workspace)
         self.stage = "review"
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
         """Buttons over the viewport, by stage."""
         found: dict[str, tuple[Choice, ...]] = {
-            stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in board.modes)
-            for stage, board in self.boards.items()
+            stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
+            for stage, stage_view in self.stage_views.items()
         }
         return {**found, "review": REVIEW_CHOICES}
 
     def chosen(self) -> set[str]:
         """Which of them are on."""
         if self.stage != "review":
-            return {self.boards[self.stage].mode}
+            return {self.stage_views[self.stage].mode}
         return {self.player.what, self.player.mode}
 
     def choose(self, key: str) -> None:
         """One was pressed; a comparison that is on is switched off."""
         player = self.player
         if self.stage != "review":
-            self.boards[self.stage].mode = key
+            self.stage_views[self.stage].mode = key
             self.shown_anew()
         elif key in ("truth", "trained", "decoded"):
             if key == "truth" and player.mode != "single":
@@ -104,25 +104,25 @@ class Views:
     def shown_anew(self) -> None:
         """What is shown must be drawn again, because something else was shown."""
         self.player.show_again()
-        for board in (*self.boards.values(), self.points):
-            board.show_again()
+        for stage_view in (*self.stage_views.values(), self.points):
+            stage_view.show_again()
 
     @property
     def shows_player(self) -> bool:
         """Whether the viewport shows the playback."""
-        return self.stage == "review" or (self.stage == "train" and self.boards["train"].mode == "gaussians")
+        return self.stage == "review" or (self.stage == "train" and self.stage_views["train"].mode == "gaussians")
 
     @property
-    def board(self) -> Board | None:
+    def stage_view(self) -> StageView | None:
         """What is shown otherwise."""
         if self.shows_player:
             return None
-        return self.points if self.marks_points else self.boards[self.stage]
+        return self.points if self.marks_points else self.stage_views[self.stage]
 
     @property
     def marks_points(self) -> bool:
         """Whether points are marked by hand."""
-        return self.stage == "calibrate" and self.boards["calibrate"].mode in self.points.modes
+        return self.stage == "calibrate" and self.stage_views["calibrate"].mode in self.points.modes
 
     def fit_transport(self) -> bool:
         """Let the transport run over what the shown stage has frames of; returns whether it did not before."""
@@ -140,27 +140,27 @@ class Views:
             drawn_size: of pictures that are drawn splat by splat.
             em: font size, pixels.
         """
-        board = self.board
-        if board is None:
+        stage_view = self.stage_view
+        if stage_view is None:
             self.player.context = self.workspace.context
             self.player.filmed = self.workspace.assessment.numbers
             self.player.resize(*drawn_size)
             picture = self.player.poll()
             return picture.image if picture is not None else None
-        board.em = em
-        board.frame = self.player.transport.frame
-        return board.poll(drawn_size if board.orbits else size)
+        stage_view.em = em
+        stage_view.frame = self.player.transport.frame
+        return stage_view.poll(drawn_size if stage_view.orbits else size)
 
     @property
     def settled(self) -> bool:
         """True where the newest picture shows what was last asked for."""
-        board = self.board
-        return self.player.settled if board is None else board.settled
+        stage_view = self.stage_view
+        return self.player.settled if stage_view is None else stage_view.settled
 
     @property
     def message(self) -> str:
         """What to write over the viewport; boards write into their own picture."""
-        if self.player.opened is None or self.board is None:
+        if self.player.opened is None or self.stage_view is None:
             return self.player.message
         return ""
 
@@ -168,9 +168,9 @@ class Views:
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Turn or move what is shown."""
-        board = self.board
-        if board is not None:
-            board.drag(dx, dy, turn, height)
+        stage_view = self.stage_view
+        if stage_view is not None:
+            stage_view.drag(dx, dy, turn, height)
         elif turn:
             self.player.drag_orbit(dx, dy)
         else:
@@ -178,25 +178,25 @@ class Views:
 
     def wheel(self, notches: float) -> None:
         """Nearer or farther."""
-        board = self.board
-        if board is not None:
-            board.wheel(notches)
+        stage_view = self.stage_view
+        if stage_view is not None:
+            stage_view.wheel(notches)
         else:
             self.player.wheel(notches)
 
     def click(self, x: float, y: float) -> None:
         """A click."""
-        if self.board is not None:
-            self.board.click(x, y)
+        if self.stage_view is not None:
+            self.stage_view.click(x, y)
 
     def hover(self, x: float, y: float) -> None:
         """Where the mouse is."""
-        if self.board is not None:
-            self.board.hover(x, y)
+        if self.stage_view is not None:
+            self.stage_view.hover(x, y)
 
     def grabs(self, x: float) -> bool:
         """Whether a press at a column takes hold of the wipe's line."""
-        return self.board is None and self.player.wipe_at(x)
+        return self.stage_view is None and self.player.wipe_at(x)
 
     def pull(self, x: float) -> None:
         """Move it."""
@@ -204,12 +204,14 @@ class Views:
 
     def reset(self) -> None:
         """Back to the first view of what is shown."""
-        board = self.board
-        if board is None:
+        stage_view = self.stage_view
+        if stage_view is None:
             self.player.reset_view()
         else:
-            board.reset()
+            stage_view.reset()
 
     def close(self) -> bool:
         """End all threads. Returns whether they ended in time."""
-        return all([board.close() for board in (*self.boards.values(), self.points)] + [self.player.close()])
+        return all(
+            [stage_view.close() for stage_view in (*self.stage_views.values(), self.points)] + [self.player.close()]
+        )

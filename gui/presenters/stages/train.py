@@ -12,11 +12,11 @@ from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, RAISED, SECOND
 from gui.presenters.drawing.plots import curve
 from gui.presenters.drawing.splats import draw
 from gui.presenters.playback.compare import label
-from gui.presenters.playback.frame_renderer import Wish, ground_truth
-from gui.presenters.playback.image_zoom import Lens
+from gui.presenters.playback.frame_renderer import RenderRequest, ground_truth
+from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.run_state import Curve
-from gui.presenters.stages.stage_view import Board, Size
+from gui.presenters.stages.stage_view import Size, StageView
 from pipelines.takes.frame_files import read_frame
 from studio.errors import StudioError
 
@@ -27,7 +27,7 @@ CURVES = (
 )
 
 
-class TrainBoard(Board):
+class TrainView(StageView):
     """See the module. The mode "gaussians" is the player's: the window shows its picture then."""
 
     modes = ("progress", "gaussians")
@@ -41,7 +41,7 @@ class TrainBoard(Board):
         return (take, frames, preview, points, run.stage, run.outcome, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `Board`."""
+        """See `StageView`."""
         canvas = Canvas(*size, GROUND)
         run, em = self.workspace.run, self.em
         share = 0.44 * size[1]
@@ -116,12 +116,12 @@ class TrainBoard(Board):
     def _truth(self, camera: str, index: int, size: tuple[int, int]) -> np.ndarray | None:
         context = self.workspace.context
         assert context is not None
-        wish = Wish(
-            {}, index, "single", "truth", "truth", OrbitCamera(), camera, Lens(), size,
+        wanted = RenderRequest(
+            {}, index, "single", "truth", "truth", OrbitCamera(), camera, ImageZoom(), size,
             context.config.capture.background, 0.5, context, None,
         )  # fmt: skip
         try:
-            return ground_truth(wish, *size)
+            return ground_truth(wanted, *size)
         except StudioError:
             return None
 

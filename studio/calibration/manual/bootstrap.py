@@ -22,7 +22,7 @@ _WORST = 0.02
 
 
 @dataclass
-class Sightings:
+class Observations:
     """What cameras see of the points.
 
     Attributes:
@@ -57,54 +57,55 @@ class TieRig:
         """(P,) bool: points whose place was found."""
         return ~np.isnan(self.places[:, 0])
 
-    def errors(self, sightings: Sightings) -> dict[str, np.ndarray]:
+    def errors(self, observations: Observations) -> dict[str, np.ndarray]:
         """Camera name to (P,) reprojection errors in pixels; NaN where not seen, infinite behind the camera."""
         found = {}
         for name, camera in self.cameras.items():
             pixels, depth = camera.project(np.nan_to_num(self.places))
-            error = np.linalg.norm(pixels - sightings.pixels[name], axis=1)
+            error = np.linalg.norm(pixels - observations.pixels[name], axis=1)
             error[depth <= 0] = np.inf
-            error[~(sightings.seen(name) & self.placed)] = np.nan
+            error[~(observations.seen(name) & self.placed)] = np.nan
             found[name] = error
         return found
 
 
-def starts(lenses: Mapping[str, Camera], sightings: Sightings, seed: int) -> Iterator[TieRig]:
+def starts(lenses: Mapping[str, Camera], observations: Observations, seed: int) -> Iterator[TieRig]:
     """Ways in which the cameras could stand, likely ones first.
 
     From points with measured places where a camera sees four of them; then from the pairs of cameras that share most
     points, in the first one's coordinates.
     """
-    measured = sightings.measured
-    if any((sightings.seen(name) & measured).sum() >= LEAST_PLACED for name in lenses):
-        yield _grown(lenses, sightings, TieRig({}, sightings.world.copy()), seed)
+    measured = observations.measured
+    if any((observations.seen(name) & measured).sum() >= LEAST_PLACED for name in lenses):
+        yield _grown(lenses, observations, TieRig({}, observations.world.copy()), seed)
     shared = {
-        pair: np.flatnonzero(sightings.seen(pair[0]) & sightings.seen(pair[1])) for pair in combinations(lenses, 2)
+        pair: np.flatnonzero(observations.seen(pair[0]) & observations.seen(pair[1]))
+        for pair in combinations(lenses, 2)
     }
     pairs = sorted((pair for pair in shared if len(shared[pair]) >= LEAST_SHARED), key=lambda p: -len(shared[p]))
     for first, second in pairs[:_PAIRS]:
-        relative = _relative(lenses[first], lenses[second], sightings, shared[first, second], seed)
+        relative = _relative(lenses[first], lenses[second], observations, shared[first, second], seed)
         if relative is not None:
             cameras = {
                 first: replace(lenses[first], world_to_camera=np.eye(4)),
                 second: replace(lenses[second], world_to_camera=relative),
             }
-            begun = TieRig(cameras, np.full_like(sightings.world, np.nan))
-            yield _grown(lenses, sightings, begun, seed)
+            begun = TieRig(cameras, np.full_like(observations.world, np.nan))
+            yield _grown(lenses, observations, begun, seed)
 
 
-def _grown(lenses: Mapping[str, Camera], sightings: Sightings, rig: TieRig, seed: int) -> TieRig:
+def _grown(lenses: Mapping[str, Camera], observations: Observations, rig: TieRig, seed: int) -> TieRig:
     """With all cameras and points that follow from those that stand, the surest first."""
     while True:
-        triangulate(sightings, rig)
+        triangulate(observations, rig)
         placed = rig.placed
-        counts = {name: int((sightings.seen(name) & placed).sum()) for name in lenses if name not in rig.cameras}
+        counts = {name: int((observations.seen(name) & placed).sum()) for name in lenses if name not in rig.cameras}
         found = False
         for name in sorted(counts, key=lambda n: -counts[n]):
             if counts[name] < LEAST_PLACED:
                 break
-            index = np.flatnonzero(sightings.seen(name) & placed)
-            pose = _absolute(lenses[name], sightings.pixels[name][index], rig.places[index], seed)
+            index = np.flatnonzero(observations.seen(name) & placed)
+            pose = _absolute(lenses[name], observations.pixels[name][index], rig.places[index], seed)
             if pose is not None:
                 rig.cameras[name] = replace(lenses[name], world_to_camera=pose)
                 found = True
@@ -113,13 +114,13 @@ def _grown(lenses: Mapping[str, Camera], sightings: Sightings, rig: TieRig, seed
             return rig
 
 
-def triangulate(sightings: Sightings, rig: TieRig) -> None:
+def triangulate(observations: Observations, rig: TieRig) -> None:
     """Places of points that two standing cameras see, by the linear method; in place."""
-    rays = {name: pixel_rays(camera, sightings.pixels[name]) for name, camera in rig.cameras.items()}
+    rays = {name: pixel_rays(camera, observations.pixels[name]) for name, camera in rig.cameras.items()}
     for number in np.flatnonzero(~rig.placed):
         rows = []
         for name, camera in rig.cameras.items():
-            if sightings.seen(name)[number]:
+            if observations.seen(name)[number]:
                 x, y = rays[name][number]
                 pose = camera.world_to_camera[:3]
                 rows += [x * pose[2] - pose[0], y * pose[2] - pose[1]]
@@ -153,7 +154,9 @@ def _absolute(camera: Camera, pixels: np.ndarray, places: np.ndarray, seed: int)
     return np.vstack([found["cam_from_world"].matrix(), [0, 0, 0, 1]])
 
 
-def _relative(first: Camera, second: Camera, sightings: Sightings, shared: np.ndarray, seed: int) -> np.ndarray | None:
+def _relative(
+    first: Camera, second: Camera, observations: Observations, shared: np.ndarray, seed: int
+) -> np.ndarray | None:
     """(4, 4) from the first camera to the second, at a distance of 1."""
     import pycolmap
 
@@ -163,7 +166,7 @@ def _relative(first: Camera, second: Camera, sightings: Sightings, shared: np.nd
     options.detect_watermark = False
     options.ransac.max_error = _WORST / 4 * max(first.width, first.height)
     options.ransac.random_seed = seed
-    points = [sightings.pixels[camera.name][shared] for camera in (first, second)]
+    points = [observations.pixels[camera.name][shared] for camera in (first, second)]
     matches = np.repeat(np.arange(len(shared), dtype=np.uint32)[:, None], 2, axis=1)
     found = pycolmap.estimate_calibrated_two_view_geometry(
         _sensor(first), points[0], _sensor(second), points[1], matches, options

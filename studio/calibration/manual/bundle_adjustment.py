@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from studio.calibration.manual.bootstrap import Sightings, TieRig
+from studio.calibration.manual.bootstrap import Observations, TieRig
 
 _FOCAL, _RADIAL = 0.5, 0.1
 """How far focal lengths (their logarithm) and k1 may be from the start, in standard deviations: a few points cannot
@@ -34,7 +34,7 @@ class Accuracy:
 
 def adjust(
     rig: TieRig,
-    sightings: Sightings,
+    observations: Observations,
     groups: Sequence[Sequence[str]],
     accuracy: Accuracy,
     *,
@@ -45,7 +45,7 @@ def adjust(
 
     Args:
         rig: where to start.
-        sightings: the marks.
+        observations: the marks.
         groups: cameras whose lens is not known, those that have one in common together; all others keep theirs.
         accuracy: of marks and measured places.
         radial: estimate the lenses' first radial term too.
@@ -53,7 +53,7 @@ def adjust(
     """
     from scipy.optimize import least_squares
 
-    problem = Problem(rig, sightings, groups, accuracy, radial)
+    problem = Problem(rig, observations, groups, accuracy, radial)
     solution = least_squares(
         problem.residuals,
         problem.start(),
@@ -75,7 +75,7 @@ class Problem:
     """
 
     def __init__(
-        self, rig: TieRig, sightings: Sightings, groups: Sequence[Sequence[str]], accuracy: Accuracy, radial: bool
+        self, rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], accuracy: Accuracy, radial: bool
     ) -> None:
         self.begun, self.accuracy = rig, accuracy
         self.names = list(rig.cameras)
@@ -84,10 +84,10 @@ class Problem:
         self.groups = [group for group in used if group]
         self.group_of = {name: number for number, group in enumerate(self.groups) for name in group}
         self.placed = np.flatnonzero(rig.placed)
-        self.columns = {name: np.flatnonzero(sightings.seen(name)[self.placed]) for name in self.names}
-        self.pixels = {name: sightings.pixels[name][self.placed][self.columns[name]] for name in self.names}
-        self.measured = np.flatnonzero(sightings.measured[self.placed])
-        self.world = sightings.world[self.placed][self.measured]
+        self.columns = {name: np.flatnonzero(observations.seen(name)[self.placed]) for name in self.names}
+        self.pixels = {name: observations.pixels[name][self.placed][self.columns[name]] for name in self.names}
+        self.measured = np.flatnonzero(observations.measured[self.placed])
+        self.world = observations.world[self.placed][self.measured]
         self.first_lens = 6 * len(self.names)
         self.first_point = self.first_lens + self.terms * len(self.groups)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from studio.calibration.manual.bootstrap import Sightings, TieRig
+from studio.calibration.manual.bootstrap import Observations, TieRig
 from studio.calibration.manual.bundle_adjustment import Accuracy, Problem
 
 _STEP = 1e-6
@@ -15,7 +15,7 @@ _FREE = 7
 _WEAKEST = 1e-12
 
 
-def spread_of_places(places: np.ndarray) -> int:
+def spread_of_positions(places: np.ndarray) -> int:
     """How many directions points (N, 3) spread into: 0 for one place, 1 for a line, 2 for a plane and more."""
     if len(places) < 2:
         return 0
@@ -25,13 +25,13 @@ def spread_of_places(places: np.ndarray) -> int:
     return 1 if len(spread) < 2 or spread[1] <= 1e-3 * spread[0] else 2
 
 
-def contradiction(rig: TieRig, sightings: Sightings) -> str:
+def contradiction(rig: TieRig, observations: Observations) -> str:
     """What is wrong where an adjustment ended nowhere, points behind the cameras or all in one place; else ""."""
-    errors = np.concatenate(list(rig.errors(sightings).values()))
+    errors = np.concatenate(list(rig.errors(observations).values()))
     behind = float(np.isinf(errors[~np.isnan(errors)]).mean()) > 0.3
-    which = sightings.measured & rig.placed
+    which = observations.measured & rig.placed
     smaller = which.sum() > 1 and np.linalg.norm(np.ptp(rig.places[which], 0)) < 0.2 * np.linalg.norm(
-        np.ptp(sightings.world[which], 0)
+        np.ptp(observations.world[which], 0)
     )
     if smaller or (behind and which.any()):
         return "The measured places contradict the marks: one is wrong, or their axes are not right-handed with z up."
@@ -39,7 +39,7 @@ def contradiction(rig: TieRig, sightings: Sightings) -> str:
 
 
 def uncertainty(
-    rig: TieRig, sightings: Sightings, groups: Sequence[Sequence[str]], accuracy: Accuracy, *, radial: bool = True
+    rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], accuracy: Accuracy, *, radial: bool = True
 ) -> dict[str, float]:
     """Standard deviation of each camera's center, as a share of the cameras' mean distance from the points.
 
@@ -48,10 +48,12 @@ def uncertainty(
 
     Args:
         rig: adjusted.
-        sightings, groups, accuracy, radial: as in `adjust`.
+        observations, groups, accuracy, radial: as in `adjust`.
     """
-    problem = Problem(rig, sightings, groups, accuracy, radial)
-    marks = Problem(rig, replace(sightings, world=np.full_like(sightings.world, np.nan)), groups, accuracy, radial)
+    problem = Problem(rig, observations, groups, accuracy, radial)
+    marks = Problem(
+        rig, replace(observations, world=np.full_like(observations.world, np.nan)), groups, accuracy, radial
+    )
     values = problem.start()
     places = rig.places[problem.placed]
     size = float(np.mean([np.linalg.norm(places - c.center, axis=1).mean() for c in rig.cameras.values()]))

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from studio.calibration.alignment import align_points, scale_to_distance, upright
-from studio.calibration.manual.bootstrap import LEAST_PLACED, LEAST_SHARED, Sightings, TieRig, starts
+from studio.calibration.manual.bootstrap import LEAST_PLACED, LEAST_SHARED, Observations, TieRig, starts
 from studio.calibration.manual.bundle_adjustment import Accuracy, adjust
-from studio.calibration.manual.covariance import contradiction, spread_of_places, uncertainty
+from studio.calibration.manual.covariance import contradiction, spread_of_positions, uncertainty
 from studio.calibration.manual.file import TiePoint
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.target.intrinsics import check_lens_size
@@ -43,14 +43,14 @@ class TieSettings:
 
     Attributes:
         accuracy: of the marks and of measured places.
-        shared_lens: cameras of one size whose lens is not known have one in common. None: they have, as a few marks
-            say little of each.
+        shared_intrinsics: cameras of one size whose lens is not known have one in common. None: they have, as a few
+            marks say little of each.
         radial: estimate a radial term of lenses that are not known.
         seed: of random choices.
     """
 
     accuracy: Accuracy = field(default_factory=Accuracy)
-    shared_lens: bool | None = None
+    shared_intrinsics: bool | None = None
     radial: bool = True
     seed: int = 0
 
@@ -89,24 +89,24 @@ def calibrate_from_tie_points(
             too little.
     """
     settings, known = settings or TieSettings(), dict(known or {})
-    sightings = _sightings(points, sizes)
+    observations = _observations(points, sizes)
     free = [name for name in sizes if name not in known]
-    groups = _groups(free, sizes, settings.shared_lens)
+    groups = _groups(free, sizes, settings.shared_intrinsics)
     guesses = _GUESSES if any(name not in (focal_lengths or {}) for name in free) else _GUESSES[:1]
 
     def attempts() -> Iterator[TieRig]:
         for number, guess in enumerate(guesses):
             progress(number, len(guesses) + 1)
             lenses = _lenses(sizes, known, focal_lengths or {}, guess)
-            for start in starts(lenses, sightings, settings.seed):
+            for start in starts(lenses, observations, settings.seed):
                 if len(start.cameras) >= 2:
-                    yield adjust(start, sightings, groups, settings.accuracy, radial=False, steps=_ROUGH)
+                    yield adjust(start, observations, groups, settings.accuracy, radial=False, steps=_ROUGH)
 
-    best = _best(attempts(), sightings, _GOOD * settings.accuracy.mark)
+    best = _best(attempts(), observations, _GOOD * settings.accuracy.mark)
     if best is None or len(best.cameras) < len(sizes):
-        raise StudioError(_lonely(sightings, sizes, best))
-    best, left_out = _settled(best, sightings, groups, settings)
-    unsure = uncertainty(best, sightings, groups, settings.accuracy, radial=settings.radial)
+        raise StudioError(_lonely(observations, sizes, best))
+    best, left_out = _settled(best, observations, groups, settings)
+    unsure = uncertainty(best, observations, groups, settings.accuracy, radial=settings.radial)
     vague = [name for name in sizes if unsure[name] > _VAGUE]
     if vague:
         raise StudioError(
@@ -114,7 +114,7 @@ def calibrate_from_tie_points(
             "on a line, too close together, or are too few; mark others that are spread over the picture and in depth."
         )
     progress(len(guesses) + 1, len(guesses) + 1)
-    result = _result(best, sightings, left_out, distance, sizes)
+    result = _result(best, observations, left_out, distance, sizes)
     result.report |= {
         "known_lenses": [name for name in sizes if name in known],
         "uncertain": {name: round(unsure[name], 4) for name in sizes},
@@ -123,19 +123,19 @@ def calibrate_from_tie_points(
     return result
 
 
-def _best(attempts: Iterable[TieRig], sightings: Sightings, good: float) -> TieRig | None:
+def _best(attempts: Iterable[TieRig], observations: Observations, good: float) -> TieRig | None:
     """The first attempt with all cameras and a misfit below `good`, else the one with most cameras and the least."""
     best, rank = None, (0, -np.inf)
     for found in attempts:
-        own = (len(found.cameras), -_misfit(found, sightings))
+        own = (len(found.cameras), -_misfit(found, observations))
         if own > rank:
             best, rank = found, own
-        if rank[0] == len(sightings.pixels) and -rank[1] < good:
+        if rank[0] == len(observations.pixels) and -rank[1] < good:
             break
     return best
 
 
-def _sightings(points: Sequence[TiePoint], sizes: Mapping[str, tuple[int, int]]) -> Sightings:
+def _observations(points: Sequence[TiePoint], sizes: Mapping[str, tuple[int, int]]) -> Observations:
     nothing = (np.nan, np.nan)
     used = [point for point in points if any(name in sizes for name in point.pixels)]
     for point in used:
@@ -147,7 +147,7 @@ def _sightings(points: Sequence[TiePoint], sizes: Mapping[str, tuple[int, int]])
                 )
     if not used:
         raise StudioError(f"No tie point is marked in any of the cameras {', '.join(sizes)}; mark some.")
-    return Sightings(
+    return Observations(
         [point.name for point in used],
         np.array([point.world if point.world is not None else (np.nan,) * 3 for point in used], np.float64),
         {name: np.array([point.pixels.get(name, nothing) for point in used], np.float64) for name in sizes},
@@ -175,23 +175,23 @@ def _lenses(
     return found
 
 
-def _misfit(rig: TieRig, sightings: Sightings) -> float:
+def _misfit(rig: TieRig, observations: Observations) -> float:
     """Mean error in pixels, each counted up to a hundredth of the image."""
-    errors = rig.errors(sightings)
+    errors = rig.errors(observations)
     limits = {name: 0.01 * max(camera.width, camera.height) for name, camera in rig.cameras.items()}
     every = np.concatenate([np.minimum(error[~np.isnan(error)], limits[name]) for name, error in errors.items()])
     return float(every.mean()) if len(every) else np.inf
 
 
 def _settled(
-    rig: TieRig, sightings: Sightings, groups: list[list[str]], settings: TieSettings
+    rig: TieRig, observations: Observations, groups: list[list[str]], settings: TieSettings
 ) -> tuple[TieRig, list[dict[str, Any]]]:
     """Adjusted, with marks left out that must be mistakes, the worst one first."""
     left_out: list[dict[str, Any]] = []
     while True:
-        rig = adjust(rig, sightings, groups, settings.accuracy, radial=settings.radial)
-        errors = rig.errors(sightings)
-        wrong = contradiction(rig, sightings)
+        rig = adjust(rig, observations, groups, settings.accuracy, radial=settings.radial)
+        errors = rig.errors(observations)
+        wrong = contradiction(rig, observations)
         if wrong:
             raise StudioError(wrong)
         usual = float(np.nanmedian(np.concatenate(list(errors.values()))))
@@ -207,15 +207,15 @@ def _settled(
             return rig, left_out
         name, number = where
         left_out.append(
-            {"point": sightings.points[number], "camera": name, "error": _rounded(float(errors[name][number]))}
+            {"point": observations.points[number], "camera": name, "error": _rounded(float(errors[name][number]))}
         )
-        sightings.pixels[name][number] = np.nan
-        seen_by = sum(bool(sightings.seen(other)[number]) for other in rig.cameras)
-        if seen_by < 2 and not sightings.measured[number]:
+        observations.pixels[name][number] = np.nan
+        seen_by = sum(bool(observations.seen(other)[number]) for other in rig.cameras)
+        if seen_by < 2 and not observations.measured[number]:
             for other in rig.cameras:
-                sightings.pixels[other][number] = np.nan
+                observations.pixels[other][number] = np.nan
             rig.places[number] = np.nan
-        if int(sightings.seen(name).sum()) < LEAST_PLACED:
+        if int(observations.seen(name).sum()) < LEAST_PLACED:
             raise StudioError(
                 f"Camera '{name}': its marks do not fit those of the others ({', '.join(m['point'] for m in left_out)} "
                 "lie farthest off); mark them again, or more of them."
@@ -227,12 +227,12 @@ def _rounded(error: float) -> float | None:
     return round(error, 2) if np.isfinite(error) else None
 
 
-def _lonely(sightings: Sightings, sizes: Mapping[str, tuple[int, int]], best: TieRig | None) -> str:
+def _lonely(observations: Observations, sizes: Mapping[str, tuple[int, int]], best: TieRig | None) -> str:
     """Who could not be placed, and what is missing."""
     standing = [name for name in sizes if name in best.cameras] if best is not None else []
     lost = [name for name in sizes if name not in standing]
-    marks = {name: int(sightings.seen(name).sum()) for name in sizes}
-    measured = {name: int((sightings.seen(name) & sightings.measured).sum()) for name in sizes}
+    marks = {name: int(observations.seen(name).sum()) for name in sizes}
+    measured = {name: int((observations.seen(name) & observations.measured).sum()) for name in sizes}
     if best is None or not standing:
         return (
             f"The tie points place no two cameras to each other: two of them must share {LEAST_SHARED} points that do "
@@ -240,7 +240,7 @@ def _lonely(sightings: Sightings, sizes: Mapping[str, tuple[int, int]], best: Ti
             f"{', '.join(f'{name} {marks[name]} ({measured[name]} measured)' for name in sizes)}."
         )
     name = lost[0]
-    known = int((sightings.seen(name) & best.placed).sum())
+    known = int((observations.seen(name) & best.placed).sum())
     return (
         f"Camera '{name}'"
         + (f" and {len(lost) - 1} more ({', '.join(lost[1:])})" if len(lost) > 1 else "")
@@ -251,16 +251,16 @@ def _lonely(sightings: Sightings, sizes: Mapping[str, tuple[int, int]], best: Ti
 
 def _result(
     rig: TieRig,
-    sightings: Sightings,
+    observations: Observations,
     left_out: list[dict[str, Any]],
     distance: tuple[str, str, float] | None,
     sizes: Mapping[str, tuple[int, int]],
 ) -> CalibrationResult:
     cameras = Rig(tuple(rig.cameras[name] for name in sizes))
     kept = np.flatnonzero(rig.placed)
-    places, world = rig.places[kept], sightings.world[kept]
+    places, world = rig.places[kept], observations.world[kept]
     measured = ~np.isnan(world[:, 0])
-    metric = spread_of_places(world[measured]) == 2
+    metric = spread_of_positions(world[measured]) == 2
     if metric:
         similarity = align_points(places[measured], world[measured])
     else:
@@ -271,10 +271,10 @@ def _result(
         cameras, places = scaling.rig(cameras), scaling.points(places)
     observations = {}
     for name in sizes:
-        seen = sightings.seen(name)[kept]
-        observations[name] = np.column_stack([np.flatnonzero(seen), sightings.pixels[name][kept][seen]])
+        seen = observations.seen(name)[kept]
+        observations[name] = np.column_stack([np.flatnonzero(seen), observations.pixels[name][kept][seen]])
     report = reprojection_report(cameras, places, observations)
-    report["tie_points"] = _figures(cameras, places, observations, [sightings.points[k] for k in kept], world)
+    report["tie_points"] = _figures(cameras, places, observations, [observations.points[k] for k in kept], world)
     report |= {"left_out": left_out, "metric": bool(metric or distance is not None), "unregistered": {}}
     return CalibrationResult(cameras, places, np.full((len(places), 3), 255, np.uint8), report)
 

@@ -23,7 +23,7 @@ def adjust(model: Any, job: Mapping[str, Any], threads: int, *, last: bool = Tru
 
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = bool(job["refine_principal_point"])
-    options.refine_rig_from_world = not job["keep_poses"]
+    options.refine_rig_from_world = not job["fix_poses"]
     options.print_summary = False
     robust = width is not None or not last
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY if robust else pycolmap.LossFunctionType.TRIVIAL
@@ -39,9 +39,9 @@ def adjust(model: Any, job: Mapping[str, Any], threads: int, *, last: bool = Tru
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
     for index, lens in enumerate(job["lenses"]):
-        if lens["known"] and job["keep_known"]:
+        if lens["known"] and job["fix_intrinsics"]:
             config.set_constant_cam_intrinsics(index + 1)
-    if not job["keep_poses"]:
+    if not job["fix_poses"]:
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     # what a robust loss has pushed aside is no observation

@@ -58,9 +58,9 @@ def count_rows(database: Path, query: str) -> int:
         return 0
 
 
-def file_name(number: int, moment: int) -> str:
+def file_name(number: int, sync_frame: int) -> str:
     """Of a camera's picture of a moment; the first one also names the camera and gives the points their colors."""
-    return image_name(number) if moment == 0 else f"{number:04d}_{moment:03d}.png"
+    return image_name(number) if sync_frame == 0 else f"{number:04d}_{sync_frame:03d}.png"
 
 
 def image_name(number: int) -> str:
@@ -95,8 +95,8 @@ def _import(path: Path, job: dict[str, Any]) -> None:
     database = pycolmap.Database.open(path)
     lenses = write_lenses(database, job)
     for number, lens in enumerate(job["lens_of"]):
-        for moment in range(job["moments"]):
-            write_image(database, file_name(number, moment), *lenses[lens])
+        for sync_frame in range(job["sync_frames"]):
+            write_image(database, file_name(number, sync_frame), *lenses[lens])
     database.close()
 
 
@@ -140,7 +140,9 @@ def _extract(path: Path, folder: Path, job: dict[str, Any]) -> None:
     options.use_gpu = False
     options.max_image_size = int(job["max_image_size"])
     options.sift.max_num_features = int(job["max_features"])
-    names = [file_name(number, moment) for number in range(len(job["names"])) for moment in range(job["moments"])]
+    names = [
+        file_name(number, sync_frame) for number in range(len(job["names"])) for sync_frame in range(job["sync_frames"])
+    ]
     with polled("features", len(names), lambda: count_rows(path, "SELECT COUNT(*) FROM keypoints")):
         pycolmap.extract_features(
             path,
@@ -154,10 +156,10 @@ def _extract(path: Path, folder: Path, job: dict[str, Any]) -> None:
 
 def _match(path: Path, folder: Path, job: dict[str, Any]) -> None:
     """Pairs of cameras at the same moment: those given, else all of few cameras, else those that a glance chooses."""
-    cameras, moments = len(job["names"]), int(job["moments"])
+    cameras, sync_frames = len(job["names"]), int(job["sync_frames"])
     pairs = [tuple(pair) for pair in job["pairs"]]
     if not pairs and cameras > FEW:
-        middle = moments // 2
+        middle = sync_frames // 2
 
         def prepare(database: Any) -> list[int]:
             lenses = write_lenses(database, job)
@@ -167,10 +169,10 @@ def _match(path: Path, folder: Path, job: dict[str, Any]) -> None:
             names = [(image_name(a), image_name(b)) for a, b in every]
             _match_images(preview, folder, job, names, "glance", _verification(job, fewest=5))
 
-        pictures = [number * moments + middle + 1 for number in range(cameras)]
+        pictures = [number * sync_frames + middle + 1 for number in range(cameras)]
         pairs = glance(path, folder / "glance.db", pictures, prepare, match)
     pairs = pairs or list(combinations(range(cameras), 2))
-    names = [(file_name(a, t), file_name(b, t)) for t in range(moments) for a, b in pairs]
+    names = [(file_name(a, t), file_name(b, t)) for t in range(sync_frames) for a, b in pairs]
     _match_images(path, folder, job, names, "matches", _verification(job))
 
 
@@ -214,13 +216,13 @@ def _merge(each: Path, final: Path, job: dict[str, Any]) -> None:
 
     source, target = pycolmap.Database.open(each), pycolmap.Database.open(final)
     lenses = write_lenses(target, job)
-    moments = int(job["moments"])
+    sync_frames = int(job["sync_frames"])
     starts: dict[int, int] = {}  # number of a picture to its first keypoint's place
     for number, lens in enumerate(job["lens_of"]):
         image_id = write_image(target, image_name(number), *lenses[lens])
         parts, at = [], 0
-        for moment in range(moments):
-            picture = number * moments + moment + 1
+        for sync_frame in range(sync_frames):
+            picture = number * sync_frames + sync_frame + 1
             keypoints = source.read_keypoints(picture)
             starts[picture] = at
             at += len(keypoints)
@@ -232,7 +234,7 @@ def _merge(each: Path, final: Path, job: dict[str, Any]) -> None:
         first, second = pycolmap.pair_id_to_image_pair(key)
         found = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
         if len(found):
-            pair = ((first - 1) // moments + 1, (second - 1) // moments + 1)
+            pair = ((first - 1) // sync_frames + 1, (second - 1) // sync_frames + 1)
             together.setdefault(pair, []).append(found + np.array([starts[first], starts[second]]))
     for (first, second), matches in sorted(together.items()):
         target.write_matches(first, second, np.concatenate(matches).astype(np.uint32))

@@ -47,17 +47,19 @@ def write_pictures(
     for part in ("images", "masks"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     counts = {name: len(_list(images[name])) for name in names}
-    moments = counts[names[0]]
+    sync_frames = counts[names[0]]
     for name, count in counts.items():
-        if count != moments:
-            raise StudioError(f"Camera '{name}' has pictures of {count} moments, '{names[0]}' of {moments}.")
+        if count != sync_frames:
+            raise StudioError(f"Camera '{name}' has pictures of {count} moments, '{names[0]}' of {sync_frames}.")
     sizes: dict[str, tuple[int, int]] = {}
     for number, name in enumerate(names):
-        own = _list(masks[name]) if name in masks else [None] * moments
-        if len(own) != moments:
-            raise StudioError(f"Camera '{name}' has {len(own)} masks for {moments} pictures; give a mask a picture.")
+        own = _list(masks[name]) if name in masks else [None] * sync_frames
+        if len(own) != sync_frames:
+            raise StudioError(
+                f"Camera '{name}' has {len(own)} masks for {sync_frames} pictures; give a mask a picture."
+            )
         usable = False
-        for moment, (picture, mask) in enumerate(zip(_list(images[name]), own, strict=True)):
+        for sync_frame, (picture, mask) in enumerate(zip(_list(images[name]), own, strict=True)):
             image = _read_picture(picture)
             if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
                 raise StudioError(
@@ -67,12 +69,12 @@ def write_pictures(
             if sizes.setdefault(name, size) != size:
                 raise StudioError(f"Camera '{name}': its pictures differ in size ({sizes[name]} and {size}).")
             given = None if mask is None else _read_picture(mask)
-            usable |= _write_picture(folder, name, file_name(number, moment), image, given, bool(masks))
-            done = number * moments + moment + 1
-            progress(round(5 * done / (len(names) * moments)), 100)
+            usable |= _write_picture(folder, name, file_name(number, sync_frame), image, given, bool(masks))
+            done = number * sync_frames + sync_frame + 1
+            progress(round(5 * done / (len(names) * sync_frames)), 100)
         if not usable:
             raise StudioError(f"Camera '{name}': the mask leaves nothing of the image to find features in; mend it.")
-    return sizes, moments
+    return sizes, sync_frames
 
 
 def _write_picture(

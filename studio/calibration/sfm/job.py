@@ -30,15 +30,17 @@ class SfmSettings:
     """How to solve.
 
     Attributes:
-        lens: COLMAP model of lenses that are not known: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL (one focal length, one
-            radial term), RADIAL, OPENCV or FULL_OPENCV.
-        shared_lens: all cameras have one lens in common (one camera carried about, or lenses locked alike); False: each
-            has its own; None: the footage decides, see `shared_intrinsics`. Images of different size never share one.
+        camera_model: COLMAP model of lenses that are not known: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL (one focal
+            length, one radial term), RADIAL, OPENCV or FULL_OPENCV.
+        shared_intrinsics: all cameras have one lens in common (one camera carried about, or lenses locked alike);
+            False: each has its own; None: the footage decides, see `shared_intrinsics`. Images of different size never
+            share one.
         focal_factor: first guess of unknown focal lengths, in longer image sides.
         refine_principal_point: estimate it too; needs many well spread points.
-        lens_groups: names of cameras that have one lens in common, a tuple a group; cameras in none have their own.
-        keep_known: lenses given are kept; else they are where refinement begins.
-        keep_poses: poses given are kept; else they are where refinement begins.
+        intrinsics_groups: names of cameras that have one lens in common, a tuple a group; cameras in none have their
+            own.
+        fix_intrinsics: lenses given are kept; else they are where refinement begins.
+        fix_poses: poses given are kept; else they are where refinement begins.
         max_features: a camera, at most.
         max_image_size: longer side in pixels above which features are found in a reduced image.
         guided: match again along the epipolar lines; more matches, longer.
@@ -48,13 +50,13 @@ class SfmSettings:
         seed: of everything random.
     """
 
-    lens: str = "SIMPLE_RADIAL"
-    shared_lens: bool | None = None
-    lens_groups: tuple[tuple[str, ...], ...] = ()
+    camera_model: str = "SIMPLE_RADIAL"
+    shared_intrinsics: bool | None = None
+    intrinsics_groups: tuple[tuple[str, ...], ...] = ()
     focal_factor: float = 1.2
     refine_principal_point: bool = False
-    keep_known: bool = True
-    keep_poses: bool = False
+    fix_intrinsics: bool = True
+    fix_poses: bool = False
     max_features: int = 8192
     max_image_size: int = 2400
     guided: bool = False
@@ -63,17 +65,17 @@ class SfmSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.lens not in _START:
-            raise StudioError(f"The lens model '{self.lens}' is unknown; choose one of {', '.join(_START)}.")
+        if self.camera_model not in _START:
+            raise StudioError(f"The camera model '{self.camera_model}' is unknown; choose one of {', '.join(_START)}.")
         if self.mapper not in ("auto", "incremental", "global"):
             raise StudioError(f"The mapper '{self.mapper}' is unknown; choose auto, incremental or global.")
-        grouped = [name for group in self.lens_groups for name in group]
+        grouped = [name for group in self.intrinsics_groups for name in group]
         twice = [name for name in grouped if grouped.count(name) > 1]
         if twice:
-            raise StudioError(f"Camera '{twice[0]}' stands twice in lens_groups; it has one lens only.")
-        if any(len(group) < 2 for group in self.lens_groups):
+            raise StudioError(f"Camera '{twice[0]}' stands twice in intrinsics_groups; it has one lens only.")
+        if any(len(group) < 2 for group in self.intrinsics_groups):
             raise StudioError(
-                "lens_groups has a group of fewer than two cameras; name those that have one lens in common."
+                "intrinsics_groups has a group of fewer than two cameras; name those that have one lens in common."
             )
         if self.threads < 0 or self.max_features < 100 or self.max_image_size < 64 or not self.focal_factor > 0:
             raise StudioError(
@@ -84,7 +86,7 @@ class SfmSettings:
 def sfm_job(
     names: Sequence[str],
     sizes: Mapping[str, tuple[int, int]],
-    moments: int,
+    sync_frames: int,
     masks: bool,
     known: Mapping[str, Camera],
     focal_lengths: Mapping[str, float],
@@ -96,7 +98,7 @@ def sfm_job(
     Args:
         names: the cameras.
         sizes: (width, height) of each camera's images.
-        moments: pictures a camera.
+        sync_frames: pictures a camera.
         masks: whether there are masks.
         known: cameras whose lenses are known.
         focal_lengths: first guesses in pixels, by camera.
@@ -104,15 +106,15 @@ def sfm_job(
         poses: an older solution of all the cameras, or None.
 
     Raises:
-        StudioError: lens_groups names a camera that is not there, or a known lens is of another image size.
+        StudioError: intrinsics_groups names a camera that is not there, or a known lens is of another image size.
     """
     lenses: list[dict[str, Any]] = []
     lens_of: list[int] = []
     shared: dict[tuple[int, int, int], int] = {}
-    groups = {name: index for index, group in enumerate(settings.lens_groups) for name in group}
+    groups = {name: index for index, group in enumerate(settings.intrinsics_groups) for name in group}
     strange = [name for name in groups if name not in names]
     if strange:
-        raise StudioError(f"lens_groups names camera '{strange[0]}', of which there is no image.")
+        raise StudioError(f"intrinsics_groups names camera '{strange[0]}', of which there is no image.")
     for name in names:
         width, height = sizes[name]
         key = (groups.get(name, -1), width, height)
@@ -126,36 +128,36 @@ def sfm_job(
             model, parameters = lens_model(camera)
             lens = {"model": model, "params": parameters, "prior": True, "known": True}
         else:
-            if (settings.shared_lens or name in groups) and key in shared:
+            if (settings.shared_intrinsics or name in groups) and key in shared:
                 lens_of.append(shared[key])
                 continue
             shared[key] = len(lenses)
             focal = focal_lengths.get(name, settings.focal_factor * max(width, height))
             # terms that few matches leave open place cameras wrongly while they are put together
-            model = _SIMPLER.get(settings.lens, settings.lens)
+            model = _SIMPLER.get(settings.camera_model, settings.camera_model)
             parameters = _START[model](float(focal), width / 2, height / 2)
             lens = {"model": model, "params": parameters, "prior": name in focal_lengths, "known": False}
-            lens["becomes"] = settings.lens
+            lens["becomes"] = settings.camera_model
         lens_of.append(len(lenses))
         lenses.append({**lens, "width": width, "height": height})
     return {
         "names": list(names),
-        "moments": moments,
+        "sync_frames": sync_frames,
         "lenses": lenses,
         "lens_of": lens_of,
         "masks": masks,
         "pairs": neighbors(poses) if poses is not None else [],
         "poses": [camera.world_to_camera[:3].tolist() for camera in poses] if poses is not None else [],
-        "keep_poses": settings.keep_poses,
+        "fix_poses": settings.fix_poses,
         "max_features": settings.max_features,
         "max_image_size": settings.max_image_size,
         "guided": settings.guided,
         "mapper": settings.mapper,
         "seed": settings.seed,
         "threads": settings.threads or os.cpu_count() or 1,
-        "keep_known": settings.keep_known,
+        "fix_intrinsics": settings.fix_intrinsics,
         "refine_principal_point": settings.refine_principal_point,
-        "find_shared": settings.shared_lens is None and not settings.lens_groups,
+        "find_shared": settings.shared_intrinsics is None and not settings.intrinsics_groups,
     }
 
 

@@ -20,7 +20,7 @@ from studio.calibration.sfm.shared_intrinsics import (
     try_own_lenses,
     with_richer_lenses,
 )
-from studio.calibration.sfm.verdict import TRUSTED, explained_share, noise
+from studio.calibration.sfm.verdict import TRUSTED, match_inlier_ratio, noise
 
 _ORDER = {"incremental": ("incremental", "lenient"), "global": ("global",)}
 _POLISHINGS = 2  # the second knows the noise of what the first has found
@@ -59,7 +59,7 @@ class Mapper:
         self._guess_focal_lengths()
         wanted = _ORDER.get(self.job["mapper"], ("incremental", "lenient", "global"))
         if self.job["poses"]:
-            wanted = ("known poses",) if self.job["keep_poses"] else ("known poses", *wanted)
+            wanted = ("known poses",) if self.job["fix_poses"] else ("known poses", *wanted)
         for attempt in wanted:
             models = self._attempt(attempt)
             broken = {index for model in models for index in self._broken_lenses(model)}
@@ -82,7 +82,7 @@ class Mapper:
         """Where a lens each leads to a doubtful solution or to focal lengths far apart: one with a lens in common (None
         unless it explains as much). Few cameras can explain their few matches by any focal lengths."""
         free = self._free()
-        doubtful = explained_share(best, self.database) < TRUSTED or focal_spread(best, free) > _SPREAD
+        doubtful = match_inlier_ratio(best, self.database) < TRUSTED or focal_spread(best, free) > _SPREAD
         if not (self.job["find_shared"] and doubtful and len(free) > 1) or self.job["poses"]:
             return None
         database, self.database = self.database, self.folder / "one_lens.db"
@@ -99,7 +99,7 @@ class Mapper:
             self.database = database
         if one is None or one.num_reg_images() < best.num_reg_images():
             return None
-        return one if explained_share(one, database) >= explained_share(best, database) - 0.05 else None
+        return one if match_inlier_ratio(one, database) >= match_inlier_ratio(best, database) - 0.05 else None
 
     def _free(self) -> set[int]:
         """Lenses (numbers in the database) that are not known."""
@@ -174,7 +174,7 @@ class Mapper:
 
     def _rank(self, model: Any) -> tuple[int, float]:
         """More cameras are better, lenses that cannot be are worse; then the share of explained matches."""
-        return model.num_reg_images() - len(self._broken_lenses(model)), explained_share(model, self.database)
+        return model.num_reg_images() - len(self._broken_lenses(model)), match_inlier_ratio(model, self.database)
 
     def _guess_focal_lengths(self) -> None:
         """Where nothing is known of a lens begin with the focal length that the pairs of images agree on."""
@@ -189,7 +189,9 @@ class Mapper:
         if not ratios:
             return set()
         middle = float(np.median(list(ratios.values())))
-        free = {i + 1 for i, lens in enumerate(self.job["lenses"]) if not (lens["known"] and self.job["keep_known"])}
+        free = {
+            i + 1 for i, lens in enumerate(self.job["lenses"]) if not (lens["known"] and self.job["fix_intrinsics"])
+        }
         return {key - 1 for key, ratio in ratios.items() if key in free and not 0.3 < ratio / middle < 3.0}
 
     def _steadied(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
@@ -243,7 +245,7 @@ class Mapper:
         options.max_num_models = 4
         options.ba_refine_principal_point = bool(self.job["refine_principal_point"])
         known = {i + 1 for i, lens in enumerate(self.job["lenses"]) if lens["known"]}
-        options.constant_cameras = self.held | (known if self.job["keep_known"] else set())
+        options.constant_cameras = self.held | (known if self.job["fix_intrinsics"] else set())
         return options
 
     def _incremental(self, lenient: bool) -> list[Any]:
@@ -289,7 +291,7 @@ class Mapper:
         options.num_threads = self.threads
         options.random_seed = self.seed
         options.min_model_size = 2
-        if self.job["keep_known"] and any(lens["known"] for lens in self.job["lenses"]):
+        if self.job["fix_intrinsics"] and any(lens["known"] for lens in self.job["lenses"]):
             # The global mapper cannot hold some lenses and refine others.
             options.mapper.bundle_adjustment.refine_focal_length = False
             options.mapper.bundle_adjustment.refine_extra_params = False
@@ -308,7 +310,7 @@ class Mapper:
     def _from_poses(self) -> Any:
         """Triangulate from poses that are known, then adjust them (unless they are kept) and triangulate again."""
         model = known_model(self.database, self.job["poses"])
-        rounds = 1 if self.job["keep_poses"] else 3
+        rounds = 1 if self.job["fix_poses"] else 3
         for number in range(rounds):
             say(step="mapping", done=number, total=rounds)
             options = self._options()

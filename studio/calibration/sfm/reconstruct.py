@@ -90,8 +90,8 @@ def calibrate_from_images(
     if poses is not None:
         poses = poses.subset(names)
         known = {**{camera.name: camera for camera in poses}, **(known or {})}
-    sizes, moments = write_pictures(folder, names, images, masks or {}, progress)
-    job = sfm_job(names, sizes, moments, bool(masks), known or {}, focal_lengths or {}, settings, poses)
+    sizes, sync_frames = write_pictures(folder, names, images, masks or {}, progress)
+    job = sfm_job(names, sizes, sync_frames, bool(masks), known or {}, focal_lengths or {}, settings, poses)
     path = folder / "job.json"
     path.write_text(json.dumps(job))
 
@@ -105,10 +105,10 @@ def calibrate_from_images(
 
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay, what="Structure from motion")
     result = _read(folder, names, sizes, allow_unregistered)
-    result.report["moments"] = moments
+    result.report["sync_frames"] = sync_frames
     if poses is not None:
         result.report["moved"] = _moved(result, poses, settings)
-    kept = poses is not None and reference is None and settings.keep_poses
+    kept = poses is not None and reference is None and settings.fix_poses
     transform = _gauge(result, reference if reference is not None else poses, distance, kept)
     result = replace(result, rig=transform.rig(result.rig), points=transform.points(result.points))
     result.report["seconds"] = round(time.monotonic() - started, 1)
@@ -118,7 +118,7 @@ def calibrate_from_images(
 
 def _moved(result: CalibrationResult, before: Rig, settings: SfmSettings) -> dict[str, dict[str, float]]:
     """How far each camera is from where it stood in the older solution: center (in its units) and degrees."""
-    if settings.keep_poses or len(result.rig) < 3:
+    if settings.fix_poses or len(result.rig) < 3:
         return {}
     difference = compare_rigs(result.rig, before)
     return {
@@ -168,7 +168,7 @@ def _read(
     observations = {names[n]: seen[seen[:, 0] == n][:, 1:] for n in found}
     report = reprojection_report(rig, points, observations)
     report |= {"unregistered": missing, "mapper": solution["mapper"], "features": features, "matches": matches}
-    report["explained"] = solution["explained"]
+    report["match_inlier_ratio"] = solution["match_inlier_ratio"]
     _judge(report, rig)
     report["sharing"] = [
         {**each, "images": [names[number] for number in each["images"]]} for each in solution["sharing"]
@@ -178,7 +178,7 @@ def _read(
 
 def _judge(report: dict[str, Any], rig: Rig) -> None:
     """A small reprojection error is no good calibration where matches disagree or focal lengths cannot be."""
-    if report["explained"] < TRUSTED:
+    if report["match_inlier_ratio"] < TRUSTED:
         report["quality"] = "review"
     for camera in rig:
         like = [other.fx for other in rig if (other.width, other.height) == (camera.width, camera.height)]

@@ -12,7 +12,7 @@ TRUSTED = 0.6
 that was closed wrongly 0.45."""
 
 
-def explained_share(model: Any, database: Path) -> float:
+def match_inlier_ratio(model: Any, database: Path) -> float:
     """Share of the verified matches whose two features see the same point of the model.
 
     A small reprojection error proves little: cameras that were put in the wrong place keep the few points that fit

@@ -20,7 +20,7 @@ import numpy as np
 
 from studio.calibration.sfm.features import find_matches, say
 from studio.calibration.sfm.mapping import Mapper
-from studio.calibration.sfm.verdict import explained_share
+from studio.calibration.sfm.verdict import match_inlier_ratio
 
 
 class Worker:
@@ -90,13 +90,13 @@ class Worker:
             colors=np.array([point.color for point in kept], np.uint8).reshape(-1, 3),
             observations=np.array(observations, np.float64).reshape(-1, 4),
         )
-        explained = explained_share(model, database_path) if model is not None else 0.0
+        explained = match_inlier_ratio(model, database_path) if model is not None else 0.0
         solution = {
             "mapper": how,
             "cameras": cameras,
             "features": features,
             "pairs": pairs,
-            "explained": round(explained, 4),
+            "match_inlier_ratio": round(explained, 4),
             "sharing": [{**found, "images": [image - 1 for image in found["images"]]} for found in sharing],
         }
         (self.folder / "solution.json").write_text(json.dumps(solution))

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.target.pattern import Board, View
+from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.camera_files.colmap_model import MODELS, intrinsics
 from studio.cameras import Camera
 from studio.errors import StudioError
 
 
 @dataclass
-class BoardRig:
+class TargetRig:
     """Cameras, boards and what was seen.
 
     Attributes:
@@ -30,14 +30,14 @@ class BoardRig:
 
     cameras: dict[str, Camera]
     boards: dict[int, np.ndarray]
-    views: dict[tuple[int, str], View]
+    views: dict[tuple[int, str], TargetObservation]
 
-    def errors(self, board: Board) -> dict[tuple[int, str], np.ndarray]:
+    def errors(self, board: CalibrationTarget) -> dict[tuple[int, str], np.ndarray]:
         """Reprojection errors in pixels of each view."""
         found = {}
-        for (moment, name), view in self.views.items():
-            corners = _apply(self.boards[moment], board.corners[view.ids])
-            found[moment, name] = np.linalg.norm(self.cameras[name].project(corners)[0] - view.pixels, axis=1)
+        for (sync_frame, name), view in self.views.items():
+            corners = _apply(self.boards[sync_frame], board.corners[view.ids])
+            found[sync_frame, name] = np.linalg.norm(self.cameras[name].project(corners)[0] - view.pixels, axis=1)
         return found
 
 
@@ -46,8 +46,14 @@ def _apply(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def refine(
-    state: BoardRig, board: Board, model: str, *, known: Mapping[str, Camera], principal_point: bool, threads: int
-) -> BoardRig:
+    state: TargetRig,
+    board: CalibrationTarget,
+    model: str,
+    *,
+    known: Mapping[str, Camera],
+    principal_point: bool,
+    threads: int,
+) -> TargetRig:
     """All lenses, cameras and boards together, so that the reprojection errors are least (with a robust loss).
 
     Args:
@@ -83,14 +89,14 @@ def refine(
     tracks: dict[int, Any] = {number: pycolmap.Track() for number in range(len(board.corners))}
     config = pycolmap.BundleAdjustmentConfig()
     image_id = 0
-    for order, (moment, place) in enumerate(state.boards.items(), 1):
-        seen = [(number, name) for number, name in enumerate(names, 1) if (moment, name) in state.views]
+    for order, (sync_frame, place) in enumerate(state.boards.items(), 1):
+        seen = [(number, name) for number, name in enumerate(names, 1) if (sync_frame, name) in state.views]
         frame = pycolmap.Frame(frame_id=order, rig_id=1)
         pictures = []
         for number, name in seen:
             image_id += 1
-            view = state.views[moment, name]
-            picture = pycolmap.Image(name=f"{moment}/{name}", camera_id=number, image_id=image_id)
+            view = state.views[sync_frame, name]
+            picture = pycolmap.Image(name=f"{sync_frame}/{name}", camera_id=number, image_id=image_id)
             picture.frame_id = order
             picture.points2D = pycolmap.Point2DList([pycolmap.Point2D(xy) for xy in view.pixels])
             frame.add_data_id(picture.data_id)
@@ -135,7 +141,7 @@ def _parameters(camera: Camera, model: str, known: bool) -> tuple[str, list[floa
     return model, base + lens[: MODELS[model][1] - len(base)].tolist()
 
 
-def _read(world: Any, state: BoardRig, names: list[str], reference: np.ndarray) -> BoardRig:
+def _read(world: Any, state: TargetRig, names: list[str], reference: np.ndarray) -> TargetRig:
     cameras = {}
     rig = world.rigs[1]
     for number, name in enumerate(names, 1):
@@ -152,7 +158,7 @@ def _read(world: Any, state: BoardRig, names: list[str], reference: np.ndarray) 
         )
     back = np.linalg.inv(reference)
     boards = {
-        moment: back @ np.vstack([world.frames[order].rig_from_world.matrix(), [0, 0, 0, 1]])
-        for order, moment in enumerate(state.boards, 1)
+        sync_frame: back @ np.vstack([world.frames[order].rig_from_world.matrix(), [0, 0, 0, 1]])
+        for order, sync_frame in enumerate(state.boards, 1)
     }
-    return BoardRig(cameras, boards, dict(state.views))
+    return TargetRig(cameras, boards, dict(state.views))

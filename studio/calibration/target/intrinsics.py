@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from studio.calibration.target.pattern import Board, View
+from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -31,7 +31,13 @@ def check_lens_size(lens: Camera, size: tuple[int, int]) -> None:
 
 
 def lens_from_views(
-    name: str, size: tuple[int, int], board: Board, views: Sequence[View], model: str, *, principal_point: bool
+    name: str,
+    size: tuple[int, int],
+    board: CalibrationTarget,
+    views: Sequence[TargetObservation],
+    model: str,
+    *,
+    principal_point: bool,
 ) -> Camera:
     """Focal lengths, principal point and distortion of a camera (Zhang's method, by OpenCV), at the identity pose.
 
@@ -40,7 +46,7 @@ def lens_from_views(
         size: width and height of its images.
         board: what it sees.
         views: of several positions and tilts of the board.
-        model: COLMAP's name of the lens model, as in `SfmSettings.lens`.
+        model: COLMAP's name of the lens model, as in `SfmSettings.camera_model`.
         principal_point: estimate it; else it is the image's middle.
 
     Raises:
@@ -114,7 +120,7 @@ def _fix(*terms: int) -> int:
     return sum(getattr(cv2, f"CALIB_FIX_K{term}") for term in terms)
 
 
-def _spread(views: Sequence[View], size: tuple[int, int]) -> list[View]:
+def _spread(views: Sequence[TargetObservation], size: tuple[int, int]) -> list[TargetObservation]:
     """At most `MOST_VIEWS`, each adding parts of the image or distances that those before have not shown."""
     if len(views) <= MOST_VIEWS:
         return list(views)
@@ -128,14 +134,14 @@ def _spread(views: Sequence[View], size: tuple[int, int]) -> list[View]:
     return [views[index] for index in sorted(chosen)]
 
 
-def _mark(view: View, size: tuple[int, int]) -> np.ndarray:
+def _mark(view: TargetObservation, size: tuple[int, int]) -> np.ndarray:
     """Where in the image, how large, and which way the corners lean."""
     scaled = view.pixels / max(size)
     spread = np.cov(scaled.T)
     return np.concatenate([scaled.mean(0), np.sqrt(np.diag(spread)), [spread[0, 1] / np.sqrt(np.trace(spread) + 1e-9)]])
 
 
-def board_pose(camera: Camera, board: Board, view: View) -> tuple[np.ndarray, float]:
+def target_pose(camera: Camera, board: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, float]:
     """Where the board stands before the camera.
 
     Returns:

@@ -20,7 +20,7 @@ LEAST_CORNERS = 6
 
 
 @dataclass(frozen=True)
-class Board:
+class CalibrationTarget:
     """A flat board of squares.
 
     Attributes:
@@ -112,7 +112,7 @@ class Board:
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         return cv2.aruco.CharucoDetector(self.charuco, detectorParams=parameters)
 
-    def detect(self, image: np.ndarray) -> View | None:
+    def detect(self, image: np.ndarray) -> TargetObservation | None:
         """Find the board.
 
         Args:
@@ -131,13 +131,13 @@ class Board:
             return None
         return view
 
-    def _charuco_view(self, gray: np.ndarray) -> View | None:
+    def _charuco_view(self, gray: np.ndarray) -> TargetObservation | None:
         corners, ids, _, _ = self._detector.detectBoard(gray)
         if ids is None or len(ids) == 0:
             return None
-        return View(np.ravel(ids).astype(np.int64), np.asarray(corners, np.float64).reshape(-1, 2) + 0.5)
+        return TargetObservation(np.ravel(ids).astype(np.int64), np.asarray(corners, np.float64).reshape(-1, 2) + 0.5)
 
-    def _chessboard_view(self, gray: np.ndarray) -> View | None:
+    def _chessboard_view(self, gray: np.ndarray) -> TargetObservation | None:
         import cv2
 
         across, down = self.columns - 1, self.rows - 1
@@ -169,7 +169,7 @@ class Board:
             grid = grid[:, ::-1]
         if not self.is_symmetric and _is_lighter(gray, grid):
             grid = grid[::-1, ::-1]
-        return View(np.arange(across * down), grid.reshape(-1, 2) + 0.5)
+        return TargetObservation(np.arange(across * down), grid.reshape(-1, 2) + 0.5)
 
 
 def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
@@ -186,25 +186,25 @@ def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
 
 
 @dataclass(frozen=True)
-class View:
+class TargetObservation:
     """A board as one picture shows it.
 
     Attributes:
-        ids: (M,) int64, indices into `Board.corners`.
+        ids: (M,) int64, indices into `CalibrationTarget.corners`.
         pixels: (M, 2) where they are, origin at the image corner.
     """
 
     ids: np.ndarray
     pixels: np.ndarray
 
-    def on_one_line(self, board: Board) -> bool:
+    def on_one_line(self, board: CalibrationTarget) -> bool:
         """Whether the corners seen lie on one line of the board, which fixes no pose."""
         spread = board.corners[self.ids, :2]
         return bool(np.linalg.matrix_rank(spread - spread.mean(0), tol=0.1 * board.square) < 2)
 
-    def keep(self, chosen: np.ndarray) -> View:
+    def keep(self, chosen: np.ndarray) -> TargetObservation:
         """The corners that a boolean array (M,) marks."""
-        return View(self.ids[chosen], self.pixels[chosen])
+        return TargetObservation(self.ids[chosen], self.pixels[chosen])
 
 
 def _dictionaries() -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.target.pattern import Board
+from studio.calibration.target.pattern import CalibrationTarget
 from studio.errors import StudioError
 
 PAPERS = {  # millimeters, portrait
@@ -24,7 +24,7 @@ _EDGE = 8.0  # millimeters that printers leave white
 _TEXT = 9.0  # millimeters for the ruler and the words below the board
 
 
-def write_board_pdf(board: Board, path: Path, *, paper: str = "fit") -> tuple[float, float]:
+def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit") -> tuple[float, float]:
     """Draw a board.
 
     Args:
@@ -71,7 +71,7 @@ def write_board_pdf(board: Board, path: Path, *, paper: str = "fit") -> tuple[fl
     return width, height
 
 
-def describe(board: Board) -> str:
+def describe(board: CalibrationTarget) -> str:
     """One line that says which board it is."""
     base = f"{board.kind}, {board.columns} x {board.rows} squares of {board.square * 1000:g} mm"
     if board.kind == "charuco":
@@ -79,7 +79,7 @@ def describe(board: Board) -> str:
     return base + (", inverted" if board.inverted else "")
 
 
-def dark(board: Board) -> list[tuple[float, float, float, float]]:
+def dark(board: CalibrationTarget) -> list[tuple[float, float, float, float]]:
     """What is black (white on an inverted board): rectangles x, y, width, height in meters, board coordinates.
 
     Where a marker lies in a white square, its black cells are listed one by one.
@@ -115,7 +115,7 @@ def dark(board: Board) -> list[tuple[float, float, float, float]]:
     return found
 
 
-def _page(board: Board, paper: str) -> tuple[float, float]:
+def _page(board: CalibrationTarget, paper: str) -> tuple[float, float]:
     width, height = board.columns * board.square * 1000, board.rows * board.square * 1000
     if paper == "fit":
         white = max(_EDGE, board.square * 1000)
@@ -134,7 +134,7 @@ def _page(board: Board, paper: str) -> tuple[float, float]:
     )
 
 
-def _outline(board: Board, left: float, top: float, margin: float) -> tuple[float, float, float, float]:
+def _outline(board: CalibrationTarget, left: float, top: float, margin: float) -> tuple[float, float, float, float]:
     width, height = board.columns * board.square * 1000, board.rows * board.square * 1000
     return (left - margin, top - margin, width + 2 * margin, height + 2 * margin)
 
@@ -146,7 +146,7 @@ def _rectangles(axes: Any, rectangles: list[tuple[float, float, float, float]], 
     axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors="none", antialiaseds=False))
 
 
-def _foot(axes: Any, board: Board, left: float, height: float) -> None:
+def _foot(axes: Any, board: CalibrationTarget, left: float, height: float) -> None:
     """A ruler to check the print with, and which board this is."""
     left, y = max(left, _EDGE), height - _EDGE / 2 - 2
     length = 50.0

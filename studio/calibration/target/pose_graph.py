@@ -8,9 +8,9 @@ from itertools import combinations
 
 import numpy as np
 
-from studio.calibration.target.bundle_adjustment import BoardRig
-from studio.calibration.target.intrinsics import board_pose, reprojection
-from studio.calibration.target.pattern import Board, View
+from studio.calibration.target.bundle_adjustment import TargetRig
+from studio.calibration.target.intrinsics import reprojection, target_pose
+from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -18,7 +18,9 @@ _WORST = 5.0
 """Pixels: a view whose own best pose fits worse than this is left out."""
 
 
-def chain(lenses: Mapping[str, Camera], board: Board, views: Mapping[tuple[int, str], View]) -> BoardRig:
+def chain(
+    lenses: Mapping[str, Camera], board: CalibrationTarget, views: Mapping[tuple[int, str], TargetObservation]
+) -> TargetRig:
     """Place the cameras by the moments that pairs share, along the pairs that share most.
 
     Args:
@@ -34,16 +36,16 @@ def chain(lenses: Mapping[str, Camera], board: Board, views: Mapping[tuple[int, 
     """
     poses: dict[tuple[int, str], np.ndarray] = {}
     for key, view in views.items():
-        pose, error = board_pose(lenses[key[1]], board, view)
+        pose, error = target_pose(lenses[key[1]], board, view)
         if error < _WORST:
             poses[key] = pose
     kept = {key: views[key] for key in poses}
-    moments: dict[str, set[int]] = {name: set() for name in lenses}
-    for moment, name in poses:
-        moments[name].add(moment)
+    sync_frames: dict[str, set[int]] = {name: set() for name in lenses}
+    for sync_frame, name in poses:
+        sync_frames[name].add(sync_frame)
     links = {}
     for first, second in combinations(lenses, 2):
-        shared = sorted(moments[first] & moments[second])
+        shared = sorted(sync_frames[first] & sync_frames[second])
         if shared:
             links[first, second] = shared
     places = {next(iter(lenses)): np.eye(4)}
@@ -65,28 +67,28 @@ def chain(lenses: Mapping[str, Camera], board: Board, views: Mapping[tuple[int, 
         )
     cameras = {name: replace(lenses[name], world_to_camera=places[name]) for name in lenses}
     boards = {}
-    for moment in sorted({moment for moment, _ in kept}):
-        seen = [name for name in lenses if (moment, name) in kept]
-        candidates = [np.linalg.inv(places[name]) @ poses[moment, name] for name in seen]
+    for sync_frame in sorted({sync_frame for sync_frame, _ in kept}):
+        seen = [name for name in lenses if (sync_frame, name) in kept]
+        candidates = [np.linalg.inv(places[name]) @ poses[sync_frame, name] for name in seen]
         costs = [
             sum(
-                min(50.0, float(np.median(reprojection(lenses[n], places[n] @ c, *_seen(board, kept[moment, n])))))
+                min(50.0, float(np.median(reprojection(lenses[n], places[n] @ c, *_seen(board, kept[sync_frame, n])))))
                 for n in seen
             )
             for c in candidates
         ]
-        boards[moment] = candidates[int(np.argmin(costs))]
-    return BoardRig(cameras, boards, kept)
+        boards[sync_frame] = candidates[int(np.argmin(costs))]
+    return TargetRig(cameras, boards, kept)
 
 
-def _seen(board: Board, view: View) -> tuple[np.ndarray, np.ndarray]:
+def _seen(board: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, np.ndarray]:
     return board.corners[view.ids], view.pixels
 
 
 def _relative(
     lenses: Mapping[str, Camera],
-    board: Board,
-    views: Mapping[tuple[int, str], View],
+    board: CalibrationTarget,
+    views: Mapping[tuple[int, str], TargetObservation],
     poses: Mapping[tuple[int, str], np.ndarray],
     first: str,
     second: str,
@@ -95,8 +97,8 @@ def _relative(
     """(4, 4) from the first camera to the second: of what each moment says, the one that fits all moments best."""
     trial = shared if len(shared) <= 24 else [shared[i] for i in np.linspace(0, len(shared) - 1, 24).astype(int)]
     best, found = np.inf, np.eye(4)
-    for moment in trial:
-        candidate = poses[moment, second] @ np.linalg.inv(poses[moment, first])
+    for sync_frame in trial:
+        candidate = poses[sync_frame, second] @ np.linalg.inv(poses[sync_frame, first])
         cost = sum(
             min(
                 50.0,

@@ -11,67 +11,67 @@ import numpy as np
 
 from studio.calibration.alignment import Similarity, upright
 from studio.calibration.result import CalibrationResult, image_coverage, reprojection_report
-from studio.calibration.target.bundle_adjustment import BoardRig
+from studio.calibration.target.bundle_adjustment import TargetRig
 from studio.calibration.target.intrinsics import LENSES, check_lens_size, lens_from_views
 from studio.calibration.target.outlier_rejection import settle
-from studio.calibration.target.pattern import Board, View
+from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.calibration.target.pose_graph import chain
-from studio.calibration.target.scale_accuracy import scale_check, shared_moments
+from studio.calibration.target.scale_accuracy import scale_check, shared_sync_frames
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 
 
 @dataclass(frozen=True)
-class BoardSettings:
+class TargetSettings:
     """How to solve.
 
     Attributes:
-        lens: COLMAP's model of lenses that are not known, as in `SfmSettings`.
+        camera_model: COLMAP's model of lenses that are not known, as in `SfmSettings`.
         principal_point: "refine", "center" (the image's middle), or "auto": estimated where the views of the board
             cover three fifths of the image: else a shifted principal point looks like a turned camera.
         origin: moment whose board gives the world's origin (its middle), x axis (along its columns) and up; None puts
             the origin where the cameras look and takes up from the cameras. Meters in any case.
-        stands: the origin's board stands upright (up is from its last row to its first) instead of lying flat (up is
+        upright: the origin's board stands upright (up is from its last row to its first) instead of lying flat (up is
             out of its face).
         outlier: views that lie off by more than this many times what they lie off a board of their own, and by more
             than half a pixel, are left out: the board was moving and the cameras are not quite at the same instant.
         threads: at most; 0 = all cores.
     """
 
-    lens: str = "RADIAL"
+    camera_model: str = "RADIAL"
     principal_point: str = "auto"
     origin: int | None = None
-    stands: bool = False
+    upright: bool = False
     outlier: float = 4.0
     threads: int = 0
 
     def __post_init__(self) -> None:
-        if self.lens not in LENSES:
-            raise StudioError(f"The lens model '{self.lens}' is unknown; choose one of {', '.join(LENSES)}.")
+        if self.camera_model not in LENSES:
+            raise StudioError(f"The camera model '{self.camera_model}' is unknown; choose one of {', '.join(LENSES)}.")
         if self.principal_point not in ("auto", "refine", "center"):
             raise StudioError(f"The principal point is '{self.principal_point}'; choose auto, refine or center.")
         if self.threads < 0 or not self.outlier > 0:
             raise StudioError("Calibration from boards needs threads >= 0 and outlier > 0.")
 
-    def estimates_principal_point(self, views: Sequence[View], size: tuple[int, int]) -> bool:
+    def estimates_principal_point(self, views: Sequence[TargetObservation], size: tuple[int, int]) -> bool:
         """Whether the principal point of a camera with these views is estimated."""
         if self.principal_point == "auto":
             return image_coverage(np.concatenate([view.pixels for view in views]), size) >= 0.6
         return self.principal_point == "refine"
 
 
-def detect_boards(
+def detect_target(
     cameras: Mapping[str, Callable[[int], np.ndarray]],
-    moments: Mapping[str, Sequence[int]],
-    board: Board,
+    sync_frames: Mapping[str, Sequence[int]],
+    board: CalibrationTarget,
     progress: ProgressFn = no_progress,
-) -> tuple[dict[tuple[int, str], View], dict[str, tuple[int, int]]]:
+) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
     """Look for the board in every picture.
 
     Args:
         cameras: name to a function that reads the picture (H, W, 3) uint8 RGB of a moment.
-        moments: name to the moments to read.
+        sync_frames: name to the moments to read.
         board: what to look for.
         progress: called for every picture.
 
@@ -81,32 +81,32 @@ def detect_boards(
     Raises:
         StudioError: pictures of one camera differ in size.
     """
-    views: dict[tuple[int, str], View] = {}
+    views: dict[tuple[int, str], TargetObservation] = {}
     sizes: dict[str, tuple[int, int]] = {}
-    total, done = sum(len(moments[name]) for name in cameras), 0
+    total, done = sum(len(sync_frames[name]) for name in cameras), 0
     for name, read in cameras.items():
-        for moment in moments[name]:
+        for sync_frame in sync_frames[name]:
             progress(done, total, found=len(views))
-            image = read(moment)
+            image = read(sync_frame)
             size = (image.shape[1], image.shape[0])
             if sizes.setdefault(name, size) != size:
                 raise StudioError(
-                    f"Camera '{name}': the picture of moment {moment} is {size[0]}x{size[1]}, earlier ones are "
+                    f"Camera '{name}': the picture of moment {sync_frame} is {size[0]}x{size[1]}, earlier ones are "
                     f"{sizes[name][0]}x{sizes[name][1]}; take pictures of one size."
                 )
             view = board.detect(image)
             if view is not None:
-                views[moment, name] = view
+                views[sync_frame, name] = view
             done += 1
     progress(total, total, found=len(views))
     return views, sizes
 
 
 def calibrate_lenses(
-    board: Board,
-    views: Mapping[str, Sequence[View]],
+    board: CalibrationTarget,
+    views: Mapping[str, Sequence[TargetObservation]],
     sizes: Mapping[str, tuple[int, int]],
-    settings: BoardSettings | None = None,
+    settings: TargetSettings | None = None,
 ) -> tuple[dict[str, Camera], dict[str, dict[str, Any]]]:
     """Lenses alone, each camera by its own pictures of the board, which need not be of common moments.
 
@@ -117,11 +117,11 @@ def calibrate_lenses(
     Raises:
         StudioError: a camera sees the board too seldom.
     """
-    settings = settings or BoardSettings()
+    settings = settings or TargetSettings()
     cameras, figures = {}, {}
     for name, seen in views.items():
         principal_point = bool(seen) and settings.estimates_principal_point(seen, sizes[name])
-        start = lens_from_views(name, sizes[name], board, seen, settings.lens, principal_point=principal_point)
+        start = lens_from_views(name, sizes[name], board, seen, settings.camera_model, principal_point=principal_point)
         state = chain({name: start}, board, {(number, name): view for number, view in enumerate(seen)})
         if not state.views:
             raise StudioError(f"Camera '{name}': none of its {len(seen)} pictures of the board fits a lens.")
@@ -137,13 +137,13 @@ def calibrate_lenses(
     return cameras, figures
 
 
-def calibrate_from_boards(
-    board: Board,
-    views: Mapping[tuple[int, str], View],
+def calibrate_from_target(
+    board: CalibrationTarget,
+    views: Mapping[tuple[int, str], TargetObservation],
     sizes: Mapping[str, tuple[int, int]],
     *,
     known: Mapping[str, Camera] | None = None,
-    settings: BoardSettings | None = None,
+    settings: TargetSettings | None = None,
     progress: ProgressFn = no_progress,
 ) -> CalibrationResult:
     """Lenses and places of all cameras.
@@ -164,7 +164,7 @@ def calibrate_from_boards(
     Raises:
         StudioError: a camera never sees the board, or never together with another; an origin without a board.
     """
-    settings = settings or BoardSettings()
+    settings = settings or TargetSettings()
     known = dict(known or {})
     if board.is_symmetric:
         raise StudioError(
@@ -186,7 +186,9 @@ def calibrate_from_boards(
             lenses[name] = known[name]
         else:
             estimated[name] = settings.estimates_principal_point(own, size)
-            lenses[name] = lens_from_views(name, size, board, own, settings.lens, principal_point=estimated[name])
+            lenses[name] = lens_from_views(
+                name, size, board, own, settings.camera_model, principal_point=estimated[name]
+            )
     progress(len(sizes), 2 * len(sizes) + 3)
     state = chain(lenses, board, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
@@ -194,12 +196,12 @@ def calibrate_from_boards(
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
     result = _result(state, board, settings)
     result.report["boards"] = {
-        "moments": len(state.boards),
+        "sync_frames": len(state.boards),
         "views": len(state.views),
         "corners": sum(len(view.ids) for view in state.views.values()),
         "views_left_out": len(views) - len(state.views),
         "corners_left_out": dropped,
-        "shared": shared_moments(state),
+        "shared": shared_sync_frames(state),
         **scale_check(state, board),
     }
     result.report |= {"unregistered": {}, "metric": True}
@@ -208,12 +210,16 @@ def calibrate_from_boards(
 
 
 def _settle(
-    state: BoardRig, board: Board, settings: BoardSettings, known: Mapping[str, Camera], principal_point: bool
-) -> tuple[BoardRig, int]:
+    state: TargetRig,
+    board: CalibrationTarget,
+    settings: TargetSettings,
+    known: Mapping[str, Camera],
+    principal_point: bool,
+) -> tuple[TargetRig, int]:
     return settle(
         state,
         board,
-        settings.lens,
+        settings.camera_model,
         settings.outlier,
         known=known,
         principal_point=principal_point,
@@ -221,28 +227,28 @@ def _settle(
     )
 
 
-def _result(state: BoardRig, board: Board, settings: BoardSettings) -> CalibrationResult:
+def _result(state: TargetRig, board: CalibrationTarget, settings: TargetSettings) -> CalibrationResult:
     """Everything in the world's coordinates."""
-    order = {moment: number for number, moment in enumerate(state.boards)}
+    order = {sync_frame: number for number, sync_frame in enumerate(state.boards)}
     count = len(board.corners)
     points = np.concatenate([board.corners @ p[:3, :3].T + p[:3, 3] for p in state.boards.values()])
     observations: dict[str, np.ndarray] = {}
     for name in state.cameras:
         seen_by = [
-            np.column_stack([order[moment] * count + view.ids, view.pixels])
-            for (moment, camera), view in state.views.items()
+            np.column_stack([order[sync_frame] * count + view.ids, view.pixels])
+            for (sync_frame, camera), view in state.views.items()
             if camera == name
         ]
         observations[name] = np.concatenate(seen_by)
     rig = Rig(tuple(state.cameras.values()))
     if settings.origin is not None:
         if settings.origin not in state.boards:
-            near = min(state.boards, key=lambda moment: abs(moment - int(settings.origin or 0)))
+            near = min(state.boards, key=lambda sync_frame: abs(sync_frame - int(settings.origin or 0)))
             raise StudioError(
                 f"Frame {settings.origin} should give the origin, but no camera sees the board there; the nearest "
                 f"frame in which one does is {near}."
             )
-        world = board_world(board, state.boards[settings.origin], stands=settings.stands)
+        world = target_world(board, state.boards[settings.origin], upright=settings.upright)
     else:
         world = upright(rig, points, keep_scale=True)
     rig, points = world.rig(rig), world.points(points)
@@ -255,15 +261,15 @@ def _result(state: BoardRig, board: Board, settings: BoardSettings) -> Calibrati
     return CalibrationResult(rig, points[seen], np.full((len(seen), 3), 255, np.uint8), report)
 
 
-def board_world(board: Board, place: np.ndarray, *, stands: bool) -> Similarity:
+def target_world(board: CalibrationTarget, place: np.ndarray, *, upright: bool) -> Similarity:
     """The world that a board gives: origin in its middle, x along its columns, z up.
 
     Args:
         board: the board.
         place: (4, 4) from board coordinates to the present ones.
-        stands: see `BoardSettings`.
+        upright: see `TargetSettings`.
     """
     x, y, z = place[:3, :3].T
-    rotation = np.stack([x, z, -y]) if stands else np.stack([x, -y, -z])
+    rotation = np.stack([x, z, -y]) if upright else np.stack([x, -y, -z])
     middle = place[:3, :3] @ board.middle + place[:3, 3]
     return Similarity(1.0, rotation, -rotation @ middle)

@@ -5,26 +5,26 @@ from __future__ import annotations
 import numpy as np
 
 from studio.calibration.alignment import align_points
-from studio.calibration.target.bundle_adjustment import BoardRig
-from studio.calibration.target.pattern import Board
+from studio.calibration.target.bundle_adjustment import TargetRig
+from studio.calibration.target.pattern import CalibrationTarget
 from studio.cameras import Camera
 
 
-def shared_moments(state: BoardRig) -> dict[str, int]:
+def shared_sync_frames(state: TargetRig) -> dict[str, int]:
     """How many moments each pair of cameras shares."""
-    moments: dict[str, set[int]] = {name: set() for name in state.cameras}
-    for moment, name in state.views:
-        moments[name].add(moment)
+    sync_frames: dict[str, set[int]] = {name: set() for name in state.cameras}
+    for sync_frame, name in state.views:
+        sync_frames[name].add(sync_frame)
     names = list(state.cameras)
     return {
-        f"{a} {b}": len(moments[a] & moments[b])
+        f"{a} {b}": len(sync_frames[a] & sync_frames[b])
         for i, a in enumerate(names)
         for b in names[i + 1 :]
-        if moments[a] & moments[b]
+        if sync_frames[a] & sync_frames[b]
     }
 
 
-def scale_check(state: BoardRig, board: Board) -> dict[str, float]:
+def scale_check(state: TargetRig, board: CalibrationTarget) -> dict[str, float]:
     """The board measured with the calibrated cameras: its corners triangulated freely, then compared with the board.
 
     Returns:
@@ -33,10 +33,10 @@ def scale_check(state: BoardRig, board: Board) -> dict[str, float]:
         board fitted to them. Empty where no corner is seen by two cameras.
     """
     scales, squares = [], []
-    for moment in state.boards:
+    for sync_frame in state.boards:
         rays: dict[int, list[tuple[Camera, np.ndarray]]] = {}
         for name, camera in state.cameras.items():
-            view = state.views.get((moment, name))
+            view = state.views.get((sync_frame, name))
             if view is not None:
                 for corner, pixel in zip(view.ids, view.pixels, strict=True):
                     rays.setdefault(int(corner), []).append((camera, pixel))

@@ -1,4 +1,4 @@
-"""Which `Matter` a `CaptureSpec` asks for, and finding its files."""
+"""Which `MatteSource` a `CaptureSpec` asks for, and finding its files."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from studio.capture.checks import number_ranges
 from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside
 from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
-from studio.capture.mattes.chroma_key import ChromaMatter, DespillingMatter
+from studio.capture.mattes.chroma_key import ChromaMatteSource, DespillingMatteSource
 from studio.capture.mattes.clean_plate import DifferenceSettings
 from studio.capture.mattes.garbage_mattes import garbage_mattes
-from studio.capture.mattes.matte_cache import KeptMattes
+from studio.capture.mattes.matte_cache import MatteCache
 from studio.capture.mattes.matte_source import (
-    AlphaMatter,
-    FileMatter,
-    FullMatter,
-    Matter,
-    PlateMatter,
+    AlphaMatteSource,
+    FileMatteSource,
+    FullMatteSource,
+    MatteSource,
+    PlateMatteSource,
     plates_from_files,
 )
-from studio.capture.mattes.matting_function import FunctionMatter
+from studio.capture.mattes.matting_function import FunctionMatteSource
 from studio.capture.mattes.median_background import Background, cached_background, estimate_background
 from studio.capture.mattes.onnx_model import OnnxModel, OnnxSettings
-from studio.capture.mattes.plain_background import PlainMatter, plain_color
+from studio.capture.mattes.plain_background import PlainMatteSource, plain_color
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.spec import CaptureSpec
 from studio.errors import StudioError
@@ -41,7 +41,7 @@ def mask_source(
     frames: tuple[int, ...],
     pool: DecoderPool,
     cache_folder: Path | None,
-) -> tuple[Matter, str]:
+) -> tuple[MatteSource, str]:
     """The source of mattes that `spec.masks` asks for, and a sentence on it.
 
     Raises:
@@ -50,7 +50,7 @@ def mask_source(
     kind = spec.masks
     names = tuple(sources)
     if kind in ("alpha", "auto") and all(source.has_alpha for source in sources.values()):
-        return AlphaMatter(), "Masks: the images' alpha channel."
+        return AlphaMatteSource(), "Masks: the images' alpha channel."
     if kind == "alpha":
         bare = next(name for name, source in sources.items() if not source.has_alpha)
         raise StudioError(f"Masks are to come from the alpha channel, but the images of camera '{bare}' have none.")
@@ -58,7 +58,7 @@ def mask_source(
         found = _mask_files(spec, names, required=kind == "files")
         if found is not None:
             pattern, matches = found
-            return _file_matter(matches, names, frames, pool, "mask", spec.offsets), f"Masks: files '{pattern}'."
+            return _file_matte_source(matches, names, frames, pool, "mask", spec.offsets), f"Masks: files '{pattern}'."
     if kind in ("clean_plate", "auto"):
         found = _plates(spec, names, required=kind == "clean_plate")
         if found is not None:
@@ -70,14 +70,16 @@ def mask_source(
                 )
             load = plates_from_files(matches, spec.color_matrix)
             paths = [match.path for match in matches]
-            matter = PlateMatter(load, paths, _difference(spec))
-            return matter, f"Masks: difference to the clean plates '{pattern}'."
+            matte_source = PlateMatteSource(load, paths, _difference(spec))
+            return matte_source, f"Masks: difference to the clean plates '{pattern}'."
     if kind == "chroma_key":
         return _chroma(spec, sources, pool), "Masks: what has not the color of the screen."
     if kind == "model":
         return _model(spec, names, pool, cache_folder), f"Masks: by the model {spec.mask_model}."
     if kind == "plain" or (kind == "auto" and _before_plain(sources)):
-        return PlainMatter(lambda camera: _first(sources[camera])), "Masks: what has not the plain color behind it."
+        return PlainMatteSource(
+            lambda camera: _first(sources[camera])
+        ), "Masks: what has not the plain color behind it."
     count = min(len(source.frames) for source in sources.values())
     if kind == "median_background" and count < 3:
         raise StudioError(
@@ -95,9 +97,9 @@ def mask_source(
             return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
 
         paths = [path for source in sources.values() for path in source.files()]
-        matter = PlateMatter(behind, paths, _difference(spec))
-        return matter, "Masks: difference to the set as recovered from the footage."
-    return FullMatter(), "Masks: none, everything is foreground."
+        matte_source = PlateMatteSource(behind, paths, _difference(spec))
+        return matte_source, "Masks: difference to the set as recovered from the footage."
+    return FullMatteSource(), "Masks: none, everything is foreground."
 
 
 def _first(source: FrameSource) -> np.ndarray:
@@ -113,17 +115,19 @@ def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
         return False
 
 
-def _chroma(spec: CaptureSpec, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatter:
+def _chroma(spec: CaptureSpec, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatteSource:
     def read(camera: str, frame: int) -> np.ndarray:
         return sources[camera].read(frame)[:, :, :3]
 
     key = None if isinstance(spec.key_color, str) else spec.key_color
-    kind = DespillingMatter if spec.despill else ChromaMatter
+    kind = DespillingMatteSource if spec.despill else ChromaMatteSource
     garbage = garbage_mattes(spec, tuple(sources), pool)
     return kind(read, lambda camera: sources[camera].frames, key, _difference(spec), garbage)
 
 
-def _model(spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool, cache_folder: Path | None) -> FunctionMatter:
+def _model(
+    spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool, cache_folder: Path | None
+) -> FunctionMatteSource:
     if not spec.mask_model:
         raise StudioError("Masks are to come from a model, but none is given; set mask_model to its ONNX file.")
     path = spec.root / Path(spec.mask_model).expanduser()
@@ -139,8 +143,8 @@ def _model(spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool, cache_f
     kept = None
     if cache_folder is not None:
         recipe = replace(settings, device="", threads=0)  # where it runs does not decide the mattes
-        kept = KeptMattes(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
-    return FunctionMatter(
+        kept = MatteCache(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
+    return FunctionMatteSource(
         model,
         f"The matting model {path}",
         files=model.files(),
@@ -182,27 +186,27 @@ def _plates(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[
     return found
 
 
-def _file_matter(
+def _file_matte_source(
     matches: list[Match],
     names: tuple[str, ...],
     frames: tuple[int, ...],
     pool: DecoderPool,
     what: str,
     offsets: Mapping[str, int],
-) -> FileMatter:
-    matter = FileMatter(make_sources(matches, pool, offsets=offsets))
+) -> FileMatteSource:
+    matte_source = FileMatteSource(make_sources(matches, pool, offsets=offsets))
     for name in names:
-        missing = matter.missing(name, frames)
+        missing = matte_source.missing(name, frames)
         if missing:
             frames_in_words = f"frame{'s' if len(missing) > 1 else ''} {number_ranges(missing)}"
             raise StudioError(
                 f"Camera '{name}' has no {what} for {frames_in_words}; add the missing files or leave the "
                 "camera or the frames out."
             )
-    return matter
+    return matte_source
 
 
-def exact_mattes(spec: CaptureSpec, names: tuple[str, ...], frames: tuple[int, ...]) -> tuple[Matter | None, str]:
+def exact_mattes(spec: CaptureSpec, names: tuple[str, ...], frames: tuple[int, ...]) -> tuple[MatteSource | None, str]:
     """`spec.evaluation_mattes` of the named cameras, and a sentence on them; None where there are none.
 
     Raises:
@@ -214,5 +218,5 @@ def exact_mattes(spec: CaptureSpec, names: tuple[str, ...], frames: tuple[int, .
     matches = [match for match in find_files(spec.root, pattern) if match.camera in names]
     if not matches:
         raise StudioError(f"{spec.root}: no evaluation matte fits the pattern '{pattern}'.")
-    matter = _file_matter(matches, names, frames, DecoderPool(len(names)), "evaluation matte", spec.offsets)
-    return matter, f"Measured within the exact mattes '{pattern}'."
+    matte_source = _file_matte_source(matches, names, frames, DecoderPool(len(names)), "evaluation matte", spec.offsets)
+    return matte_source, f"Measured within the exact mattes '{pattern}'."

@@ -17,7 +17,7 @@ from studio.capture.mattes.despill import despill
 from studio.capture.mattes.filters import guided_filter, keep_components
 from studio.capture.mattes.garbage_mattes import GarbageMattes
 from studio.capture.mattes.screen_color import Screen, find_screen
-from studio.capture.per_camera_cache import PerCamera
+from studio.capture.per_camera_cache import PerCameraCache
 
 SAMPLES = 5
 """Frames of a camera that its screen's color is found from."""
@@ -160,7 +160,7 @@ def _weighted_mean(values: np.ndarray, weight: np.ndarray, sigma: float) -> tupl
     return total / np.maximum(seen, 1e-6)[..., None], seen
 
 
-class ChromaMatter:
+class ChromaMatteSource:
     """What is not of the screen's color.
 
     Args:
@@ -183,7 +183,7 @@ class ChromaMatter:
         self._key_color = key_color
         self._settings = settings or DifferenceSettings()
         self._garbage = garbage
-        self.screen: PerCamera[Screen] = PerCamera(self._find)
+        self.screen: PerCameraCache[Screen] = PerCameraCache(self._find)
 
     def _find(self, camera: str) -> Screen:
         frames = self._frames(camera)
@@ -191,17 +191,17 @@ class ChromaMatter:
         return find_screen([self._read(camera, frames[index]) for index in chosen], camera, self._key_color)
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `Matter`. Raises StudioError where the camera shows no screen."""
+        """See `MatteSource`. Raises StudioError where the camera shows no screen."""
         image = np.ascontiguousarray(image[:, :, :3])
         inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
         return chroma_matte(image, self.screen(camera), self._settings, inside)
 
     def files(self) -> list[Path]:
-        """See `Matter`."""
+        """See `MatteSource`."""
         return self._garbage.files() if self._garbage is not None else []
 
 
-class DespillingMatter(ChromaMatter):
+class DespillingMatteSource(ChromaMatteSource):
     """The same, and the screen's light is taken off the performer's outline (see `Recolors`)."""
 
     def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:

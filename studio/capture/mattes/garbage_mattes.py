@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.capture.frame_sources import DecoderPool, make_sources
-from studio.capture.mattes.matte_source import FileMatter
+from studio.capture.mattes.matte_source import FileMatteSource
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files
 from studio.capture.spec import CaptureSpec
 from studio.errors import StudioError
@@ -30,7 +30,7 @@ class GarbageMattes:
             if match.frame is None and match.path.suffix.lower() not in VIDEO_EXTENSIONS
         }
         moving = {camera: offset for camera, offset in (offsets or {}).items() if camera not in self._still}
-        self._matter = FileMatter(make_sources(matches, pool, offsets=moving))
+        self._matte_source = FileMatteSource(make_sources(matches, pool, offsets=moving))
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
         """(H, W) bool, where the performer may be in the raw `image`; None is everywhere.
@@ -40,11 +40,11 @@ class GarbageMattes:
         """
         if camera not in self._cameras:
             return None
-        return self._matter.matte(camera, 0 if camera in self._still else frame, image) > 127
+        return self._matte_source.matte(camera, 0 if camera in self._still else frame, image) > 127
 
     def files(self) -> list[Path]:
         """What they are read from."""
-        return self._matter.files()
+        return self._matte_source.files()
 
 
 def garbage_mattes(spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool) -> GarbageMattes | None:

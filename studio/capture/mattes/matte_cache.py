@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 
-class KeptMattes:
+class MatteCache:
     """PNG files named by a digest of the recipe and of the picture itself, so that a file is never out of date.
 
     Args:

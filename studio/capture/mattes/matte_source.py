@@ -1,7 +1,7 @@
 """Where a capture's mattes come from: one small protocol, one class a source.
 
-A `Matter` works on raw footage pixels; `Footage` undistorts and scales what it returns like the image. Any other source
-needs nothing but this protocol to take part; for a matting function there is `FunctionMatter`.
+A `MatteSource` works on raw footage pixels; `Footage` undistorts and scales what it returns like the image. Any other
+source needs nothing but this protocol to take part; for a matting function there is `FunctionMatteSource`.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from studio.capture.images import read_image
 from studio.capture.mattes.clean_plate import DifferenceSettings, difference_matte
 from studio.capture.mattes.median_background import Background, median_plate
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
-from studio.capture.per_camera_cache import PerCamera
+from studio.capture.per_camera_cache import PerCameraCache
 from studio.errors import StudioError
 
 
-class Matter(Protocol):
+class MatteSource(Protocol):
     """Gives foreground mattes of raw frames. Must be thread safe and give the same matte for the same frame."""
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
@@ -35,40 +35,40 @@ class Matter(Protocol):
 
 @runtime_checkable
 class Recolors(Protocol):
-    """A `Matter` that also takes something off the performer's colors: a screen's light, say."""
+    """A `MatteSource` that also takes something off the performer's colors: a screen's light, say."""
 
     def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:
         """(H, W, 3) uint8 to use for the raw `image` (H, W, 3) uint8, of which `matte` (H, W) is the matte."""
         ...
 
 
-class FullMatter:
+class FullMatteSource:
     """Everything is foreground."""
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `Matter`."""
+        """See `MatteSource`."""
         return np.full(image.shape[:2], 255, np.uint8)
 
     def files(self) -> list[Path]:
-        """See `Matter`."""
+        """See `MatteSource`."""
         return []
 
 
-class AlphaMatter:
+class AlphaMatteSource:
     """The images' own alpha channel."""
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `Matter`."""
+        """See `MatteSource`."""
         if image.shape[2] != 4:
             raise StudioError(f"Frame {frame} of camera '{camera}' has no alpha channel to take the mask from.")
         return np.ascontiguousarray(image[:, :, 3])
 
     def files(self) -> list[Path]:
-        """See `Matter`."""
+        """See `MatteSource`."""
         return []
 
 
-class FileMatter:
+class FileMatteSource:
     """Separate mask images or videos, one a camera and frame; white is foreground.
 
     A file's alpha channel is used where it has one and its colors say nothing (all equal). Masks of another size than
@@ -85,7 +85,7 @@ class FileMatter:
         return [frame for frame in frames if frame not in have]
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `Matter`."""
+        """See `MatteSource`."""
         import cv2
 
         source = self._sources.get(camera)
@@ -109,11 +109,11 @@ class FileMatter:
         return np.ascontiguousarray(matte)
 
     def files(self) -> list[Path]:
-        """See `Matter`."""
+        """See `MatteSource`."""
         return [path for source in self._sources.values() for path in source.files()]
 
 
-class PlateMatter:
+class PlateMatteSource:
     """Difference to the empty set, whose picture is loaded or estimated once a camera.
 
     Args:
@@ -127,14 +127,14 @@ class PlateMatter:
     ) -> None:
         self._files = files
         self._settings = settings or DifferenceSettings()
-        self._backgrounds = PerCamera(background)
+        self._backgrounds = PerCameraCache(background)
 
     def background(self, camera: str) -> Background:
         """The empty set as `camera` sees it, in raw pixels."""
         return self._backgrounds(camera)
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `Matter`."""
+        """See `MatteSource`."""
         behind = self.background(camera)
         if behind.plate.shape[:2] != image.shape[:2]:
             raise StudioError(
@@ -150,7 +150,7 @@ class PlateMatter:
         return behind.plate if behind.known is None and behind.doubtful is None else None
 
     def files(self) -> list[Path]:
-        """See `Matter`."""
+        """See `MatteSource`."""
         return list(self._files)
 
 

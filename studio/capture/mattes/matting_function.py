@@ -10,7 +10,7 @@ import numpy as np
 
 from studio.capture.mattes.filters import keep_components
 from studio.capture.mattes.garbage_mattes import GarbageMattes
-from studio.capture.mattes.matte_cache import KeptMattes
+from studio.capture.mattes.matte_cache import MatteCache
 from studio.errors import StudioError
 
 
@@ -22,8 +22,8 @@ class MattingFunction(Protocol):
         ...
 
 
-class FunctionMatter:
-    """A `Matter` of a `MattingFunction`; `Footage.with_matter` takes it.
+class FunctionMatteSource:
+    """A `MatteSource` of a `MattingFunction`; `Footage.with_matte_source` takes it.
 
     Args:
         function: makes the mattes.
@@ -40,7 +40,7 @@ class FunctionMatter:
         name: str = "The matting function",
         *,
         files: Sequence[Path] = (),
-        kept: KeptMattes | None = None,
+        kept: MatteCache | None = None,
         components: int = 0,
         garbage: GarbageMattes | None = None,
     ) -> None:
@@ -51,7 +51,7 @@ class FunctionMatter:
         self._garbage = garbage
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `Matter`.
+        """See `MatteSource`.
 
         Raises:
             StudioError: the function gave something else than a matte of the image's size in 0..1.
@@ -68,7 +68,7 @@ class FunctionMatter:
         return _largest(matte, self._components) if self._components else matte
 
     def files(self) -> list[Path]:
-        """See `Matter`."""
+        """See `MatteSource`."""
         return self._files + (self._garbage.files() if self._garbage is not None else [])
 
     def _made(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:

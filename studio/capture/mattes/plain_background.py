@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.per_camera_cache import PerCamera
+from studio.capture.per_camera_cache import PerCameraCache
 from studio.errors import StudioError
 
 _BORDER = 4  # pixels all around that are looked at for the color
@@ -83,7 +83,7 @@ def _pieces(mask: np.ndarray, least: float) -> np.ndarray:
     return kept.astype(np.uint8)[labels]
 
 
-class PlainMatter:
+class PlainMatteSource:
     """What is not of the plain color behind it; the color is taken off the outline's pixels (see `Recolors`).
 
     Args:
@@ -92,7 +92,7 @@ class PlainMatter:
 
     def __init__(self, first: Callable[[str], np.ndarray]) -> None:
         self._first = first
-        self._colors: PerCamera[np.ndarray] = PerCamera(self._find)
+        self._colors: PerCameraCache[np.ndarray] = PerCameraCache(self._find)
 
     def _find(self, camera: str) -> np.ndarray:
         color = plain_color(self._first(camera))
@@ -104,7 +104,7 @@ class PlainMatter:
         return color
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `Matter`. Raises StudioError where the camera's first picture has no plain background."""
+        """See `MatteSource`. Raises StudioError where the camera's first picture has no plain background."""
         return plain_matte(np.ascontiguousarray(image[:, :, :3]), self._colors(camera))
 
     def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:
@@ -117,5 +117,5 @@ class PlainMatter:
         return result
 
     def files(self) -> list[Path]:
-        """See `Matter`."""
+        """See `MatteSource`."""
         return []

@@ -71,8 +71,8 @@ def test_warnings():
     said = calibration_warnings(report)
     assert said[0].startswith("The reprojection error is over 1 px for right;")
     assert said[1].startswith("Less than 40% of the image")
-    assert "Only 45% of the matches" in calibration_warnings({**report_with(0.3), "explained": 0.45})[0]
-    assert "matches" not in " ".join(calibration_warnings({**report_with(0.3), "explained": 0.78}))
+    assert "Only 45% of the matches" in calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.45})[0]
+    assert "matches" not in " ".join(calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.78}))
 
 
 def test_a_focal_length_that_cannot_be():
@@ -85,7 +85,7 @@ def test_lenses_in_common():
     report = report_with(0.3)
     assert calibration_lenses(report) == []
     cameras = ["left <1>", "right"]
-    report |= {"explained": 0.8, "sharing": [{"images": cameras, "shared": True, "misfit": 3.4}]}
+    report |= {"match_inlier_ratio": 0.8, "sharing": [{"images": cameras, "shared": True, "misfit": 3.4}]}
     assert calibration_lenses(report)[0].startswith("One lens for 2 cameras (left <1> to right)")
     page = Page()
     page.feed(render_calibration(report, cameras))

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.group_scheduler import run_lanes, threads_by_group
+from pipelines.stages.group_scheduler import run_groups, threads_by_group
 from studio.errors import Cancelled, StudioError
 
 
@@ -41,7 +41,7 @@ def test_jobs_run_side_by_side_with_their_own_number_of_threads() -> None:
             together.wait()  # breaks unless both run at once
         seen[index] = torch.get_num_threads()
 
-    run_lanes({index: lambda index=index: job(index) for index in range(3)}, 2, [1, 1, 3], Cancellation())
+    run_groups({index: lambda index=index: job(index) for index in range(3)}, 2, [1, 1, 3], Cancellation())
     assert seen == {0: 1, 1: 1, 2: 3}
     assert torch.get_num_threads() == before
 
@@ -53,7 +53,7 @@ def test_a_lane_keeps_its_threads_when_another_one_sets_its_own_later() -> None:
         assert others.wait(20)
         seen.append(torch.get_num_threads())
 
-    run_lanes({0: first, 1: others.set}, 2, [1, 3], Cancellation())
+    run_groups({0: first, 1: others.set}, 2, [1, 3], Cancellation())
     assert seen == [1]
 
 
@@ -72,7 +72,7 @@ def test_one_failure_ends_the_others_and_is_what_is_told() -> None:
 
     ran: list[int] = []
     with pytest.raises(StudioError, match="No camera sees"):
-        run_lanes({0: endless, 1: bad, 2: lambda: ran.append(2)}, 2, [1, 1, 1], stop)
+        run_groups({0: endless, 1: bad, 2: lambda: ran.append(2)}, 2, [1, 1, 1], stop)
     assert not ran
 
 
@@ -81,7 +81,7 @@ def test_a_stop_is_told_as_a_stop() -> None:
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        run_lanes({0: stopped, 1: stopped}, 2, [1, 1], Cancellation())
+        run_groups({0: stopped, 1: stopped}, 2, [1, 1], Cancellation())
 
 
 def test_side_by_side_gives_what_one_after_the_other_gives(project: Path, here: Callable[..., Any]) -> None:

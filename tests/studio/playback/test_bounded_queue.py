@@ -1,49 +1,49 @@
 import threading
 import time
 
-from studio.playback.bounded_queue import Lane
+from studio.playback.bounded_queue import BoundedQueue
 
 
 def test_items_come_out_in_order_and_then_it_is_over():
-    lane = Lane(3)
+    queue = BoundedQueue(3)
     for item in (1, 2, 3):
-        assert lane.put(item) == 0
-    lane.finish()
-    assert [lane.get(), lane.get(), lane.get(), lane.get()] == [1, 2, 3, None]
-    assert lane.over
+        assert queue.put(item) == 0
+    queue.finish()
+    assert [queue.get(), queue.get(), queue.get(), queue.get()] == [1, 2, 3, None]
+    assert queue.over
 
 
 def test_put_waits_for_room():
-    lane = Lane(1)
-    lane.put("a")
+    queue = BoundedQueue(1)
+    queue.put("a")
     done = threading.Event()
-    thread = threading.Thread(target=lambda: (lane.put("b"), done.set()))
+    thread = threading.Thread(target=lambda: (queue.put("b"), done.set()))
     thread.start()
     assert not done.wait(0.05)
-    assert lane.get() == "a"
+    assert queue.get() == "a"
     assert done.wait(5)
-    assert lane.get() == "b"
+    assert queue.get() == "b"
     thread.join()
 
 
 def test_stale_items_make_room():
-    lane = Lane(2)
-    lane.put(1)
-    lane.put(2)
-    assert lane.put(3, stale=lambda second: second <= 2) == 1
-    assert lane.take_while(lambda item: True) == [2, 3]
+    queue = BoundedQueue(2)
+    queue.put(1)
+    queue.put(2)
+    assert queue.put(3, stale=lambda second: second <= 2) == 1
+    assert queue.take_while(lambda item: True) == [2, 3]
 
 
 def test_put_waits_until_the_oldest_grows_stale():
-    lane = Lane(1)
-    lane.put(1)
+    queue = BoundedQueue(1)
+    queue.put(1)
     began = time.monotonic()
-    assert lane.put(2, stale=lambda second: time.monotonic() - began > 0.1) == 1
-    assert lane.peek() == 2
+    assert queue.put(2, stale=lambda second: time.monotonic() - began > 0.1) == 1
+    assert queue.peek() == 2
 
 
 def test_abort_lets_everybody_go():
-    full, empty = Lane(1), Lane(1)
+    full, empty = BoundedQueue(1), BoundedQueue(1)
     full.put(1)
     results = []
     threads = [

@@ -9,7 +9,7 @@ import pytest
 
 from gui.presenters.drawing.palette import ACCENT, GROUND
 from gui.presenters.playback import compare
-from gui.presenters.playback.image_zoom import Lens
+from gui.presenters.playback.image_zoom import ImageZoom
 from studio.cameras import Camera
 
 
@@ -55,31 +55,31 @@ def camera() -> Camera:
     return Camera("c", 64, 48, np.array([[70.0, 0, 31.0], [0, 70, 25.5], [0, 0, 1]]), pose)
 
 
-@pytest.mark.parametrize("lens", [Lens(), Lens(0.6, 0.4, 2.5), Lens(0.3, 0.7, 6.0)])
+@pytest.mark.parametrize("lens", [ImageZoom(), ImageZoom(0.6, 0.4, 2.5), ImageZoom(0.3, 0.7, 6.0)])
 @pytest.mark.parametrize("size", [(64, 48), (300, 200), (40, 90)])
-def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(lens: Lens, size: tuple[int, int]) -> None:
+def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZoom, size: tuple[int, int]) -> None:
     """A spot is drawn where the camera sees a point; the lens' camera must see the point where the picture has it."""
     point = np.array([[0.1, -0.15, 0.0]])
     seen = camera().project(point)[0][0]
     rows, columns = np.mgrid[0:48, 0:64] + 0.5
     spot = 255 * np.exp(-((columns - seen[0]) ** 2 + (rows - seen[1]) ** 2) / 8)
-    picture = lens.picture(np.repeat(spot[..., None], 3, axis=2).astype(np.uint8), camera(), *size)[..., 0].astype(
-        float
-    )
+    picture = image_zoom.picture(np.repeat(spot[..., None], 3, axis=2).astype(np.uint8), camera(), *size)[
+        ..., 0
+    ].astype(float)
     assert picture.shape == size[::-1]
-    expected = lens.camera(camera(), *size).project(point)[0][0]
+    expected = image_zoom.camera(camera(), *size).project(point)[0][0]
     if not (8 < expected[0] < size[0] - 8 and 8 < expected[1] < size[1] - 8):
         return  # outside of what this lens shows
     picture[picture < 40] = 0
     rows, columns = np.mgrid[0 : size[1], 0 : size[0]] + 0.5
     middle = np.array([(columns * picture).sum(), (rows * picture).sum()]) / picture.sum()
-    tolerance = 0.35 * max(lens.scale(camera(), *size), 1.0)
+    tolerance = 0.35 * max(image_zoom.scale(camera(), *size), 1.0)
     assert middle == pytest.approx(expected, abs=tolerance)
 
 
 def test_outside_of_the_image_nothing_is_shown() -> None:
     picture = plain(99, 100, 48)
-    Lens().mask_outside(picture, camera())  # the image is 64 wide, in the middle
+    ImageZoom().mask_outside(picture, camera())  # the image is 64 wide, in the middle
     assert (picture[:, :18] == GROUND).all()
     assert (picture[:, 82:] == GROUND).all()
     assert (picture[:, 18:82] == 99).all()
@@ -88,8 +88,8 @@ def test_outside_of_the_image_nothing_is_shown() -> None:
 def test_the_performer_fills_the_picture() -> None:
     generator = np.random.default_rng(0)
     points = generator.normal([0.2, 0.1, 0.0], 0.05, (500, 3))
-    lens = Lens.around(points, camera(), 300, 200)
-    pixels, _ = lens.camera(camera(), 300, 200).project(points)
+    image_zoom = ImageZoom.around(points, camera(), 300, 200)
+    pixels, _ = image_zoom.camera(camera(), 300, 200).project(points)
     inside = (pixels > 0).all(axis=1) & (pixels < [300, 200]).all(axis=1)
     assert inside.mean() > 0.95
     assert np.ptp(pixels[:, 1]) > 120

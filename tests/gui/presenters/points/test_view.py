@@ -12,7 +12,7 @@ import pytest
 from gui.presenters.drawing.palette import ACCENT, FAIR
 from gui.presenters.points.magnifier import Zoom
 from gui.presenters.points.marks import TieMarks, advice, expected
-from gui.presenters.points.view import PointsBoard
+from gui.presenters.points.view import PointsView
 from gui.presenters.run.workspace import Workspace
 from pipelines.takes.take import Take
 from studio.calibration import TiePoint, read_tie_points
@@ -22,22 +22,22 @@ SIZE = (900, 600)
 
 
 @pytest.fixture
-def board(take_copy: Path) -> Iterator[PointsBoard]:
+def stage_view(take_copy: Path) -> Iterator[PointsView]:
     workspace = Workspace()
     workspace.open(Take.open(take_copy))
-    found = PointsBoard(workspace)
+    found = PointsView(workspace)
     yield found
     assert found.close()
     assert workspace.close()
 
 
-def picture(board: PointsBoard) -> np.ndarray:
+def picture(stage_view: PointsView) -> np.ndarray:
     """What the board shows, once it is what was asked for."""
     end, shown = time.monotonic() + 30, None
     while time.monotonic() < end:
-        new = board.poll(SIZE)
+        new = stage_view.poll(SIZE)
         shown = new if new is not None else shown
-        if shown is not None and board.settled:
+        if shown is not None and stage_view.settled:
             return shown
         time.sleep(0.02)
     pytest.fail("the picture never came")
@@ -47,53 +47,53 @@ def colored(pixels: np.ndarray, color: tuple[int, int, int]) -> int:
     return int((np.abs(pixels.astype(int) - color).max(axis=2) < 12).sum())
 
 
-def test_a_click_marks_where_the_picture_is_clicked(board: PointsBoard) -> None:
-    before = picture(board)
-    board.snaps = False
-    zoom = board._zooms[board.camera]
-    board.click(*zoom.shown(30.0, 20.0))
-    assert board.path is not None
-    (point,) = read_tie_points(board.path)
-    assert point.pixels[board.camera] == pytest.approx((30.0, 20.0), abs=0.02)
+def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:
+    before = picture(stage_view)
+    stage_view.snaps = False
+    zoom = stage_view._zooms[stage_view.camera]
+    stage_view.click(*zoom.shown(30.0, 20.0))
+    assert stage_view.path is not None
+    (point,) = read_tie_points(stage_view.path)
+    assert point.pixels[stage_view.camera] == pytest.approx((30.0, 20.0), abs=0.02)
     assert point.frame == 0
-    assert colored(picture(board), ACCENT) > colored(before, ACCENT) + 20
-    board.click(*zoom.shown(40.0, 25.0))  # the same point, moved
-    (point,) = read_tie_points(board.path)
-    assert point.pixels[board.camera] == pytest.approx((40.0, 25.0), abs=0.02)
-    first = board.camera
-    board.step_camera(1)
-    picture(board)
-    board.click(*board._zooms[board.camera].shown(10.0, 12.0))
-    assert board.camera != first
-    assert set(read_tie_points(board.path)[0].pixels) == {first, board.camera}
-    board.unmark()
-    assert set(read_tie_points(board.path)[0].pixels) == {first}
-    board.remove()
-    assert read_tie_points(board.path) == ()
+    assert colored(picture(stage_view), ACCENT) > colored(before, ACCENT) + 20
+    stage_view.click(*zoom.shown(40.0, 25.0))  # the same point, moved
+    (point,) = read_tie_points(stage_view.path)
+    assert point.pixels[stage_view.camera] == pytest.approx((40.0, 25.0), abs=0.02)
+    first = stage_view.camera
+    stage_view.step_camera(1)
+    picture(stage_view)
+    stage_view.click(*stage_view._zooms[stage_view.camera].shown(10.0, 12.0))
+    assert stage_view.camera != first
+    assert set(read_tie_points(stage_view.path)[0].pixels) == {first, stage_view.camera}
+    stage_view.unmark()
+    assert set(read_tie_points(stage_view.path)[0].pixels) == {first}
+    stage_view.remove()
+    assert read_tie_points(stage_view.path) == ()
 
 
-def test_buttons_and_list_in_the_picture(board: PointsBoard) -> None:
-    picture(board)
-    for label, action in board._buttons()[:1]:
+def test_buttons_and_list_in_the_picture(stage_view: PointsView) -> None:
+    picture(stage_view)
+    for label, action in stage_view._buttons()[:1]:
         assert label.startswith("New point")
         action()
         action()
-    assert board.marks is not None
-    assert [point.name for point in board.marks.points] == ["point 1", "point 2"]
-    assert board.marks.chosen == 1
-    picture(board)
-    step = 0.85 * board.em * 1.45 + 3
-    board.click(20, 1.5 * step)  # the first row
-    assert board.marks.chosen == 0
-    board.step_point(1)
-    board.step_point(1)
-    assert board.marks.chosen == 1
-    picture(board)
-    board.click(20, SIZE[1] - 12)  # the last button
-    assert board.asks == "run"
+    assert stage_view.marks is not None
+    assert [point.name for point in stage_view.marks.points] == ["point 1", "point 2"]
+    assert stage_view.marks.chosen == 1
+    picture(stage_view)
+    step = 0.85 * stage_view.em * 1.45 + 3
+    stage_view.click(20, 1.5 * step)  # the first row
+    assert stage_view.marks.chosen == 0
+    stage_view.step_point(1)
+    stage_view.step_point(1)
+    assert stage_view.marks.chosen == 1
+    picture(stage_view)
+    stage_view.click(20, SIZE[1] - 12)  # the last button
+    assert stage_view.asks == "run"
 
 
-def test_where_the_other_cameras_expect_it(board: PointsBoard, take_copy: Path) -> None:
+def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Path) -> None:
     """The finished take's cameras are known, so a point's place in one follows from its marks in others."""
     rig = read_rig(Take.open(take_copy).rig)
     place = np.array([[0.05, -0.03, 0.1]]) + rig.focus
@@ -109,33 +109,33 @@ def test_where_the_other_cameras_expect_it(board: PointsBoard, take_copy: Path) 
     ways = np.linalg.norm(line - np.array(pixels[names[2]]), axis=1)
     assert ways.min() < 0.05 * rig[names[2]].width  # the line passes the true place
     assert expected(one, rig[names[0]], rig) is None
-    picture(board)
-    assert board.marks is not None
+    picture(stage_view)
+    assert stage_view.marks is not None
     for name in names[:2]:
-        board.marks.mark(name, *pixels[name], 0)
-    before = colored(picture(board), FAIR)
-    board.show_camera(names[2])
-    assert colored(picture(board), FAIR) > before
+        stage_view.marks.mark(name, *pixels[name], 0)
+    before = colored(picture(stage_view), FAIR)
+    stage_view.show_camera(names[2])
+    assert colored(picture(stage_view), FAIR) > before
 
 
-def test_a_file_that_changes_or_breaks_meanwhile(board: PointsBoard) -> None:
-    picture(board)
-    assert board.marks is not None
-    assert board.path is not None
-    board.marks.mark(board.camera, 3, 4, 0)
-    text = board.path.read_text()
-    board.path.write_text(text.replace("point 1", "a name from an editor"))
-    picture(board)
-    assert [point.name for point in board.marks.points] == ["a name from an editor"]
-    board.path.write_text("points: [")
-    picture(board)
-    assert "this is no YAML" in board.status
-    board.click(500, 300)
-    assert board.path.read_text() == "points: ["  # nothing is written over it
-    board.path.write_text(text)
-    picture(board)
-    assert [point.name for point in board.marks.points] == ["point 1"]
-    assert "this is no YAML" not in board.status
+def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None:
+    picture(stage_view)
+    assert stage_view.marks is not None
+    assert stage_view.path is not None
+    stage_view.marks.mark(stage_view.camera, 3, 4, 0)
+    text = stage_view.path.read_text()
+    stage_view.path.write_text(text.replace("point 1", "a name from an editor"))
+    picture(stage_view)
+    assert [point.name for point in stage_view.marks.points] == ["a name from an editor"]
+    stage_view.path.write_text("points: [")
+    picture(stage_view)
+    assert "this is no YAML" in stage_view.status
+    stage_view.click(500, 300)
+    assert stage_view.path.read_text() == "points: ["  # nothing is written over it
+    stage_view.path.write_text(text)
+    picture(stage_view)
+    assert [point.name for point in stage_view.marks.points] == ["point 1"]
+    assert "this is no YAML" not in stage_view.status
 
 
 def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
@@ -144,18 +144,18 @@ def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
     settings.write_text("\n".join(f"  root: {tmp_path}/gone" if line.startswith("  root:") else line for line in lines))
     workspace = Workspace()
     workspace.open(Take.open(take_copy))
-    board = PointsBoard(workspace)
-    picture(board)
-    assert board.names() == ()
-    assert board.status == ""
-    board.new_point()
-    board.step_camera(1)
-    board.unmark()
-    board.undo()
-    board.click(450, 300)
-    board.wheel(1)
+    stage_view = PointsView(workspace)
+    picture(stage_view)
+    assert stage_view.names() == ()
+    assert stage_view.status == ""
+    stage_view.new_point()
+    stage_view.step_camera(1)
+    stage_view.unmark()
+    stage_view.undo()
+    stage_view.click(450, 300)
+    stage_view.wheel(1)
     assert not (take_copy / "points.yaml").exists()
-    assert board.close()
+    assert stage_view.close()
     assert workspace.close()
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gui.presenters.playback.orbit import OrbitCamera
-from gui.presenters.run.exports import Exports, ExportWish, PathKey, fitted
+from gui.presenters.run.exports import ExportRequest, Exports, PathKey, fitted
 from studio.errors import StudioError
 
 
@@ -25,29 +25,29 @@ def finish(exports: Exports, seconds: float = 60.0) -> set[str]:
     return words
 
 
-def wish(kind: str, source: Path | str, target: Path) -> ExportWish:
-    found = ExportWish(kind, str(source), "walk", target.parent)
+def wanted(kind: str, source: Path | str, target: Path) -> ExportRequest:
+    found = ExportRequest(kind, str(source), "walk", target.parent)
     found.set_target(str(target))
     return found
 
 
 def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, tmp_path: Path) -> None:
     exports = Exports()
-    exports.start(wish("ply", stream_folder, tmp_path / "out"))
+    exports.start(wanted("ply", stream_folder, tmp_path / "out"))
     with pytest.raises(StudioError, match="runs already"):
-        exports.start(wish("spz", stream_folder, tmp_path / "other"))
+        exports.start(wanted("spz", stream_folder, tmp_path / "other"))
     words = finish(exports)
     assert exports.result == f"Written: {tmp_path / 'out'}"
     assert not exports.failed
     assert len(list((tmp_path / "out").glob("*.ply"))) == 12
     assert any("of 12" in word for word in words)
     with pytest.raises(StudioError, match="is there already"):
-        exports.start(wish("ply", stream_folder, tmp_path / "out"))
+        exports.start(wanted("ply", stream_folder, tmp_path / "out"))
 
 
 def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
     exports = Exports()
-    exports.start(wish("ply", tmp_path / "nothing", tmp_path / "out"))
+    exports.start(wanted("ply", tmp_path / "nothing", tmp_path / "out"))
     finish(exports)
     assert exports.failed
     assert "nothing" in exports.result
@@ -61,7 +61,7 @@ def test_views_become_a_camera_path(tmp_path: Path) -> None:
     orbit = OrbitCamera()
     exports.keys.append(PathKey(orbit.camera(700, 560), 0))
     with pytest.raises(StudioError, match="two views"):
-        exports.start(wish("camera-path", "x", tmp_path / "out.mp4"))
+        exports.start(wanted("camera-path", "x", tmp_path / "out.mp4"))
     exports.keys.append(PathKey(orbit.orbit(90, 0).camera(700, 560), 9))
     path = exports._write_path(tmp_path, (1280, 720))
     assert json.loads(path.read_text())["format"] == "v3studio-camera-path"
@@ -80,7 +80,7 @@ def test_a_view_keeps_its_height_in_another_shape() -> None:
 
 
 def test_a_wish_becomes_the_command_line(tmp_path: Path) -> None:
-    found = ExportWish("turntable", "/takes/walk", "walk", tmp_path, "decoded")
+    found = ExportRequest("turntable", "/takes/walk", "walk", tmp_path, "decoded")
     assert found.target == str(tmp_path / "walk-decoded-turntable.mp4")
     found.of, found.seconds, found.size, found.background = "trained", "2.5", "640x360", "white"
     assert found.target == str(tmp_path / "walk-trained-turntable.mp4"), "named after what is exported"
@@ -106,7 +106,7 @@ def test_a_turntable_has_the_length_and_size_that_were_chosen(stream_folder: Pat
     import av
 
     exports = Exports()
-    chosen = wish("turntable", stream_folder, tmp_path / "turn.mp4")
+    chosen = wanted("turntable", stream_folder, tmp_path / "turn.mp4")
     chosen.seconds, chosen.size, chosen.background = "0.5", "640x360", "white"
     exports.start(chosen)
     finish(exports)

@@ -16,7 +16,7 @@ from gui.presenters.run.new_take import NewTake
 from gui.presenters.run.settings import SECTIONS, fields_of
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.bake import shares
-from gui.presenters.stages.stage_views import Views
+from gui.presenters.stages.stage_views import StageViews
 from gui.raycast import MeshPicture
 from pipelines.config import Config, load_config
 from pipelines.config.loading import all_names
@@ -28,20 +28,20 @@ SIZE = (720, 500)
 
 
 @pytest.fixture
-def views() -> Iterator[Views]:
+def views() -> Iterator[StageViews]:
     workspace, player = Workspace(), PlayerPresenter()
-    found = Views(workspace, player, MeshPicture)
+    found = StageViews(workspace, player, MeshPicture)
     yield found
     assert found.close()
     assert workspace.close()
 
 
-def opened(views: Views, take: Path) -> None:
+def opened(views: StageViews, take: Path) -> None:
     assert views.player.open(take), views.player.message
     views.workspace.open(Take.open(take))
 
 
-def shown(views: Views, accept: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
+def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
     """The picture, once it is what was asked for."""
     end = time.monotonic() + 30
     picture = None
@@ -63,19 +63,19 @@ def has(picture: np.ndarray, color: tuple[int, int, int]) -> int:
     return int((picture == color).all(axis=2).sum())
 
 
-def test_every_stage_of_a_finished_take_has_its_picture(views: Views, finished_project: Path) -> None:
+def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finished_project: Path) -> None:
     opened(views, finished_project / "take")
     for stage, least in (("capture", 3000), ("calibrate", 100), ("initialize", 0), ("train", 3000), ("bake", 1000)):
         views.select(stage)
-        board = views.boards[stage]
-        for mode in board.modes:
+        stage_view = views.stage_views[stage]
+        for mode in stage_view.modes:
             if (stage, mode) == ("train", "gaussians"):
                 continue
             views.choose(mode)
             picture = shown(views, lambda picture: (picture != GROUND).any())
-            board.draw(SIZE, board.state())  # raises where the board above is but a sentence
+            stage_view.draw(SIZE, stage_view.state())  # raises where the board above is but a sentence
             assert picture.shape == (SIZE[1], SIZE[0], 3), (stage, mode)
-            if mode == board.modes[0]:
+            if mode == stage_view.modes[0]:
                 assert colored(picture) >= least, (stage, mode)
     views.select("initialize")
     views.choose("mesh")
@@ -86,7 +86,9 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: Views, finished_p
     assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
 
 
-def test_a_missing_image_is_named_and_the_others_are_shown(views: Views, tmp_path: Path, footage_project: Path) -> None:
+def test_a_missing_image_is_named_and_the_others_are_shown(
+    views: StageViews, tmp_path: Path, footage_project: Path
+) -> None:
     import shutil
 
     shutil.copytree(footage_project / "capture", tmp_path / "capture")
@@ -104,14 +106,14 @@ def test_a_missing_image_is_named_and_the_others_are_shown(views: Views, tmp_pat
     assert "cam3" in words
 
 
-def test_stages_that_have_not_run_say_what_to_do(views: Views, footage_project: Path, tmp_path: Path) -> None:
+def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_project: Path, tmp_path: Path) -> None:
     new = NewTake(str(footage_project / "capture"), "", str(tmp_path / "fresh"))
     opened(views, new.create())
     for stage, said in (("calibrate", "Run Calibrate"), ("initialize", "Run Initialize"), ("bake", "Run Bake")):
         views.select(stage)
-        board = views.boards[stage]
+        stage_view = views.stage_views[stage]
         with pytest.raises(StudioError, match=said):
-            board.draw(SIZE, board.state())
+            stage_view.draw(SIZE, stage_view.state())
         shown(views)  # the sentence, not an exception
     views.select("review")
     assert "Nothing is trained" in views.message
@@ -182,7 +184,7 @@ def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
     assert Preferences.read(path) == Preferences()
 
 
-def test_the_accent_is_the_only_bright_color_of_the_list(views: Views, finished_project: Path) -> None:
+def test_the_accent_is_the_only_bright_color_of_the_list(views: StageViews, finished_project: Path) -> None:
     from gui.presenters.stages import stage_list
 
     opened(views, finished_project / "take")

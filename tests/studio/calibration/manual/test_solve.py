@@ -18,7 +18,7 @@ from studio.calibration import (
     read_tie_points,
     write_tie_points,
 )
-from studio.calibration.manual.bootstrap import Sightings, TieRig
+from studio.calibration.manual.bootstrap import Observations, TieRig
 from studio.calibration.manual.bundle_adjustment import Accuracy, Problem
 from studio.calibration.manual.covariance import contradiction
 from studio.calibration.manual.subpixel import snap
@@ -91,7 +91,7 @@ def test_a_lens_that_is_not_known() -> None:
     found = calibrate_from_tie_points(marked(truth, 24, 0.3), sizes(truth))
     assert found.rig.cameras[0].fx == found.rig.cameras[1].fx == pytest.approx(1300, rel=0.01)
     assert compare_rigs(found.rig, truth).center_percent < 0.6
-    own = calibrate_from_tie_points(marked(truth, 40, 0.3), sizes(truth), settings=TieSettings(shared_lens=False))
+    own = calibrate_from_tie_points(marked(truth, 40, 0.3), sizes(truth), settings=TieSettings(shared_intrinsics=False))
     assert len({camera.fx for camera in own.rig}) == 4
     assert all(camera.fx == pytest.approx(1300, rel=0.02) for camera in own.rig)
 
@@ -126,7 +126,7 @@ def test_the_derivatives_are_the_differences() -> None:
     world = np.array([p.world or (np.nan,) * 3 for p in points])
     places = np.random.default_rng(1).uniform([-0.5, -0.5, 0], [0.5, 0.5, 1], (9, 3))
     rig = TieRig({camera.name: camera for camera in truth}, places)
-    problem = Problem(rig, Sightings([], world, pixels), [["00", "02"], ["01"]], Accuracy(2.0, 0.05), True)
+    problem = Problem(rig, Observations([], world, pixels), [["00", "02"], ["01"]], Accuracy(2.0, 0.05), True)
     start = problem.start() + 1e-3
     exact = problem.jacobian(start)
     for column in range(len(start)):
@@ -197,15 +197,15 @@ def test_measured_places_of_a_mirrored_world_are_noticed(known: bool) -> None:
 def test_points_behind_the_cameras_are_no_solution() -> None:
     truth = ring(3)
     points = marked(truth, 8, 0.0)
-    sightings = Sightings(
+    observations = Observations(
         [point.name for point in points],
         np.full((8, 3), np.nan),
         {c.name: np.array([point.pixels[c.name] for point in points]) for c in truth},
     )
     turned = {c.name: replace(c, world_to_camera=np.diag([-1.0, 1, -1, 1]) @ c.world_to_camera) for c in truth}
     places = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 1.6], (8, 3))
-    assert "would lie behind" in contradiction(TieRig(turned, places), sightings)
-    assert contradiction(TieRig({c.name: c for c in truth}, places), sightings) == ""
+    assert "would lie behind" in contradiction(TieRig(turned, places), observations)
+    assert contradiction(TieRig({c.name: c for c in truth}, places), observations) == ""
 
 
 def test_what_is_odd_is_warned_of() -> None:

@@ -33,17 +33,17 @@ def job_of(count: int, **settings: Any) -> dict[str, Any]:
     lens = {"model": "SIMPLE_RADIAL", "width": 1024, "height": 768, "params": [1280.0, 512.0, 384.0, 0.0]}
     return {
         "names": [str(number) for number in range(count)],
-        "moments": 1,
+        "sync_frames": 1,
         "lenses": [{**lens, "known": False, "prior": False, "becomes": "SIMPLE_RADIAL"} for _ in range(count)],
         "lens_of": list(range(count)),
         "masks": False,
         "pairs": [],
         "poses": [],
-        "keep_poses": False,
+        "fix_poses": False,
         "mapper": "incremental",
         "seed": 0,
         "threads": 1,
-        "keep_known": True,
+        "fix_intrinsics": True,
         "refine_principal_point": False,
         "find_shared": False,
         **settings,
@@ -117,7 +117,7 @@ def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str
     assert compare_rigs(rig, best).center_percent < 0.02
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert {line["step"] for line in said} == {"mapping", "adjusting"}
-    assert found["explained"] > 0.85  # of the verified matches; a tenth of all is wrong
+    assert found["match_inlier_ratio"] > 0.85  # of the verified matches; a tenth of all is wrong
 
 
 def test_one_lens_is_found_where_there_is_one(tmp_path: Path) -> None:
@@ -230,16 +230,16 @@ def test_focal_lengths_begin_where_the_pairs_agree(tmp_path: Path) -> None:
 def test_explained_matches(tmp_path: Path) -> None:
     """Each match of two features of the same point, and no other."""
     from studio.calibration.sfm.mapping import Mapper
-    from studio.calibration.sfm.verdict import explained_share
+    from studio.calibration.sfm.verdict import match_inlier_ratio
 
     synthesise(tmp_path, 4, 200)
     path = tmp_path / "database.db"
     (model,) = Mapper(tmp_path, path, job_of(4))._incremental(False)
-    whole = explained_share(model, path)
+    whole = match_inlier_ratio(model, path)
     assert 0.85 < whole <= 1
     for key in sorted(model.points3D)[: model.num_points3D() // 2]:
         model.delete_point3D(key)
-    assert explained_share(model, path) == pytest.approx(whole / 2, abs=0.05)
+    assert match_inlier_ratio(model, path) == pytest.approx(whole / 2, abs=0.05)
 
 
 def test_an_old_solution_is_a_template(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -264,7 +264,7 @@ def test_an_old_solution_is_a_template(tmp_path: Path, capfd: pytest.CaptureFixt
     difference = compare_rigs(rig, truth)
     assert difference.center_percent < 0.3 < off.center_percent
     assert difference.rotation_degrees < 0.1 < off.rotation_degrees
-    Worker(tmp_path, {**job, "keep_poses": True}).solve(tmp_path / "database.db")
+    Worker(tmp_path, {**job, "fix_poses": True}).solve(tmp_path / "database.db")
     kept, _ = solution(tmp_path)
     for camera, start in zip(kept, before, strict=True):
         np.testing.assert_allclose(camera.world_to_camera, start.world_to_camera, atol=1e-9)
@@ -289,7 +289,7 @@ def test_a_lens_that_runs_away_is_steadied(tmp_path: Path) -> None:
 def test_moments_become_one_image_a_camera(tmp_path: Path) -> None:
     """Two cameras, two moments: keypoints one after the other, matches with them."""
     rng = np.random.default_rng(0)
-    job = job_of(2, moments=2)
+    job = job_of(2, sync_frames=2)
     each = pycolmap.Database.open(tmp_path / "moments.db")
     lenses = write_lenses(each, job)
     # points before two cameras side by side
@@ -298,16 +298,16 @@ def test_moments_become_one_image_a_camera(tmp_path: Path) -> None:
     for number in range(2):
         local = points - [0.8 * number, 0, 0]
         pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384]
-        for moment in range(2):
-            image = write_image(each, f"{number}_{moment}", *lenses[number])
-            part = pixels[:30] if moment == 0 else pixels[30:]
-            keypoints[number, moment] = part
+        for sync_frame in range(2):
+            image = write_image(each, f"{number}_{sync_frame}", *lenses[number])
+            part = pixels[:30] if sync_frame == 0 else pixels[30:]
+            keypoints[number, sync_frame] = part
             each.write_keypoints(image, part.astype(np.float32))
-    for moment, count in ((0, 30), (1, 50)):
+    for sync_frame, count in ((0, 30), (1, 50)):
         geometry = pycolmap.TwoViewGeometry()
         geometry.config = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
         geometry.inlier_matches = np.repeat(np.arange(count)[:, None], 2, axis=1).astype(np.uint32)
-        each.write_two_view_geometry(moment + 1, moment + 3, geometry)
+        each.write_two_view_geometry(sync_frame + 1, sync_frame + 3, geometry)
     each.close()
     _merge(tmp_path / "moments.db", tmp_path / "database.db", job)
     final = pycolmap.Database.open(tmp_path / "database.db")

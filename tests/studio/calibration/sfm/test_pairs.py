@@ -41,7 +41,7 @@ def test_a_glance_parts_what_has_nothing_in_common(tmp_path: Path, monkeypatch: 
     lens = {"model": "SIMPLE_RADIAL", "width": 400, "height": 300, "params": [480.0, 200.0, 150.0, 0.0]}
     job: dict[str, Any] = {
         "names": [str(number) for number in range(6)],
-        "moments": 1,
+        "sync_frames": 1,
         "lenses": [{**lens, "known": False, "prior": False} for _ in range(6)],
         "lens_of": list(range(6)),
         "masks": False,

@@ -92,7 +92,7 @@ def solved(scene: tuple[dict[str, np.ndarray], Rig], tmp_path_factory: pytest.Te
     result = calibrate_from_images(
         scene[0],
         workdir=tmp_path_factory.mktemp("sfm"),
-        settings=SfmSettings(max_features=1500, threads=1, seed=7, shared_lens=True),
+        settings=SfmSettings(max_features=1500, threads=1, seed=7, shared_intrinsics=True),
         progress=lambda done, total, **figures: said.append((done, total)),
     )
     return result, said
@@ -155,7 +155,7 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
     images, truth = scene
     rng = np.random.default_rng(0)
 
-    def moment(name: str) -> np.ndarray:
+    def sync_frame(name: str) -> np.ndarray:
         return np.clip(images[name] + rng.normal(0, 4, images[name].shape), 0, 255).astype(np.uint8)
 
     pushed = truth.names[2]
@@ -165,12 +165,12 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
         pose[0, 3] += 0.02 * (camera.name == pushed)
         before.append(replace(camera, world_to_camera=pose))
     result = calibrate_from_images(
-        {name: [partial(moment, name), partial(moment, name)] for name in images},
+        {name: [partial(sync_frame, name), partial(sync_frame, name)] for name in images},
         workdir=tmp_path,
         poses=Rig(tuple(before)),
         settings=FAST,
     )
-    assert result.report["moments"] == 2
+    assert result.report["sync_frames"] == 2
     assert result.report["mapper"] == "known poses"
     assert compare_rigs(result.rig, truth).center_percent < 0.6
     moved = {name: figures["center"] for name, figures in result.report["moved"].items()}
@@ -182,12 +182,12 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
     first, second = truth.names[:2]
     with pytest.raises(StudioError, match=r"'view 1' has pictures of 1 moments, 'view 0' of 2"):
         calibrate_from_images({first: [images[first]] * 2, second: [images[second]]}, workdir=tmp_path)
-    with pytest.raises(StudioError, match="lens_groups names camera 'nobody'"):
-        calibrate_from_images(images, workdir=tmp_path, settings=SfmSettings(lens_groups=((first, "nobody"),)))
-    with pytest.raises(StudioError, match=f"Camera '{first}' stands twice in lens_groups"):
-        SfmSettings(lens_groups=((first, second), (first, "view 2")))
+    with pytest.raises(StudioError, match="intrinsics_groups names camera 'nobody'"):
+        calibrate_from_images(images, workdir=tmp_path, settings=SfmSettings(intrinsics_groups=((first, "nobody"),)))
+    with pytest.raises(StudioError, match=f"Camera '{first}' stands twice in intrinsics_groups"):
+        SfmSettings(intrinsics_groups=((first, second), (first, "view 2")))
     with pytest.raises(StudioError, match="fewer than two cameras"):
-        SfmSettings(lens_groups=((),))
+        SfmSettings(intrinsics_groups=((),))
 
 
 def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> 
         calibrate_from_images({**images, name: images[name][..., 0]}, workdir=tmp_path)
     with pytest.raises(StudioError, match="known lens is for 180x135"):
         calibrate_from_images(images, workdir=tmp_path, known={name: truth[name].scaled(0.5)})
-    with pytest.raises(StudioError, match="lens model 'BENT' is unknown"):
-        SfmSettings(lens="BENT")
+    with pytest.raises(StudioError, match="camera model 'BENT' is unknown"):
+        SfmSettings(camera_model="BENT")
     with pytest.raises(StudioError, match="mapper 'x' is unknown"):
         SfmSettings(mapper="x")

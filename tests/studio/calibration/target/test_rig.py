@@ -13,20 +13,20 @@ import numpy as np
 import pytest
 
 from studio.calibration import (
-    Board,
-    BoardSettings,
-    View,
-    calibrate_from_boards,
+    CalibrationTarget,
+    TargetObservation,
+    TargetSettings,
+    calibrate_from_target,
     calibrate_lenses,
-    detect_boards,
-    write_board_pdf,
+    detect_target,
+    write_target_pdf,
 )
 from studio.calibration.target.pdf import dark
 from studio.cameras import Camera, Rig
 from studio.errors import Cancelled, StudioError
 
-CHARUCO = Board(columns=7, rows=5, square=0.05, marker=0.037)
-CHESS = Board(kind="chessboard", columns=8, rows=5, square=0.05)
+CHARUCO = CalibrationTarget(columns=7, rows=5, square=0.05, marker=0.037)
+CHESS = CalibrationTarget(kind="chessboard", columns=8, rows=5, square=0.05)
 SIZE = (640, 480)
 
 
@@ -41,7 +41,7 @@ def looking(center: np.ndarray, target: np.ndarray) -> np.ndarray:
     return pose
 
 
-def turned(x: float, y: float, z: float, middle: np.ndarray, board: Board) -> np.ndarray:
+def turned(x: float, y: float, z: float, middle: np.ndarray, board: CalibrationTarget) -> np.ndarray:
     """Board to world: the board's middle at a place, turned by a rotation vector from facing the -y direction."""
     base = np.stack([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]], axis=1)  # columns: board's x, y (down), z (into it)
     pose = np.eye(4)
@@ -63,24 +63,24 @@ def rig_of(count: int) -> Rig:
     return Rig(tuple(cameras))
 
 
-def filmed(rig: Rig, board: Board, moments: int, noise: float, seed: int = 0) -> tuple[dict, dict]:
+def filmed(rig: Rig, board: CalibrationTarget, sync_frames: int, noise: float, seed: int = 0) -> tuple[dict, dict]:
     """Views of a board that is moved about, and where it was."""
     rng = np.random.default_rng(seed)
     views, places = {}, {}
-    for moment in range(moments):
+    for sync_frame in range(sync_frames):
         place = turned(*rng.uniform(-0.6, 0.6, 3), rng.uniform([-0.3, -0.2, -0.2], [0.3, 0.3, 0.2]), board)
-        places[moment] = place
+        places[sync_frame] = place
         world = board.corners @ place[:3, :3].T + place[:3, 3]
         for camera in rig:
             pixels, _ = camera.project(world)
             pixels = pixels + rng.normal(0, noise, pixels.shape)
             inside = ((pixels > 2) & (pixels < np.array(SIZE) - 2)).all(1)
             if inside.sum() >= 12:
-                views[moment, camera.name] = View(np.flatnonzero(inside), pixels[inside])
+                views[sync_frame, camera.name] = TargetObservation(np.flatnonzero(inside), pixels[inside])
     return views, places
 
 
-def picture(board: Board, camera: Camera, place: np.ndarray) -> np.ndarray:
+def picture(board: CalibrationTarget, camera: Camera, place: np.ndarray) -> np.ndarray:
     """What a camera without distortion sees of a board: drawn from our own list of dark parts, four times as fine."""
     fine = 4
     image = np.full((camera.height * fine, camera.width * fine), 225, np.uint8)
@@ -105,7 +105,7 @@ def picture(board: Board, camera: Camera, place: np.ndarray) -> np.ndarray:
     "board", [CHARUCO, replace(CHARUCO, inverted=True), replace(CHARUCO, rows=6, legacy=True), CHESS]
 )
 @pytest.mark.parametrize("turn", [0.2, 2.0, -2.9])
-def test_corners_are_where_the_camera_puts_them(board: Board, turn: float) -> None:
+def test_corners_are_where_the_camera_puts_them(board: CalibrationTarget, turn: float) -> None:
     """Also with the board on its side and upside down; the origin is the image corner, not half a pixel off."""
     camera = replace(rig_of(1)["cam0"], distortion=np.zeros(0))
     place = turned(0.25, turn, 0.15, np.zeros(3), board)
@@ -126,7 +126,7 @@ def test_no_board_no_view() -> None:
 
 
 @pytest.mark.parametrize("board", [CHARUCO, replace(CHARUCO, rows=6, legacy=True, dictionary="DICT_5X5_100")])
-def test_what_is_printed_is_opencvs_board(board: Board) -> None:
+def test_what_is_printed_is_opencvs_board(board: CalibrationTarget) -> None:
     cells = 6 if "4X4" in board.dictionary else 7
     side = 10 * cells * 4
     board = replace(board, marker=board.square * 0.75)
@@ -157,8 +157,8 @@ def polygons(pdf: bytes) -> tuple[tuple[float, float], list[np.ndarray]]:
 
 def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
     """The rectangles in the file, drawn at 4 pixels a millimeter, are a board that OpenCV finds where it should be."""
-    board = Board(columns=5, rows=4, square=0.03, marker=0.02)
-    width, height = write_board_pdf(board, tmp_path / "board.pdf", paper="a4")
+    board = CalibrationTarget(columns=5, rows=4, square=0.03, marker=0.02)
+    width, height = write_target_pdf(board, tmp_path / "board.pdf", paper="a4")
     (page_width, page_height), shapes = polygons((tmp_path / "board.pdf").read_bytes())
     assert (width, height) == (297, 210)
     assert (page_width, page_height) == pytest.approx((297, 210), abs=0.01)
@@ -173,7 +173,7 @@ def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(found[:, :, 0], axis=1), 30.0, atol=0.1)
     np.testing.assert_allclose(np.diff(found[:, :, 1], axis=0), 30.0, atol=0.1)
     again = tmp_path / "again.pdf"
-    write_board_pdf(board, again, paper="a4")
+    write_target_pdf(board, again, paper="a4")
     assert again.read_bytes() == (tmp_path / "board.pdf").read_bytes()
 
 
@@ -182,11 +182,11 @@ def test_rig_from_a_board() -> None:
     rig = rig_of(4)
     views, places = filmed(rig, CHARUCO, 30, noise=0.2)
     said: list[int] = []
-    result = calibrate_from_boards(
+    result = calibrate_from_target(
         CHARUCO,
         views,
         dict.fromkeys(rig.names, SIZE),
-        settings=BoardSettings(lens="RADIAL", origin=3, stands=True, threads=1),
+        settings=TargetSettings(camera_model="RADIAL", origin=3, upright=True, threads=1),
         progress=lambda done, total, **figures: said.append(done),
     )
     assert result.rig.names == rig.names
@@ -215,14 +215,16 @@ def test_late_cameras_are_left_out() -> None:
     rig = rig_of(3)
     views, places = filmed(rig, CHARUCO, 24, noise=0.1)
     camera = rig["cam1"]
-    for moment in range(0, 24, 3):
-        if (moment, "cam1") in views:
-            later = places[moment].copy()
+    for sync_frame in range(0, 24, 3):
+        if (sync_frame, "cam1") in views:
+            later = places[sync_frame].copy()
             later[:3, 3] += [0.012, 0, 0.006]
-            ids = views[moment, "cam1"].ids
-            views[moment, "cam1"] = View(ids, camera.project(CHARUCO.corners[ids] @ later[:3, :3].T + later[:3, 3])[0])
-    result = calibrate_from_boards(
-        CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=BoardSettings(lens="RADIAL", threads=1)
+            ids = views[sync_frame, "cam1"].ids
+            views[sync_frame, "cam1"] = TargetObservation(
+                ids, camera.project(CHARUCO.corners[ids] @ later[:3, :3].T + later[:3, 3])[0]
+            )
+    result = calibrate_from_target(
+        CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=TargetSettings(camera_model="RADIAL", threads=1)
     )
     assert result.report["boards"]["views_left_out"] == pytest.approx(8, abs=1)
     from studio.calibration import compare_rigs
@@ -242,7 +244,7 @@ def test_known_lenses_stay_and_chains_reach_everyone() -> None:
         if not (key[1] == "cam0" and key[0] % 2) and not (key[1] == "cam2" and key[0] % 2 == 0)
     }
     known = {camera.name: camera for camera in rig}
-    result = calibrate_from_boards(CHARUCO, views, dict.fromkeys(rig.names, SIZE), known=known)
+    result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), known=known)
     for camera in rig:
         np.testing.assert_allclose(result.rig[camera.name].K, camera.K, atol=1e-9)
     distance = np.linalg.norm(result.rig["cam0"].center - result.rig["cam2"].center)
@@ -250,7 +252,7 @@ def test_known_lenses_stay_and_chains_reach_everyone() -> None:
     assert "cam0 cam2" not in result.report["boards"]["shared"]
     apart = {key: view for key, view in views.items() if key[1] != "cam1"}
     with pytest.raises(StudioError, match="Camera 'cam2' never see the board at a moment when cam0 see it"):
-        calibrate_from_boards(CHARUCO, apart, {"cam0": SIZE, "cam2": SIZE}, known=known)
+        calibrate_from_target(CHARUCO, apart, {"cam0": SIZE, "cam2": SIZE}, known=known)
 
 
 def test_lenses_alone_as_opencv_finds_them() -> None:
@@ -259,7 +261,10 @@ def test_lenses_alone_as_opencv_finds_them() -> None:
     views, _ = filmed(rig, CHESS, 15, noise=0.1)
     seen = list(views.values())
     lenses, figures = calibrate_lenses(
-        CHESS, {"cam0": seen}, {"cam0": SIZE}, BoardSettings(lens="OPENCV", principal_point="refine", threads=1)
+        CHESS,
+        {"cam0": seen},
+        {"cam0": SIZE},
+        TargetSettings(camera_model="OPENCV", principal_point="refine", threads=1),
     )
     world = [CHESS.corners[view.ids].astype(np.float32) for view in seen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in seen]
@@ -275,7 +280,7 @@ def test_detect_boards_reads_every_picture_and_can_be_stopped() -> None:
     camera = replace(rig_of(1)["cam0"], distortion=np.zeros(0))
     image = picture(CHARUCO, camera, turned(0.2, 0.1, 0, np.zeros(3), CHARUCO))
     blank = np.full_like(image, 90)
-    views, sizes = detect_boards({"a": lambda moment: image if moment == 4 else blank}, {"a": [2, 4]}, CHARUCO)
+    views, sizes = detect_target({"a": lambda sync_frame: image if sync_frame == 4 else blank}, {"a": [2, 4]}, CHARUCO)
     assert list(views) == [(4, "a")]
     assert sizes == {"a": SIZE}
 
@@ -283,30 +288,30 @@ def test_detect_boards_reads_every_picture_and_can_be_stopped() -> None:
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        detect_boards({"a": lambda moment: image}, {"a": [1]}, CHARUCO, stop)
+        detect_target({"a": lambda sync_frame: image}, {"a": [1]}, CHARUCO, stop)
     with pytest.raises(StudioError, match="moment 2 is 320x240, earlier ones are 640x480"):
-        detect_boards({"a": lambda moment: image if moment == 1 else image[::2, ::2]}, {"a": [1, 2]}, CHARUCO)
+        detect_target({"a": lambda sync_frame: image if sync_frame == 1 else image[::2, ::2]}, {"a": [1, 2]}, CHARUCO)
 
 
 def test_bad_input(tmp_path: Path) -> None:
     with pytest.raises(StudioError, match="no dictionary 'DICT_9X9'"):
-        Board(dictionary="DICT_9X9")
+        CalibrationTarget(dictionary="DICT_9X9")
     with pytest.raises(StudioError, match=r"needs 60 markers, DICT_4X4_50 has 50"):
-        Board(columns=12, rows=10)
+        CalibrationTarget(columns=12, rows=10)
     with pytest.raises(StudioError, match="must be smaller than its squares"):
-        Board(marker=0.06)
+        CalibrationTarget(marker=0.06)
     with pytest.raises(StudioError, match="give meters"):
-        Board(square=60)
+        CalibrationTarget(square=60)
     with pytest.raises(StudioError, match="does not fit on a4"):
-        write_board_pdf(CHARUCO, tmp_path / "x.pdf", paper="a4")
+        write_target_pdf(CHARUCO, tmp_path / "x.pdf", paper="a4")
     rig = rig_of(2)
     views, _ = filmed(rig, CHARUCO, 6, noise=0.1)
     with pytest.raises(StudioError, match="looks the same upside down"):
-        calibrate_from_boards(replace(CHESS, columns=7), views, dict.fromkeys(rig.names, SIZE))
+        calibrate_from_target(replace(CHESS, columns=7), views, dict.fromkeys(rig.names, SIZE))
     with pytest.raises(StudioError, match="Camera 'other' sees the board in none"):
-        calibrate_from_boards(CHARUCO, views, {**dict.fromkeys(rig.names, SIZE), "other": SIZE})
+        calibrate_from_target(CHARUCO, views, {**dict.fromkeys(rig.names, SIZE), "other": SIZE})
     with pytest.raises(StudioError, match=r"Frame 99 should give the origin.*nearest frame in which one does is 5"):
-        calibrate_from_boards(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=BoardSettings(origin=99))
+        calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=TargetSettings(origin=99))
     few = {key: view for key, view in views.items() if key[0] < 2}
     with pytest.raises(StudioError, match="'cam0' sees the board in 2 pictures"):
-        calibrate_from_boards(CHARUCO, few, dict.fromkeys(rig.names, SIZE))
+        calibrate_from_target(CHARUCO, few, dict.fromkeys(rig.names, SIZE))

@@ -193,7 +193,7 @@ def test_a_matting_model_can_be_put_in(three_videos: Path) -> None:
         def files(self) -> list[Path]:
             return []
 
-    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matter(Left())
+    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matte_source(Left())
     assert footage.matte("cam1", 6)[:, :24].min() == 255
     assert footage.matte("cam1", 6)[:, 24:].max() == 0
 

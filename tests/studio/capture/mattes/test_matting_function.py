@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, FunctionMatter, open_footage
-from studio.capture.mattes.matte_cache import KeptMattes
+from studio.capture import CaptureSpec, FunctionMatteSource, open_footage
+from studio.capture.mattes.matte_cache import MatteCache
 from studio.capture.mattes.onnx_model import OnnxModel, OnnxSettings, first_picture, input_size, prepared, providers
 from studio.errors import StudioError
 
@@ -192,7 +192,7 @@ def test_mattes_are_made_once_and_again_for_another_model(capture: Path, monkeyp
 
 
 def test_kept_mattes_are_of_one_picture_and_recipe(tmp_path: Path) -> None:
-    kept = KeptMattes(tmp_path / "k", "one")
+    kept = MatteCache(tmp_path / "k", "one")
     image, matte = noisy(), noisy(seed=3)[..., 0]
     assert kept.read(image) is None
     kept.write(image, matte)
@@ -201,7 +201,7 @@ def test_kept_mattes_are_of_one_picture_and_recipe(tmp_path: Path) -> None:
     assert np.array_equal(found, matte)
     assert kept.read(noisy(seed=1)) is None
     assert kept.read(image.reshape(96, 64, 3)) is None
-    assert KeptMattes(tmp_path / "k", "two").read(image) is None
+    assert MatteCache(tmp_path / "k", "two").read(image) is None
     assert [path.suffix for path in (tmp_path / "k").iterdir()] == [".png"]
 
 
@@ -209,7 +209,7 @@ def test_any_function_makes_mattes(three_videos: Path) -> None:
     def bright(image: np.ndarray, /) -> np.ndarray:
         return image.mean(axis=2) / 255
 
-    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matter(FunctionMatter(bright))
+    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matte_source(FunctionMatteSource(bright))
     assert np.abs(footage.matte("cam1", 6) - footage.image("cam1", 6).mean(axis=2)).max() <= 0.5
 
 
@@ -224,7 +224,7 @@ def test_any_function_makes_mattes(three_videos: Path) -> None:
 )
 def test_functions_that_give_no_matte(gives: object, words: str) -> None:
     with pytest.raises(StudioError, match=rf"Mine, camera 'a', frame 3: .*{words}"):
-        FunctionMatter(gives, "Mine").matte("a", 3, noisy())  # type: ignore[arg-type]
+        FunctionMatteSource(gives, "Mine").matte("a", 3, noisy())  # type: ignore[arg-type]
 
 
 def test_only_the_largest_piece_of_a_function_is_kept_where_asked() -> None:
@@ -233,7 +233,7 @@ def test_only_the_largest_piece_of_a_function_is_kept_where_asked() -> None:
     matte = cv2.GaussianBlur(matte, (0, 0), 1)
     both = matte.copy()
     both[50:60, 80:90] = 1.0
-    found = FunctionMatter(lambda image: both, components=1).matte("a", 0, noisy())
+    found = FunctionMatteSource(lambda image: both, components=1).matte("a", 0, noisy())
     assert np.array_equal(found, np.rint(255 * matte).astype(np.uint8))
 
 
