@@ -1,13 +1,140 @@
-"""The one exception that the library raises for bad input.
+"""Errors and warnings for people and for programs.
 
-Its message is a whole sentence that names the file, the value found there and
-the mend. Command line and window show it as it is, without a traceback.
+Everything that the library refuses or warns of is a `Message`: a stable dotted code that programs and tests act on, and a
+sentence for people that names the file, the problem and the fix. The command line and the window show the sentence
+without a traceback.
 """
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+MAX_LENGTH = 2000
+"""Characters of a sentence. Longer ones are cut, since file contents end up in them."""
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+_ENDS = (".", "!", "?", ":")
+
+
+@dataclass(frozen=True)
+class Message:
+    """Something wrong or noteworthy, with all that is needed to act on it.
+
+    Attributes:
+        code: what it is, as `area.what` in lower case with underscores ("footage.no_frames"). Codes never change
+            their meaning; the text may.
+        problem: what is wrong, as a clause or sentence without the file's name ("no camera named cam9").
+        file: file or folder that it is about; None if it is about none.
+        value: the value that was found, where there is one.
+        fix: what to do about it, as a sentence ("Remove it from capture.held_out").
+        fields: anything else that a program needs: camera, frame, setting, line, expected, ...
+    """
+
+    code: str
+    problem: str
+    file: str | os.PathLike[str] | None = None
+    value: Any = None
+    fix: str = ""
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """`FILE: problem. Fix.`, without control characters and at most `MAX_LENGTH` characters long."""
+        text = f"{os.fspath(self.file)}: {self.problem}" if self.file is not None else self.problem
+        parts = [_sentence(part) for part in (text, self.fix) if part]
+        text = _CONTROL.sub("?", " ".join(parts))
+        return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready: `code`, `message` (the whole sentence), then what is set of `file`, `value`, `fix`, fields."""
+        found: dict[str, Any] = {"code": self.code, "message": str(self)}
+        if self.file is not None:
+            found["file"] = os.fspath(self.file)
+        if self.value is not None:
+            found["value"] = _plain(self.value)
+        if self.fix:
+            found["fix"] = self.fix
+        return found | {name: _plain(value) for name, value in self.fields.items()}
 
 
 class StudioError(Exception):
-    """Bad input: footage, calibration, settings or stream. The text is for the user."""
+    """Bad input: footage, calibration, settings, a take or a stream. `str(error)` is for the user.
+
+    Attributes:
+        message: the `Message`; its parts are also attributes of the error: `code`, `problem`, `file`, `value`, `fix`,
+            `fields`.
+    """
+
+    def __init__(
+        self,
+        code: str,
+        problem: str | None = None,
+        *,
+        file: str | os.PathLike[str] | None = None,
+        value: Any = None,
+        fix: str = "",
+        **fields: Any,
+    ) -> None:
+        if problem is None:
+            code, problem = "unclassified", code
+        self.message = Message(code, problem, file, value, fix, fields)
+        super().__init__(code, problem)
+
+    def __str__(self) -> str:
+        return str(self.message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild, (type(self), self.message)
+
+    @property
+    def code(self) -> str:
+        return self.message.code
+
+    @property
+    def problem(self) -> str:
+        return self.message.problem
+
+    @property
+    def file(self) -> str | os.PathLike[str] | None:
+        return self.message.file
+
+    @property
+    def value(self) -> Any:
+        return self.message.value
+
+    @property
+    def fix(self) -> str:
+        return self.message.fix
+
+    @property
+    def fields(self) -> Mapping[str, Any]:
+        return self.message.fields
 
 
 class Cancelled(Exception):
     """Raised inside long work when its `progress` callback asked it to stop."""
+
+
+def _rebuild(cls: type[StudioError], message: Message) -> StudioError:
+    # errors cross process borders, and keyword arguments do not survive Exception's own pickling
+    return cls(message.code, message.problem, file=message.file, value=message.value, fix=message.fix, **message.fields)
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return text if text.endswith(_ENDS) else f"{text}."
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it, bounded: what a hostile file holds must not flood a log."""
+    if value is None or isinstance(value, (bool, int, float)):
+        return value
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value[:100]]
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in list(value.items())[:100]}
+    text = os.fspath(value) if isinstance(value, os.PathLike) else str(value)
+    return _CONTROL.sub("?", text)[:MAX_LENGTH]

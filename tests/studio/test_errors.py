@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import pytest
+
+from studio.errors import MAX_LENGTH, Message, StudioError
+from tests.support.errors import refuses
+
+
+def test_the_sentence_names_file_problem_and_fix() -> None:
+    error = StudioError("footage.missing", "no camera named cam9", file=Path("a/b.json"), value="cam9", fix="Remove it")
+    assert str(error) == "a/b.json: no camera named cam9. Remove it."
+    assert (error.code, error.value, error.fix) == ("footage.missing", "cam9", "Remove it")
+
+
+def test_errors_survive_pickling_with_their_fields() -> None:
+    error = pickle.loads(pickle.dumps(StudioError("a.b", "wrong", file="f", value=3, camera="c1")))
+    assert str(error) == "f: wrong."
+    assert (error.code, error.value, error.fields) == ("a.b", 3, {"camera": "c1"})
+
+
+def test_control_characters_and_length_are_bounded() -> None:
+    text = str(StudioError("a.b", "x\x1b[31m\x00" + "y" * 10_000))
+    assert "\x1b" not in text
+    assert "\x00" not in text
+    assert len(text) == MAX_LENGTH
+
+
+def test_to_dict_is_json() -> None:
+    message = Message("a.b", "wrong", Path("f"), value=(1, Path("g")), fields={"camera": "c1", "frames": [1, 2]})
+    assert json.loads(json.dumps(message.to_dict())) == {
+        "code": "a.b", "message": "f: wrong.", "file": "f", "value": [1, "g"], "camera": "c1", "frames": [1, 2],
+    }  # fmt: skip
+
+
+def test_refuses_tells_codes_apart() -> None:
+    with pytest.raises(AssertionError, match=r"a\.b"), refuses("a.c"):
+        raise StudioError("a.b", "wrong")
+    with pytest.raises(AssertionError), refuses("a.b", value=2):
+        raise StudioError("a.b", "wrong", value=1)
+    with refuses("a.b", file="f", value=1, camera="c"):
+        raise StudioError("a.b", "wrong", file=Path("f"), value=1, camera="c")

@@ -1,0 +1,32 @@
+"""Asserting on what an error is about instead of its prose."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from studio.errors import StudioError
+
+_UNSET: Any = object()
+
+
+@contextlib.contextmanager
+def refuses(
+    code: str, *, file: str | os.PathLike[str] | None = _UNSET, value: Any = _UNSET, **fields: Any
+) -> Iterator[pytest.ExceptionInfo[StudioError]]:
+    """The block must raise a StudioError with this code and, where given, this file, value and these fields."""
+    with pytest.raises(StudioError) as caught:
+        yield caught
+    error = caught.value
+    assert error.code == code, f"{error.code!r} instead of {code!r}: {error}"
+    if file is not _UNSET:
+        found = None if error.file is None else os.fspath(error.file)
+        assert found == (None if file is None else os.fspath(file)), str(error)
+    if value is not _UNSET:
+        assert error.value == value, f"{error.value!r} instead of {value!r}: {error}"
+    for name, expected in fields.items():
+        assert error.fields.get(name) == expected, f"{name} = {error.fields.get(name)!r}: {error}"
