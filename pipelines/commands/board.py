@@ -87,15 +87,12 @@ def add_sync_command(commands: Any) -> None:
 
 
 def _sync(arguments: argparse.Namespace) -> int:
-    from dataclasses import replace
-
     from pipelines.config import load_config
-    from pipelines.stages.arguments import capture_spec
     from studio.capture import open_footage, refuse_unknown_cameras
     from studio.capture.sync import check_sync
 
     capture = load_config(arguments.config, arguments.overrides).capture
-    spec = replace(capture_spec(capture), offsets={}, masks="none", evaluation_mattes="")
+    spec = capture.replace(offsets={}, masks="none", evaluation_mattes="")
     footage = open_footage(spec, None, strict=False)
     try:
         # they do not count here, where offsets are looked for; one that names no camera is a slip all the same

@@ -177,7 +177,7 @@ def make_sources(
 ) -> dict[str, FrameSource]:
     """A source a camera from the files that a pattern found; still images without `{frame}` become frame 0.
 
-    `offsets` are the frames that cameras are late, as in `CaptureSpec`.
+    `offsets` are the frames that cameras are late, as in `CaptureSettings`.
 
     Raises:
         StudioError: a file cannot be opened; a pattern with `{frame}` found videos; images and videos are mixed.

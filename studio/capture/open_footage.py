@@ -1,4 +1,4 @@
-"""From a `CaptureSpec` to `Footage`: find the files, match them with the rig, choose frames and masks."""
+"""From a `CaptureSettings` to `Footage`: find the files, match them with the rig, choose frames and masks."""
 
 from __future__ import annotations
 
@@ -15,13 +15,19 @@ from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.choose import exact_mattes, mask_source
 from studio.capture.patterns import Match, find_files, natural_key
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings
 from studio.capture.warp import Warp, fit_size
 from studio.errors import StudioError
 
 
 def open_footage(
-    spec: CaptureSpec, rig: Rig | None = None, *, strict: bool = True, cache_folder: Path | None = None
+    spec: CaptureSettings,
+    rig: Rig | None = None,
+    *,
+    strict: bool = True,
+    cache_folder: Path | None = None,
+    device: str = "auto",
+    threads: int = 0,
 ) -> Footage:
     """Open a capture. Finds and opens its files, reads one frame a camera, and decodes the rest when asked.
 
@@ -34,6 +40,7 @@ def open_footage(
             `Footage.problems`, and `Footage.frames` are those that all cameras have.
         cache_folder: where backgrounds recovered from the footage (masks "median_background") and mattes made by a
             model are kept, so that another process need not make them again; None keeps them in memory only.
+        device, threads: what a matting model runs on, as in `OnnxModel`.
 
     Raises:
         StudioError: nothing found, a file cannot be opened, two files for one camera and frame, cameras of rig and
@@ -57,11 +64,11 @@ def open_footage(
         raise StudioError(problems[0] if len(problems) == 1 else f"{problems[0]} ({len(problems) - 1} more like it.)")
     fps, fps_note = _fps(spec, sources)
     notes = [_found(spec, pattern, sources, frames), fps_note]
-    cache = ByteCache(spec.cache_bytes if spec.cache_bytes is not None else _cache_bytes())
+    cache = ByteCache(_cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20)
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = _held_out(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have their mask
-    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder)
+    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder, device, threads)
     exact, exact_note = exact_mattes(spec, tuple(sources), masked)
     notes += [mask_note, exact_note]
     if held_out:
@@ -78,7 +85,7 @@ def _cache_bytes() -> int:
     return int(min(2 << 30, psutil.virtual_memory().total // 8))
 
 
-def _find_images(spec: CaptureSpec) -> tuple[str, list[Match]]:
+def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
     if spec.images == "auto":
         return detect_images(spec.root)
     matches = find_files(spec.root, spec.images)
@@ -107,7 +114,7 @@ def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], where: st
             )
 
 
-def _chosen(spec: CaptureSpec, matches: list[Match]) -> list[Match]:
+def _chosen(spec: CaptureSettings, matches: list[Match]) -> list[Match]:
     if not spec.cameras:
         return matches
     known = list(dict.fromkeys(match.camera for match in matches))
@@ -115,7 +122,7 @@ def _chosen(spec: CaptureSpec, matches: list[Match]) -> list[Match]:
     return [match for match in matches if match.camera in spec.cameras]
 
 
-def _frames(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[str]]:
+def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[str]]:
     """The frames that all cameras have within start, stop and step, and sentences on those that some lack."""
 
     def inside(frame: int, first: int) -> bool:
@@ -155,7 +162,7 @@ def _frames(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[tupl
     return frames, problems
 
 
-def _fps(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[float, str]:
+def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[float, str]:
     if spec.fps is not None:
         return spec.fps, ""
     rates = {camera: source.fps for camera, source in sources.items() if source.fps}
@@ -171,7 +178,7 @@ def _fps(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[float, 
     return float(rates[fastest]), ""
 
 
-def _found(spec: CaptureSpec, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
+def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
     sizes = sorted({(source.width, source.height) for source in sources.values()})
     size = " and ".join(f"{width}x{height}" for width, height in sizes)
     span = "no common frame"
@@ -219,7 +226,7 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
 
 
 def _warps(
-    spec: CaptureSpec, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
+    spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
 ) -> dict[str, Warp]:
     names = tuple(sources)
     if spec.cameras:
@@ -237,7 +244,7 @@ def _warps(
     return warps
 
 
-def _held_out(spec: CaptureSpec, names: tuple[str, ...]) -> tuple[str, ...]:
+def _held_out(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:
     refuse_unknown_cameras(spec.held_out, names, "The setting held_out")
     nth = set(names[spec.held_out_every - 1 :: spec.held_out_every]) if spec.held_out_every else set()
     chosen = tuple(name for name in names if name in nth or name in spec.held_out)

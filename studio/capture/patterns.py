@@ -77,7 +77,7 @@ def find_files(root: Path, pattern: str) -> list[Match]:
 
     Args:
         root: the capture's folder.
-        pattern: see `CaptureSpec`; must contain `{camera}`.
+        pattern: see `CaptureSettings`; must contain `{camera}`.
 
     Raises:
         StudioError: the pattern has no `{camera}` or an unknown placeholder; two files belong to the same camera and

@@ -40,7 +40,7 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
     """How footage of `width` x `height` relates to the size that `camera` was calibrated at.
 
     The same size and sizes in proportion (within a pixel of rounding) need no rule; others see
-    `CaptureSpec.size_rule`. `image`, a frame of the footage, is looked at by "auto".
+    `CaptureSettings.size_rule`. `image`, a frame of the footage, is looked at by "auto".
 
     Raises:
         StudioError: the aspect ratios differ and the rule does not say what to do.

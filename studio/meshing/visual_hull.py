@@ -11,8 +11,9 @@ import torch
 
 from studio.errors import StudioError
 from studio.meshing.diagnostics import raise_disagreement
-from studio.meshing.hull import Hull, HullSettings, Tick, carve, locate
+from studio.meshing.hull import Hull, Tick, carve, locate
 from studio.meshing.outlier_masks import restore
+from studio.meshing.settings import InitializeSettings
 from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews, extract_surface
@@ -21,6 +22,7 @@ from studio.views import ViewLike
 
 _COMPARE_PIXELS = 120_000
 _COARSE = 96  # voxels along the longest side while looking for bounds
+_COARSE_FACES = 100_000
 _GROSS = 0.05  # outvoted on more than this share of the hull, a camera is left out
 
 
@@ -46,9 +48,8 @@ class HullResult:
 
 def visual_hull(
     views: Sequence[ViewLike],
-    settings: HullSettings | None = None,
+    settings: InitializeSettings | None = None,
     *,
-    max_faces: int = 100_000,
     progress: ProgressFn = no_progress,
 ) -> HullResult:
     """Carve the visual hull of one moment and take its surface.
@@ -56,7 +57,6 @@ def visual_hull(
     Args:
         views: at least two views with pinhole cameras; read once each (a lazy sequence is fine).
         settings: how to carve.
-        max_faces: upper bound of the mesh's faces.
         progress: called with steps done; may raise `Cancelled`.
 
     Returns:
@@ -65,7 +65,7 @@ def visual_hull(
     Raises:
         StudioError: too few views, unusable cameras or masks, or a hull that is empty: says whose masks disagree.
     """
-    settings = settings or HullSettings()
+    settings = settings or InitializeSettings()
     shapes = Silhouettes(views, progress=part_of(progress, 0, 20))
 
     def at(step: int) -> Tick:
@@ -87,7 +87,7 @@ def visual_hull(
         coarse.hull.min_views,
         at(70),
         settings.smoothing,
-        max_faces,
+        settings.max_faces,
     )
     if len(mesh.faces) == 0:
         _raise_empty(shapes, coarse.bounds, coarse.hull.min_views)
@@ -117,7 +117,7 @@ class _Coarse:
         return float(np.mean(list(self.disagreement.values())))
 
 
-def _agree(shapes: Silhouettes, settings: HullSettings, tick: Tick) -> _Coarse:
+def _agree(shapes: Silhouettes, settings: InitializeSettings, tick: Tick) -> _Coarse:
     """Find how many cameras must see a point of the hull.
 
     What few cameras see, few carve, so it may be anything: ask for nearly all, and for fewer only where masks stay
@@ -142,7 +142,7 @@ def _agree(shapes: Silhouettes, settings: HullSettings, tick: Tick) -> _Coarse:
     return best
 
 
-def _zoom(shapes: Silhouettes, settings: HullSettings, min_views: int, tick: Tick) -> _Coarse:
+def _zoom(shapes: Silhouettes, settings: InitializeSettings, min_views: int, tick: Tick) -> _Coarse:
     """The hull at low resolution; bounds are loose at first where cameras overlap little."""
     allowed = settings.outvoted(len(shapes))
     bounds = locate(shapes, allowed, min_views)
@@ -172,7 +172,7 @@ def _voted(
     min_views: int,
     tick: Tick,
     smoothing: float = 0.0,
-    max_faces: int = 100_000,
+    max_faces: int = _COARSE_FACES,
 ) -> tuple[Hull, Mesh]:
     """The hull within bounds, with what a few bad masks carved away given back, and its surface (may be empty)."""
     hull, tolerant = carve(shapes, bounds, resolution=resolution, allowed=allowed, min_views=min_views, tick=tick)

@@ -1,9 +1,8 @@
-"""Which `MatteSource` a `CaptureSpec` asks for, and finding its files."""
+"""Which `MatteSource` a `CaptureSettings` asks for, and finding its files."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside
 from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from studio.capture.mattes.chroma_key import ChromaMatteSource, DespillingMatteSource
-from studio.capture.mattes.clean_plate import DifferenceSettings
 from studio.capture.mattes.garbage_mattes import garbage_mattes
 from studio.capture.mattes.matte_cache import MatteCache
 from studio.capture.mattes.matte_source import (
@@ -26,21 +24,23 @@ from studio.capture.mattes.matte_source import (
 )
 from studio.capture.mattes.matting_function import FunctionMatteSource
 from studio.capture.mattes.median_background import Background, cached_background, estimate_background
-from studio.capture.mattes.onnx_model import OnnxModel, OnnxSettings
+from studio.capture.mattes.onnx_model import OnnxModel
 from studio.capture.mattes.plain_background import PlainMatteSource, plain_color
 from studio.capture.patterns import Match, find_files, natural_key
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings, OnnxSettings
 from studio.errors import StudioError
 
 _FEW_FRAMES = 10  # below this too little of the set is seen behind the performer
 
 
 def mask_source(
-    spec: CaptureSpec,
+    spec: CaptureSettings,
     sources: Mapping[str, FrameSource],
     frames: tuple[int, ...],
     pool: DecoderPool,
     cache_folder: Path | None,
+    device: str = "auto",
+    threads: int = 0,
 ) -> tuple[MatteSource, str]:
     """The source of mattes that `spec.masks` asks for, and a sentence on it.
 
@@ -70,12 +70,12 @@ def mask_source(
                 )
             load = plates_from_files(matches, spec.color_matrix)
             paths = [match.path for match in matches]
-            matte_source = PlateMatteSource(load, paths, _difference(spec))
+            matte_source = PlateMatteSource(load, paths, spec)
             return matte_source, f"Masks: difference to the clean plates '{pattern}'."
     if kind == "chroma_key":
         return _chroma(spec, sources, pool), "Masks: what has not the color of the screen."
     if kind == "model":
-        return _model(spec, names, pool, cache_folder), f"Masks: by the model {spec.mask_model}."
+        return _model(spec, names, pool, cache_folder, device, threads), f"Masks: by the model {spec.mask_model}."
     if kind == "plain" or (kind == "auto" and _before_plain(sources)):
         return PlainMatteSource(
             lambda camera: _first(sources[camera])
@@ -97,7 +97,7 @@ def mask_source(
             return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
 
         paths = [path for source in sources.values() for path in source.files()]
-        matte_source = PlateMatteSource(behind, paths, _difference(spec))
+        matte_source = PlateMatteSource(behind, paths, spec)
         return matte_source, "Masks: difference to the set as recovered from the footage."
     return FullMatteSource(), "Masks: none, everything is foreground."
 
@@ -115,34 +115,31 @@ def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
         return False
 
 
-def _chroma(spec: CaptureSpec, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatteSource:
+def _chroma(spec: CaptureSettings, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatteSource:
     def read(camera: str, frame: int) -> np.ndarray:
         return sources[camera].read(frame)[:, :, :3]
 
     key = None if isinstance(spec.key_color, str) else spec.key_color
     kind = DespillingMatteSource if spec.despill else ChromaMatteSource
     garbage = garbage_mattes(spec, tuple(sources), pool)
-    return kind(read, lambda camera: sources[camera].frames, key, _difference(spec), garbage)
+    return kind(read, lambda camera: sources[camera].frames, key, spec, garbage)
 
 
 def _model(
-    spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool, cache_folder: Path | None
+    spec: CaptureSettings,
+    names: tuple[str, ...],
+    pool: DecoderPool,
+    cache_folder: Path | None,
+    device: str,
+    threads: int,
 ) -> FunctionMatteSource:
     if not spec.mask_model:
         raise StudioError("Masks are to come from a model, but none is given; set mask_model to its ONNX file.")
     path = spec.root / Path(spec.mask_model).expanduser()
-    settings = OnnxSettings(
-        spec.mask_model_size,
-        spec.mask_model_mean,
-        spec.mask_model_std,
-        spec.mask_model_sigmoid,
-        spec.mask_device,
-        spec.mask_threads,
-    )
-    model = OnnxModel(path, settings)
+    model = OnnxModel(path, spec, device=device, threads=threads)
     kept = None
     if cache_folder is not None:
-        recipe = replace(settings, device="", threads=0)  # where it runs does not decide the mattes
+        recipe = spec.model_dump_json(include=set(OnnxSettings.model_fields) - {"mask_model"})
         kept = MatteCache(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
     return FunctionMatteSource(
         model,
@@ -154,11 +151,7 @@ def _model(
     )
 
 
-def _difference(spec: CaptureSpec) -> DifferenceSettings:
-    return DifferenceSettings(spec.mask_sensitivity, spec.mask_components, spec.mask_shadows)
-
-
-def _mask_files(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+def _mask_files(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
     if spec.mask_files != "auto":
         matches = [match for match in find_files(spec.root, spec.mask_files) if match.camera in names]
         if not matches:
@@ -172,7 +165,7 @@ def _mask_files(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tu
     return found
 
 
-def _plates(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+def _plates(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
     if spec.clean_plates != "auto":
         matches = [match for match in find_files(spec.root, spec.clean_plates) if match.camera in names]
         if not matches:
@@ -206,7 +199,9 @@ def _file_matte_source(
     return matte_source
 
 
-def exact_mattes(spec: CaptureSpec, names: tuple[str, ...], frames: tuple[int, ...]) -> tuple[MatteSource | None, str]:
+def exact_mattes(
+    spec: CaptureSettings, names: tuple[str, ...], frames: tuple[int, ...]
+) -> tuple[MatteSource | None, str]:
     """`spec.evaluation_mattes` of the named cameras, and a sentence on them; None where there are none.
 
     Raises:

@@ -10,7 +10,7 @@ import numpy as np
 from studio.capture.frame_sources import DecoderPool, make_sources
 from studio.capture.mattes.matte_source import FileMatteSource
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
 
 
@@ -19,7 +19,7 @@ class GarbageMattes:
 
     Args:
         matches: the files; an image without a frame number holds for all frames of its camera.
-        offsets: frames that cameras are late, as in `CaptureSpec`; for files that are one a frame.
+        offsets: frames that cameras are late, as in `CaptureSettings`; for files that are one a frame.
     """
 
     def __init__(self, matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int] | None = None) -> None:
@@ -47,7 +47,7 @@ class GarbageMattes:
         return self._matte_source.files()
 
 
-def garbage_mattes(spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool) -> GarbageMattes | None:
+def garbage_mattes(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPool) -> GarbageMattes | None:
     """Those that `spec.garbage_mattes` names for the cameras `names`; None where the capture has none.
 
     Raises:

@@ -5,37 +5,16 @@ from __future__ import annotations
 import importlib.util
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studio.capture.settings import OnnxSettings
 from studio.errors import StudioError
 
 STRIDE = 32
 """Networks halve the picture up to five times, so sides must be multiples of this."""
-
-
-@dataclass(frozen=True)
-class OnnxSettings:
-    """How pictures are put into a model, and what it is run on.
-
-    Attributes:
-        size: longer side that pictures are resized to, a multiple of 32; 0 takes the size that the file has fixed, else
-            the pictures' own, to the nearest multiples of 32.
-        mean, std: (red, green, blue), of values in 0..1: the model sees (value - mean) / std.
-        sigmoid: the model gives logits.
-        device: "cpu", "cuda", "cuda:1", or "auto": CUDA where onnxruntime has it.
-        threads: on the CPU; 0 is all cores.
-    """
-
-    size: int = 0
-    mean: tuple[float, float, float] = (0.485, 0.456, 0.406)
-    std: tuple[float, float, float] = (0.229, 0.224, 0.225)
-    sigmoid: bool = False
-    device: str = "auto"
-    threads: int = 0
 
 
 class OnnxModel:
@@ -44,12 +23,20 @@ class OnnxModel:
     The model has one input of floats, 1 x 3 x height x width, RGB; its matte is the first output of one channel whose
     last two dimensions are a picture's.
 
+    Args:
+        path: the ONNX file.
+        settings: how images are prepared; None: the defaults. `mask_model` is not read.
+        device: "cpu", "cuda", "cuda:1", or "auto": CUDA if onnxruntime supports it.
+        threads: CPU threads; 0: all cores.
+
     Raises:
         StudioError: the file is not there, or onnxruntime is not installed.
     """
 
-    def __init__(self, path: Path, settings: OnnxSettings | None = None) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, settings: OnnxSettings | None = None, *, device: str = "auto", threads: int = 0
+    ) -> None:
+        self.path, self.device, self.threads = path, device, threads
         self.settings = settings or OnnxSettings()
         if not path.is_file():
             raise StudioError(f"The matting model {path} is not there; give its ONNX file in capture.mask_model.")
@@ -77,9 +64,9 @@ class OnnxModel:
 
         with self._lock:
             if self._loaded is None:
-                self._loaded = _Loaded(self.path, self.settings)
+                self._loaded = _Loaded(self.path, self.device, self.threads)
         height, width = image.shape[:2]
-        size = input_size(self.path, self.settings.size, self._loaded.fixed, width, height)
+        size = input_size(self.path, self.settings.mask_model_size, self._loaded.fixed, width, height)
         matte = self._matte_of(self._loaded.run(prepared(image, size, self.settings)))
         return cv2.resize(matte, (width, height), interpolation=cv2.INTER_LINEAR)
 
@@ -89,7 +76,7 @@ class OnnxModel:
             shapes = ", ".join("x".join(map(str, output.shape)) for output in outputs)
             raise StudioError(f"The matting model {self.path} gives {shapes}; one output must be a matte, 1x1xHxW.")
         matte = np.ascontiguousarray(matte, np.float32)
-        if self.settings.sigmoid:
+        if self.settings.mask_model_sigmoid:
             return (1.0 / (1.0 + np.exp(-np.clip(matte, -60.0, 60.0)))).astype(np.float32)
         low, high = float(matte.min()), float(matte.max())
         if not (low >= -0.01 and high <= 1.01):  # NaN too
@@ -108,16 +95,16 @@ class _Loaded:
         fixed: (height, width) that the file has fixed, each None where any will do.
     """
 
-    def __init__(self, path: Path, settings: OnnxSettings) -> None:
+    def __init__(self, path: Path, device: str, threads: int) -> None:
         import onnxruntime
 
         self._path = path
         options = onnxruntime.SessionOptions()
         options.log_severity_level = 3  # errors come as exceptions; warnings are about its own optimizer
-        options.intra_op_num_threads = settings.threads
+        options.intra_op_num_threads = threads
         try:
             self._session: Any = onnxruntime.InferenceSession(
-                str(path), options, providers=providers(settings.device, onnxruntime.get_available_providers())
+                str(path), options, providers=providers(device, onnxruntime.get_available_providers())
             )
         except StudioError:
             raise
@@ -125,9 +112,9 @@ class _Loaded:
             raise StudioError(
                 f"The matting model {path} cannot be loaded ({_first_line(error)}); give a whole ONNX file."
             ) from None
-        if settings.device.startswith("cuda") and self._session.get_providers()[0] == "CPUExecutionProvider":
+        if device.startswith("cuda") and self._session.get_providers()[0] == "CPUExecutionProvider":
             raise StudioError(
-                f"run.device = {settings.device}, but onnxruntime cannot start CUDA for the matting model {path}; "
+                f"run.device = {device}, but onnxruntime cannot start CUDA for the matting model {path}; "
                 "install the CUDA and cuDNN that your onnxruntime-gpu asks for, or set run.device to auto or cpu."
             )
         inputs = self._session.get_inputs()
@@ -212,7 +199,7 @@ def prepared(image: np.ndarray, size: tuple[int, int], settings: OnnxSettings) -
     if (image.shape[1], image.shape[0]) != size:
         shrinks = size[0] * size[1] < image.shape[0] * image.shape[1]
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-    mean, deviation = np.array(settings.mean, np.float32), np.array(settings.std, np.float32)
+    mean, deviation = np.array(settings.mask_model_mean, np.float32), np.array(settings.mask_model_std, np.float32)
     values = (image.astype(np.float32) / 255.0 - mean) / deviation
     return np.ascontiguousarray(values.transpose(2, 0, 1)[None], np.float32)
 

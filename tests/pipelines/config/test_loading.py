@@ -7,10 +7,10 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pipelines.stages.arguments import bake_settings, capture_spec, hull_settings, sfm_settings, train_settings
 
 from pipelines.config import Config, describe, dump_config, load_config, parse_override
 from pipelines.config.loading import all_names
-from pipelines.stages.arguments import bake_settings, capture_spec, hull_settings, sfm_settings, train_settings
 from studio.errors import StudioError
 
 

@@ -10,10 +10,10 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from pipelines.stages.arguments import capture_spec
 
 from pipelines.config import load_config
 from pipelines.runs.runner import status
-from pipelines.stages.arguments import capture_spec
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from studio.errors import StudioError

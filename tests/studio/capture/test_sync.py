@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.sync import check_sync, offsets_of, sound_signal
 from studio.errors import StudioError
 
@@ -43,18 +43,18 @@ def film(folder: Path, frames: int = 60) -> None:
 
 def test_motion_tells_offsets_and_they_can_be_applied(tmp_path: Path) -> None:
     film(tmp_path)
-    footage = open_footage(CaptureSpec(tmp_path, masks="none", fps=FPS))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS))
     report = check_sync(footage)
     assert report.method == "motion"
     assert report.whole == {"b": 3, "c": -2}
     assert report.unsure == ()
     assert any("Camera 'b' is 3 frames late by its motion" in sentence for sentence in report.sentences())
-    put_right = open_footage(CaptureSpec(tmp_path, masks="none", fps=FPS, offsets=report.whole))
+    put_right = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS, offsets=report.whole))
     assert put_right.frames == tuple(range(2, 57))  # what all cameras have
     assert check_sync(put_right).whole == {}
     np.testing.assert_array_equal(put_right.raw_image("b", 10), footage.raw_image("b", 13))
     with pytest.raises(StudioError, match="The setting offsets names camera 'e'"):
-        open_footage(CaptureSpec(tmp_path, masks="none", offsets={"e": 1}))
+        open_footage(CaptureSettings(root=tmp_path, masks="none", offsets={"e": 1}))
 
 
 def clap(path: Path, seconds: float, offset: float, rate: int = 16000) -> None:
@@ -84,7 +84,7 @@ def test_sound_tells_offsets(tmp_path: Path) -> None:
     (tmp_path / "videos").mkdir()
     for name, offset in (("a", 0.0), ("b", 0.25), ("c", 0.0)):
         clap(tmp_path / "videos" / f"{name}.mp4", 3.0, offset)
-    footage = open_footage(CaptureSpec(tmp_path, masks="none"))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
     report = check_sync(footage)
     assert report.method == "sound"
     assert report.offsets["b"] == pytest.approx(0.25 * FPS, abs=0.3)
@@ -109,10 +109,10 @@ def test_bad_input(tmp_path: Path) -> None:
         (tmp_path / "images" / name).mkdir(parents=True)
         for frame in range(3):
             cv2.imwrite(str(tmp_path / "images" / name / f"{frame}.png"), np.zeros((20, 20, 3), np.uint8))
-    footage = open_footage(CaptureSpec(tmp_path, masks="none"))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
     with pytest.raises(StudioError, match="12 frames or more; the footage has 3"):
         check_sync(footage)
     with pytest.raises(StudioError, match="Camera 'a' has no sound"):
         check_sync(footage, method="sound")
     with pytest.raises(StudioError, match="there is only one"):
-        check_sync(open_footage(CaptureSpec(tmp_path, masks="none", cameras=("a",))))
+        check_sync(open_footage(CaptureSettings(root=tmp_path, masks="none", cameras=("a",))))

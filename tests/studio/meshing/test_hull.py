@@ -14,10 +14,10 @@ import pytest
 from studio.camera_files import read_rig
 from studio.cameras import Camera
 from studio.errors import Cancelled, StudioError
-from studio.meshing import HullSettings, Mesh, initialize_points, sample_surface, visual_hull
+from studio.meshing import InitializeSettings, Mesh, initialize_points, sample_surface, visual_hull
 from studio.meshing.silhouettes import Silhouettes, signed_distance
 
-COARSE = HullSettings(resolution=64)
+COARSE = InitializeSettings(resolution=64)
 SAMPLE = Path(__file__).parents[3] / "sample_captures" / "walk16"
 
 
@@ -76,7 +76,7 @@ def test_one_bad_mask_is_outvoted_and_named(two_balls: Callable[..., list[Any]])
     matte = views[4].matte.copy()
     matte[:, matte.shape[1] // 2 :] = 0
     views[4] = replace(views[4], matte=matte)
-    strict = visual_hull(views, HullSettings(resolution=64, tolerance=0))
+    strict = visual_hull(views, InitializeSettings(resolution=64, tolerance=0))
     voted = initialize_points(views, 500, settings=COARSE)
     assert strict.hull.volume < 0.75 * good.hull.volume
     assert volume_of(voted.mesh) == pytest.approx(volume_of(good.mesh), rel=0.1)
@@ -100,7 +100,7 @@ def test_never_an_empty_mesh(two_balls: Callable[..., list[Any]]) -> None:
     shifted[:20, :20] = 255  # far from the ball
     views.append(replace(views[1], camera=replace(views[1].camera, name="odd"), matte=shifted))
     with pytest.raises(StudioError, match=r"empty: the masks of odd disagree with those of the other 3"):
-        visual_hull(views, HullSettings(resolution=64, tolerance=0))
+        visual_hull(views, InitializeSettings(resolution=64, tolerance=0))
 
 
 def test_all_masks_empty(two_balls: Callable[..., list[Any]]) -> None:
@@ -156,9 +156,9 @@ def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
     with pytest.raises(StudioError, match="at least two cameras, found 1"):
         visual_hull(views[:1])
     with pytest.raises(StudioError, match=r"resolution is 4; it must lie in 16\.\.1024"):
-        HullSettings(resolution=4)
+        InitializeSettings(resolution=4)
     with pytest.raises(StudioError, match="min_view_share is 2"):
-        HullSettings(min_view_share=2)
+        InitializeSettings(min_view_share=2)
     bent = replace(views[0], camera=replace(views[0].camera, distortion=np.array([0.1, 0, 0, 0])))
     with pytest.raises(StudioError, match="'cam00' has lens distortion"):
         visual_hull([bent, *views[1:]])
@@ -265,7 +265,7 @@ def test_sample_capture_against_its_true_mesh(scenes: SimpleNamespace) -> None:
     for camera in read_rig(SAMPLE / "cameras.json"):
         matte = first_frame(SAMPLE / "mattes" / f"{camera.name}.mkv")[..., 0]
         views.append(scenes.Shot(_fitting(camera, matte), np.repeat(matte[..., None], 3, -1), matte))
-    result = visual_hull(views, HullSettings(resolution=128))
+    result = visual_hull(views, InitializeSettings(resolution=128))
     assert max(result.disagreement.values()) < 0.04
     truth = Mesh.load(SAMPLE / "meshes" / "000000.ply")
     scene = o3d.t.geometry.RaycastingScene()

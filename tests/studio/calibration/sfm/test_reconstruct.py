@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studio.calibration import SfmSettings, calibrate_from_images, compare_rigs
+from studio.calibration import CalibrateSettings, calibrate_from_images, compare_rigs
 from studio.cameras import Camera, Rig
 from studio.errors import Cancelled, StudioError
 
-FAST = SfmSettings(max_features=1500, threads=1, seed=7)
+FAST = CalibrateSettings(max_features=1500, threads=1, seed=7)
 SIZE = (360, 270)
 
 
@@ -92,7 +92,7 @@ def solved(scene: tuple[dict[str, np.ndarray], Rig], tmp_path_factory: pytest.Te
     result = calibrate_from_images(
         scene[0],
         workdir=tmp_path_factory.mktemp("sfm"),
-        settings=SfmSettings(max_features=1500, threads=1, seed=7, shared_intrinsics=True),
+        settings=CalibrateSettings(max_features=1500, threads=1, seed=7, shared_intrinsics=True),
         progress=lambda done, total, **figures: said.append((done, total)),
     )
     return result, said
@@ -183,17 +183,19 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
     with pytest.raises(StudioError, match=r"'view 1' has pictures of 1 moments, 'view 0' of 2"):
         calibrate_from_images({first: [images[first]] * 2, second: [images[second]]}, workdir=tmp_path)
     with pytest.raises(StudioError, match="intrinsics_groups names camera 'nobody'"):
-        calibrate_from_images(images, workdir=tmp_path, settings=SfmSettings(intrinsics_groups=((first, "nobody"),)))
+        calibrate_from_images(
+            images, workdir=tmp_path, settings=CalibrateSettings(intrinsics_groups=((first, "nobody"),))
+        )
     with pytest.raises(StudioError, match=f"Camera '{first}' stands twice in intrinsics_groups"):
-        SfmSettings(intrinsics_groups=((first, second), (first, "view 2")))
+        CalibrateSettings(intrinsics_groups=((first, second), (first, "view 2")))
     with pytest.raises(StudioError, match="fewer than two cameras"):
-        SfmSettings(intrinsics_groups=((),))
+        CalibrateSettings(intrinsics_groups=((),))
 
 
 def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     images = dict(list(scene[0].items())[:4])
     images["wall"] = np.full((*SIZE[::-1], 3), 90, np.uint8)
-    settings = SfmSettings(max_features=1500, threads=1, seed=7, mapper="incremental")
+    settings = CalibrateSettings(max_features=1500, threads=1, seed=7, mapper="incremental")
     with pytest.raises(StudioError, match=r"placed 4 of 5 cameras, not 'wall': only 0 features"):
         calibrate_from_images(images, workdir=tmp_path / "a", settings=settings)
     result = calibrate_from_images(images, workdir=tmp_path / "b", settings=settings, allow_unregistered=True)
@@ -246,6 +248,6 @@ def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> 
     with pytest.raises(StudioError, match="known lens is for 180x135"):
         calibrate_from_images(images, workdir=tmp_path, known={name: truth[name].scaled(0.5)})
     with pytest.raises(StudioError, match="camera model 'BENT' is unknown"):
-        SfmSettings(camera_model="BENT")
+        CalibrateSettings(camera_model="BENT")
     with pytest.raises(StudioError, match="mapper 'x' is unknown"):
-        SfmSettings(mapper="x")
+        CalibrateSettings(mapper="x")

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from studio.calibration import (
+    CalibrateSettings,
     CalibrationTarget,
     TargetObservation,
-    TargetSettings,
     calibrate_from_target,
     calibrate_lenses,
     detect_target,
@@ -186,7 +186,7 @@ def test_rig_from_a_board() -> None:
         CHARUCO,
         views,
         dict.fromkeys(rig.names, SIZE),
-        settings=TargetSettings(camera_model="RADIAL", origin=3, upright=True, threads=1),
+        settings=CalibrateSettings(camera_model="RADIAL", origin=3, upright=True, threads=1),
         progress=lambda done, total, **figures: said.append(done),
     )
     assert result.rig.names == rig.names
@@ -224,7 +224,7 @@ def test_late_cameras_are_left_out() -> None:
                 ids, camera.project(CHARUCO.corners[ids] @ later[:3, :3].T + later[:3, 3])[0]
             )
     result = calibrate_from_target(
-        CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=TargetSettings(camera_model="RADIAL", threads=1)
+        CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=CalibrateSettings(camera_model="RADIAL", threads=1)
     )
     assert result.report["boards"]["views_left_out"] == pytest.approx(8, abs=1)
     from studio.calibration import compare_rigs
@@ -264,7 +264,7 @@ def test_lenses_alone_as_opencv_finds_them() -> None:
         CHESS,
         {"cam0": seen},
         {"cam0": SIZE},
-        TargetSettings(camera_model="OPENCV", principal_point="refine", threads=1),
+        CalibrateSettings(camera_model="OPENCV", principal_point="refine", threads=1),
     )
     world = [CHESS.corners[view.ids].astype(np.float32) for view in seen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in seen]
@@ -311,7 +311,7 @@ def test_bad_input(tmp_path: Path) -> None:
     with pytest.raises(StudioError, match="Camera 'other' sees the board in none"):
         calibrate_from_target(CHARUCO, views, {**dict.fromkeys(rig.names, SIZE), "other": SIZE})
     with pytest.raises(StudioError, match=r"Frame 99 should give the origin.*nearest frame in which one does is 5"):
-        calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=TargetSettings(origin=99))
+        calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=CalibrateSettings(origin=99))
     few = {key: view for key, view in views.items() if key[0] < 2}
     with pytest.raises(StudioError, match="'cam0' sees the board in 2 pictures"):
         calibrate_from_target(CHARUCO, few, dict.fromkeys(rig.names, SIZE))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.capture.mattes.chroma_key import chroma_matte
 from studio.capture.mattes.clean_plate import DifferenceSettings
@@ -49,7 +49,7 @@ def disc(x: float = 110.0, y: float = 80.0, radius: float = 40.0) -> np.ndarray:
 
 def performer_of(make: SimpleNamespace, camera: str, frame: int) -> tuple[np.ndarray, np.ndarray]:
     """The sample capture's performer: colors, carried on outwards over his soft edge, and exact matte in 0..1."""
-    spec = CaptureSpec(make.sample, masks="files", mask_files="mattes/{camera}.mkv", cameras=(camera,))
+    spec = CaptureSettings(root=make.sample, masks="files", mask_files="mattes/{camera}.mkv", cameras=(camera,))
     footage = open_footage(spec)
     image, alpha = footage.raw_image(camera, frame).astype(float), footage.raw_matte(camera, frame) / 255.0
     core = (alpha > 0.98).astype(float)
@@ -130,12 +130,12 @@ def test_pieces_sensitivity_and_large_images() -> None:
 def test_a_picture_without_a_screen_says_so(tmp_path: Path, make: SimpleNamespace) -> None:
     gray = compose(np.array([205, 150, 125]), disc(), np.full((160, 240, 3), 120.0))
     make.image(tmp_path / "images" / "a" / "0.png", gray)
-    footage = open_footage(CaptureSpec(tmp_path, masks="chroma_key"))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="chroma_key"))
     with pytest.raises(StudioError, match=r"Camera 'a': no saturated color dominates its picture .* give key_color"):
         footage.matte("a", 0)
     (problem,) = check_footage(footage)
     assert "no screen was found" in problem
-    asked = open_footage(CaptureSpec(tmp_path, masks="chroma_key", key_color=(0.1, 0.7, 0.2)))
+    asked = open_footage(CaptureSettings(root=tmp_path, masks="chroma_key", key_color=(0.1, 0.7, 0.2)))
     with pytest.raises(StudioError, match=r"nothing in its picture is like key_color \[0.10, 0.70, 0.20\]"):
         asked.matte("a", 0)
 
@@ -145,7 +145,7 @@ def test_a_picture_without_a_screen_says_so(tmp_path: Path, make: SimpleNamespac
 )
 def test_key_colors_that_are_none(key: object, words: str) -> None:
     with pytest.raises(StudioError, match=words):
-        CaptureSpec(Path("."), key_color=key)  # type: ignore[arg-type]
+        CaptureSettings(root=Path("."), key_color=key)  # type: ignore[arg-type]
 
 
 def test_a_given_color_is_keyed_although_another_covers_more(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -157,15 +157,19 @@ def test_a_given_color_is_keyed_although_another_covers_more(tmp_path: Path, mak
     kept = np.full((80, 120), 255, np.uint8)  # of half the size
     kept[46:] = 0
     make.image(tmp_path / "garbage" / "a.png", kept)
-    spec = CaptureSpec(
-        tmp_path, masks="chroma_key", key_color=(0.25, 0.6, 0.3), garbage_mattes="garbage/{camera}.png", despill=False
+    spec = CaptureSettings(
+        root=tmp_path,
+        masks="chroma_key",
+        key_color=(0.25, 0.6, 0.3),
+        garbage_mattes="garbage/{camera}.png",
+        despill=False,
     )
     footage = open_footage(spec)
     assert iou(footage.matte("a", 3), alpha) > 0.97
     assert tmp_path / "garbage" / "a.png" in footage.files()
     assert np.array_equal(footage.image("a", 3), image)  # no despill
     with pytest.raises(StudioError, match="no garbage matte of the footage's cameras fits"):
-        open_footage(CaptureSpec(tmp_path, masks="chroma_key", garbage_mattes="other/{camera}.png"))
+        open_footage(CaptureSettings(root=tmp_path, masks="chroma_key", garbage_mattes="other/{camera}.png"))
 
 
 def test_garbage_mattes_may_change_with_time(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -175,7 +179,9 @@ def test_garbage_mattes_may_change_with_time(tmp_path: Path, make: SimpleNamespa
         make.image(tmp_path / "images" / "a" / f"{frame}.png", image)
         make.image(tmp_path / "images" / "b" / f"{frame}.png", image)
         make.image(tmp_path / "garbage" / "a" / f"{frame}.png", np.full((160, 240), 255 * (frame == 2), np.uint8))
-    footage = open_footage(CaptureSpec(tmp_path, masks="chroma_key", garbage_mattes="garbage/{camera}/{frame}.png"))
+    footage = open_footage(
+        CaptureSettings(root=tmp_path, masks="chroma_key", garbage_mattes="garbage/{camera}/{frame}.png")
+    )
     assert footage.matte("a", 1).max() == 0
     assert np.array_equal(footage.matte("a", 2), footage.matte("b", 1))  # b has none: its whole picture counts
 
@@ -210,7 +216,7 @@ def test_footage_hands_out_images_without_the_screens_light(tmp_path: Path, make
     make.image(tmp_path / "images" / "a" / "0.png", image)
     errors = {}
     for kept in (True, False):
-        footage = open_footage(CaptureSpec(tmp_path, masks="chroma_key", despill=kept))
+        footage = open_footage(CaptureSettings(root=tmp_path, masks="chroma_key", despill=kept))
         over_black = footage.image("a", 0) * (footage.matte("a", 0)[..., None] / 255)
         near = cv2.dilate(((alpha > 0.02) & (alpha < 0.98)).astype(np.uint8), np.ones((5, 5))) > 0
         errors[kept] = np.abs(over_black - alpha[..., None] * front)[near].mean()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from studio.cameras import Rig
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.capture.mattes.clean_plate import DifferenceSettings, difference_matte
 from studio.capture.mattes.filters import guided_filter, keep_components
@@ -20,7 +20,7 @@ def iou(matte: np.ndarray, truth: np.ndarray) -> float:
 
 
 def test_clean_plates_of_the_sample_capture(make: SimpleNamespace, sample_rig: Rig) -> None:
-    spec = CaptureSpec(make.sample, masks="clean_plate", evaluation_mattes="mattes/{camera}.mkv")
+    spec = CaptureSettings(root=make.sample, masks="clean_plate", evaluation_mattes="mattes/{camera}.mkv")
     footage = open_footage(spec, sample_rig)
     assert len(footage.camera_names) == 16
     assert len(footage.frames) == 30
@@ -38,7 +38,7 @@ def test_sample_mattes_agree_with_the_exact_surface(make: SimpleNamespace, sampl
     """The shipped mattes, meshes and cameras belong together: every vertex projects into the matte or its border."""
     import cv2
 
-    footage = open_footage(CaptureSpec(make.sample, evaluation_mattes="mattes/{camera}.mkv"), sample_rig)
+    footage = open_footage(CaptureSettings(root=make.sample, evaluation_mattes="mattes/{camera}.mkv"), sample_rig)
     data = (make.sample / "meshes" / "000012.ply").read_bytes()
     header, body = data.split(b"end_header\n", 1)
     count = int(header.split(b"element vertex ")[1].split()[0])
@@ -176,7 +176,7 @@ def test_footage_that_stands_still_gives_empty_masks(tmp_path: Path, make: Simpl
     empty = set_of()
     for frame in range(12):
         make.image(tmp_path / "images" / "a" / f"{frame}.png", compose(empty, np.zeros((160, 240)), 2.0, frame))
-    footage = open_footage(CaptureSpec(tmp_path))
+    footage = open_footage(CaptureSettings(root=tmp_path))
     assert "recovered" in footage.description
     problems = check_footage(footage)
     assert len(problems) == 1
@@ -193,7 +193,7 @@ def test_a_matting_model_can_be_put_in(three_videos: Path) -> None:
         def files(self) -> list[Path]:
             return []
 
-    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matte_source(Left())
+    footage = open_footage(CaptureSettings(root=three_videos, masks="none")).with_matte_source(Left())
     assert footage.matte("cam1", 6)[:, :24].min() == 255
     assert footage.matte("cam1", 6)[:, 24:].max() == 0
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, FunctionMatteSource, open_footage
+from studio.capture import CaptureSettings, FunctionMatteSource, open_footage
 from studio.capture.mattes.matte_cache import MatteCache
 from studio.capture.mattes.onnx_model import OnnxModel, OnnxSettings, first_picture, input_size, prepared, providers
 from studio.errors import StudioError
@@ -130,9 +130,9 @@ def capture(tmp_path: Path, make: SimpleNamespace) -> Path:
     return tmp_path
 
 
-def spec_of(root: Path, **values: object) -> CaptureSpec:
+def spec_of(root: Path, **values: object) -> CaptureSettings:
     given = {"mask_model": "model.onnx", "mask_model_mean": PLAIN.mean, "mask_model_std": PLAIN.std, **values}
-    return CaptureSpec(root, masks="model", mask_device="cpu", **given)  # type: ignore[arg-type]
+    return CaptureSettings(root=root, masks="model", mask_device="cpu", **given)  # type: ignore[arg-type]
 
 
 def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
@@ -209,7 +209,9 @@ def test_any_function_makes_mattes(three_videos: Path) -> None:
     def bright(image: np.ndarray, /) -> np.ndarray:
         return image.mean(axis=2) / 255
 
-    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matte_source(FunctionMatteSource(bright))
+    footage = open_footage(CaptureSettings(root=three_videos, masks="none")).with_matte_source(
+        FunctionMatteSource(bright)
+    )
     assert np.abs(footage.matte("cam1", 6) - footage.image("cam1", 6).mean(axis=2)).max() <= 0.5
 
 
