@@ -13,7 +13,6 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticCustomError
 
 RESULTS = {
     "cameras_from_file": "cameras read from the capture's calibration file",
@@ -67,6 +66,20 @@ class Unbounded:
     reason: str
 
 
+class Conflict(ValueError):
+    """What validators of settings raise; pydantic turns it into a ValidationError that holds it.
+
+    Attributes:
+        problem: what is wrong, as a clause.
+        fix: what to do, as a sentence; "" if that is obvious.
+        names: fields that contradict each other, without their section; empty in the validator of a single field.
+    """
+
+    def __init__(self, problem: str, fix: str = "", *names: str) -> None:
+        super().__init__(f"{problem}. {fix}" if fix else problem)
+        self.problem, self.fix, self.names = problem, fix, names
+
+
 class Settings(BaseModel):
     """Base of all settings: frozen, unknown names are refused, defaults are validated, no NaN or infinity.
 
@@ -89,18 +102,6 @@ class Settings(BaseModel):
             pydantic.ValidationError: as on construction.
         """
         return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
-
-
-def conflict(problem: str, fix: str = "", *names: str) -> PydanticCustomError:
-    """The error for validators to raise.
-
-    Args:
-        problem: what is wrong, as a clause.
-        fix: what to do, as a sentence.
-        names: fields that contradict each other, without their section.
-    """
-    text = "{problem}. {fix}" if fix else "{problem}"
-    return PydanticCustomError("settings", text, {"problem": problem, "fix": fix, "settings": list(names)})
 
 
 _Marker = TypeVar("_Marker", Affects, Heading, Unbounded)

@@ -13,7 +13,7 @@ from pydantic import Field, field_validator
 from studio.calibration.settings import CalibrateSettings
 from studio.capture.settings import CaptureSettings
 from studio.meshing.settings import InitializeSettings
-from studio.settings import Affects, Heading, Settings, conflict
+from studio.settings import Affects, Conflict, Heading, Settings
 from studio.stream.settings import BakeSettings
 from studio.training.settings import TrainSettings
 
@@ -89,7 +89,7 @@ class RunSettings(Settings):
     def _known_device(cls, value: str) -> str:
         kind, _, index = value.partition(":")
         if kind not in ("auto", "cpu", "cuda") or (index and (kind != "cuda" or not index.isdecimal())):
-            raise conflict("must be auto, cpu, cuda or cuda:N")
+            raise Conflict("must be auto, cpu, cuda or cuda:N")
         return value
 
 

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from pipelines.config.config import Config
 from pipelines.config.renamed import first_tree, note_renames, renamed, renamed_override
 from studio.errors import Message, StudioError
-from studio.settings import Settings, submodel
+from studio.settings import Conflict, Settings, submodel
 
 COMMAND_LINE = "command line"
 """Named in place of a file in errors about overrides."""
@@ -276,11 +276,11 @@ def _mistake(problem: dict[str, Any], file: Path | str | None, prefix: str, give
         )
     fields: dict[str, Any] = {"setting": setting}
     fix = ""
-    if kind == "settings":  # `studio.settings.conflict`
-        context = problem["ctx"]
-        text, fix = str(context["problem"]), str(context["fix"])
-        if context["settings"]:
-            fields["settings"] = [f"{name}.{one}" for one in context["settings"]]
+    cause = problem.get("ctx", {}).get("error")
+    if isinstance(cause, Conflict):
+        text, fix = cause.problem, cause.fix
+        if cause.names:
+            fields["settings"] = [f"{name}.{one}" for one in cause.names]
             text = f"{name}: {text}"
             found = None
         else:

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from studio.calibration.target.pattern import CalibrationTarget
-from studio.settings import Affects, Heading, Settings, Unbounded, conflict
+from studio.settings import Affects, Conflict, Heading, Settings, Unbounded
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"]
 
@@ -127,11 +127,11 @@ class CalibrateSettings(Settings):
         grouped = [name for group in self.intrinsics_groups for name in group]
         twice = [name for name in grouped if grouped.count(name) > 1]
         if twice:
-            raise conflict(
+            raise Conflict(
                 f"intrinsics_groups contains camera {twice[0]} twice", "Keep it in one group.", "intrinsics_groups"
             )
         if any(len(group) < 2 for group in self.intrinsics_groups):
-            raise conflict(
+            raise Conflict(
                 "intrinsics_groups has a group of fewer than two cameras",
                 "List all cameras that share intrinsics, or remove the group.",
                 "intrinsics_groups",

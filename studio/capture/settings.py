@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
-from studio.settings import Affects, Color, Heading, Settings, Unbounded, conflict
+from studio.settings import Affects, Color, Conflict, Heading, Settings, Unbounded
 
 MaskKind = Literal["auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model"]
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
@@ -101,9 +101,9 @@ class ScreenSettings(Settings):
         try:
             color = check(value)
         except ValidationError:  # one sentence, not one for each alternative
-            raise conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
+            raise Conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
         if color != "auto" and not saturated(color):
-            raise conflict(
+            raise Conflict(
                 f"{list(color)} is gray or black, which cannot be keyed",
                 "Use a saturated color such as [0.2, 0.6, 0.3], or auto.",
             )
@@ -201,15 +201,15 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     @model_validator(mode="after")
     def _combinations(self) -> Self:
         if self.stop is not None and self.stop <= (self.start or 0):
-            raise conflict(
+            raise Conflict(
                 f"stop = {self.stop} is not after start = {self.start or 0}", "Increase stop.", "stop", "start"
             )
         if self.held_out_every == 1:
-            raise conflict(
+            raise Conflict(
                 "held_out_every = 1 holds out all cameras", "Set it to 0 (none) or to 2 or more.", "held_out_every"
             )
         for what in ("cameras", "held_out"):
             names = getattr(self, what)
             if len(set(names)) != len(names):
-                raise conflict(f"{what} contains a camera twice ({', '.join(names)})", "Remove one.", what)
+                raise Conflict(f"{what} contains a camera twice ({', '.join(names)})", "Remove one.", what)
         return self

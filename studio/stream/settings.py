@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
-from studio.settings import Affects, Heading, Settings, conflict
+from studio.settings import Affects, Conflict, Heading, Settings
 
 QP_MAX = 51
 QP_KNEE = 22
@@ -59,21 +59,21 @@ class BakeSettings(Settings):
     @model_validator(mode="after")
     def _combinations(self) -> Self:
         if self.target_kb_per_frame is not None and self.target_psnr is not None:
-            raise conflict(
+            raise Conflict(
                 "target_kb_per_frame and target_psnr are both set",
                 "Set one of them to null.",
                 "target_kb_per_frame",
                 "target_psnr",
             )
         if self.profile == "planes" and self.codec != "h264":
-            raise conflict(
+            raise Conflict(
                 f"codec {self.codec} requires profile motion",
                 "Set profile to motion or codec to h264.",
                 "codec",
                 "profile",
             )
         if self.codec == "av1" and self.qp == 0:
-            raise conflict(
+            raise Conflict(
                 "qp 0 (lossless) is not available with codec av1",
                 "Set qp to 1, or codec to h264 or hevc.",
                 "codec",

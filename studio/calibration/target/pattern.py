@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studio.settings import Settings, conflict
+from studio.settings import Conflict, Settings
 
 LEAST_CORNERS = 6
 """Views of fewer corners say too little of where the board is."""
@@ -69,7 +69,7 @@ class CalibrationTarget(Settings):
         if self.kind != "charuco":
             return self
         if self.marker >= self.square:
-            raise conflict(
+            raise Conflict(
                 f"marker = {self.marker:g} m is not smaller than square = {self.square:g} m",
                 "Set both as measured on the print.",
                 "marker",
@@ -77,12 +77,12 @@ class CalibrationTarget(Settings):
             )
         available = _MARKERS.get(self.dictionary)
         if available is None:
-            raise conflict(
+            raise Conflict(
                 f"dictionary {self.dictionary} is unknown", f"Use one of {', '.join(_MARKERS)}.", "dictionary"
             )
         needed = self.columns * self.rows // 2
         if needed > available:
-            raise conflict(
+            raise Conflict(
                 f"a board of {self.columns} x {self.rows} squares needs {needed} markers, but {self.dictionary} has "
                 f"{available}",
                 "Use a larger dictionary.",
