@@ -67,7 +67,8 @@ def test_digests_are_those_of_the_first_names(tmp_path: Path) -> None:
     for old in EXAMPLES:
         assert f"  {old.split('.')[1]}: " in text or f"  {old.split('.')[1]}:\n" in text
     assert "density: gradient" in text
-    assert load_config(tmp_path / "first.yaml") == config
+    again = load_config(tmp_path / "first.yaml")
+    assert again.model_dump(exclude={"capture"}) == config.model_dump(exclude={"capture"})
     assert digest_text(Config()) != dump_config(Config())
 
 
