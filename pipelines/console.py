@@ -151,8 +151,10 @@ class Bars:
                 )
 
     def _say_native(self, lines: list[str]) -> None:
+        from rich.text import Text
+
         for line in lines:
-            self.console.print(line, style="dim", markup=False, soft_wrap=True)
+            self.console.print(Text(line, "dim"), soft_wrap=True)
 
     def _say(self, text: str) -> None:
         self._bars.console.print(text, soft_wrap=True)

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import fcntl
 import io
 import os
 import sys
 import tempfile
+import threading
 from typing import TextIO
 
 
@@ -32,7 +34,7 @@ def claim_stdout() -> None:
             return
         before = sys.stdout
         before.flush()
-        private = os.dup(1)
+        private = fcntl.fcntl(1, fcntl.F_DUPFD_CLOEXEC, 3)
     except (OSError, ValueError):  # replaced by an object without a descriptor
         return
     try:
@@ -40,7 +42,8 @@ def claim_stdout() -> None:
     except OSError:  # standard error is closed
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, 1)
-        os.close(nowhere)
+        if nowhere != 2:
+            os.close(nowhere)
     sys.stdout = open(  # noqa: SIM115  (open as long as the process lives)
         private,
         "w",
@@ -77,28 +80,31 @@ class NativeLines:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115  (closed by `close`)
         self._before: int | None = os.dup(1)
         self._offset = 0
+        self._lock = threading.Lock()
         os.dup2(self._file.fileno(), 1)
 
     def take(self, *, rest: bool = False) -> list[str]:
-        """New whole lines; with `rest`, the unfinished last one too."""
-        if self._file.closed:
-            return []
-        descriptor = self._file.fileno()
-        # pread: the file's own offset belongs to those who write
-        data = os.pread(descriptor, os.fstat(descriptor).st_size - self._offset, self._offset)
-        if not rest:
-            data = data[: data.rfind(b"\n") + 1]
-        self._offset += len(data)
+        """New whole lines; with `rest`, the unfinished last one too. From any thread."""
+        with self._lock:
+            if self._file.closed:
+                return []
+            descriptor = self._file.fileno()
+            # pread: the file's own offset belongs to those who write
+            data = os.pread(descriptor, os.fstat(descriptor).st_size - self._offset, self._offset)
+            if not rest:
+                data = data[: data.rfind(b"\n") + 1]
+            self._offset += len(data)
         return data.decode("utf-8", "replace").splitlines()
 
     def close(self) -> list[str]:
         """Give descriptor 1 back; returns the lines that were not taken yet."""
-        if self._before is None:
-            return []
-        ctypes.CDLL(None).fflush(None)  # what C libraries have buffered
-        os.dup2(self._before, 1)
-        os.close(self._before)
-        self._before = None
+        with self._lock:
+            if self._before is None:
+                return []
+            ctypes.CDLL(None).fflush(None)  # what C libraries have buffered
+            os.dup2(self._before, 1)
+            os.close(self._before)
+            self._before = None
         lines = self.take(rest=True)
         self._file.close()
         return lines
