@@ -92,6 +92,19 @@ def digest_of_files(folder: Path, files: Iterable[Path]) -> str:
     return digest_of({path.relative_to(folder).as_posix(): digest_of_file(path) for path in files})
 
 
+def need_utf8(path: Path) -> None:
+    """A path must be text that every library and every file of settings can hold.
+
+    Raises:
+        StudioError: its bytes are not UTF-8.
+    """
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        shown = str(path).encode("utf-8", "backslashreplace").decode()
+        raise StudioError(f"{shown}: the path is not valid UTF-8; rename the folder.") from None
+
+
 def link_or_copy(source: str, target: str) -> None:
     """A hard link where the file system allows it, else a copy."""
     try:

@@ -12,6 +12,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from pipelines.config.sections import Config
+from pipelines.files import need_utf8
 from studio.errors import StudioError
 
 
@@ -137,11 +138,13 @@ def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
         try:
             root = Path(capture["root"]).expanduser()
-            capture["root"] = str(root if root.is_absolute() else (folder.absolute() / root).resolve())
+            root = root if root.is_absolute() else (folder.absolute() / root).resolve()
+            capture["root"] = str(root)
         except (ValueError, RuntimeError) as error:  # a NUL in it, a user that is not there
             raise StudioError(
                 f"{where}: capture.root = {capture['root']!r} can be no folder ({error}); give that of the footage."
             ) from None
+        need_utf8(root)
 
 
 def all_names(model: type[BaseModel] = Config, prefix: str = "") -> Iterator[str]:

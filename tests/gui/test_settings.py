@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -98,11 +99,12 @@ def test_the_window_shows_that_nothing_is_chosen_and_lets_it_be_chosen_again(
     window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == [name])
 
     def choose(row: int) -> None:
-        """The toolkit draws a list of choices right below its box, in rows as high as its text."""
+        """The toolkit draws a list of choices right below its box; measured at its default font size."""
         window.click(name)
+        time.sleep(1.0)
         window.screenshot(artefacts / f"optional_setting_{row}.png")
         left, bottom = window.point(name, 0.3, 1.0)
-        window.press(left, bottom + round(14 + 24.3 * row))
+        window.press(left, bottom + 9 + 20 * row)
 
     def lpips() -> str | None:
         return load_config(take_copy / "config.yaml").evaluate.lpips

@@ -47,7 +47,9 @@ def test_fields_of_a_later_version_are_passed_over():
     assert parse_event(json.dumps(values)) == EXAMPLES[5]
 
 
-@pytest.mark.parametrize("line", ["", "hello", "{}", "[]", '{"event": "unheard_of"}', '{"event": "log"}', "null", "[" * 100_000])
+@pytest.mark.parametrize(
+    "line", ["", "hello", "{}", "[]", '{"event": "unheard_of"}', '{"event": "log"}', "null", "[" * 100_000]
+)
 def test_other_lines_are_refused(line):
     with pytest.raises(StudioError, match="Not an event"):
         parse_event(line)
