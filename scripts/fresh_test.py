@@ -23,6 +23,7 @@ from __future__ import annotations
 import argparse
 import ast
 import configparser
+import fcntl
 import hashlib
 import os
 import re
@@ -354,11 +355,14 @@ class System:
         lines += [f"{folder}\t{folder}\tro" for folder in carried.folders]
         self.binds.write_text("".join(line + "\n" for line in lines))
         self.environment["PIP_CACHE_DIR"] = "/var/cache/pip"
+        # Whoever owns the two repositories: git refuses to read those of other users otherwise.
+        self._write("/etc/gitconfig", "[safe]\n\tdirectory = *\n")
         # A bare copy of HEAD alone, so that what is not committed cannot help.
         subprocess.run(
             ["git", "clone", "--quiet", "--bare", "--depth", "1", ROOT.as_uri(), self.root / "srv" / "v3studio.git"],
+            env={**os.environ, "GIT_CONFIG_GLOBAL": str(self.root / "etc" / "gitconfig")},
             check=True,
-            capture_output=True,
+            stderr=subprocess.PIPE,
         )
 
     def _write(self, inside: str, text: str) -> None:
@@ -467,6 +471,12 @@ def run(suite: str, names: Iterable[str], keep: bool) -> None:
     """
     place = Path(os.environ.get("FRESH_DIR") or "/var/tmp")
     check_machine(place)
+    lock = open(cache_folder() / "lock", "w")  # noqa: SIM115 (held until this process ends)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        say("waiting for another run to end; they share the downloads")
+        fcntl.flock(lock, fcntl.LOCK_EX)
     mirror, security = find_archives()
     carried = carry(output_of(sys.executable, "-m", "pip", "config", "list"), os.environ)
     work = Path(tempfile.mkdtemp(prefix="v3studio-fresh-", dir=place))

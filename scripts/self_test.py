@@ -17,6 +17,7 @@ import importlib
 import json
 import os
 import re
+import signal
 import struct
 import subprocess
 import sys
@@ -295,31 +296,56 @@ def run_group(group: list[Check], report: Callable[[str, str], None], listed: di
 # Report
 
 
-def child(index: int) -> None:
-    """Runs a group; standard output then holds its report only, whatever C++ code prints."""
+def child(index: int, first: int) -> None:
+    """Runs a group from its check `first` on; standard output holds its report only, whatever C++ code prints."""
     reports = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
 
     def report(kind: str, text: str) -> None:
         print(json.dumps([kind, text]), file=reports, flush=True)
 
-    run_group(groups()[index], report, listed_libraries(SYSTEM_PACKAGES.read_text(encoding="utf-8")))
+    run_group(groups()[index][first:], report, listed_libraries(SYSTEM_PACKAGES.read_text(encoding="utf-8")))
 
 
-def failures_of(output: str, errors: str, status: int) -> dict[str, str]:
-    """{check: why it failed}, from what a child process wrote and how it ended."""
-    failures, running = {}, "starting the self-test"
-    for line in output.splitlines():
-        kind, text = json.loads(line)
-        if kind == "begin":
-            running = text
+def start_child(index: int, first: int = 0) -> subprocess.Popen[str]:
+    """A child process that runs `child(index, first)`."""
+    return subprocess.Popen(
+        [sys.executable, __file__, str(index), str(first)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        cwd=ROOT,
+    )
+
+
+def collect(index: int, process: subprocess.Popen[str]) -> dict[str, str]:
+    """{check: why it failed} of a group, from its child process; where that dies, another goes on after the check."""
+    failures: dict[str, str] = {}
+    group = groups()[index]
+    begun = 0
+    while True:
+        output, errors = process.communicate()
+        running = "starting the self-test"
+        for line in output.splitlines():
+            kind, text = json.loads(line)
+            if kind == "begin":
+                running = text
+                begun += 1
+            else:
+                failures[running] = text
+        if process.returncode == 0:
+            return failures
+        status = process.returncode
+        if status < 0:
+            failures[running] = f"it ended the process with signal {signal.Signals(-status).name}"
         else:
-            failures[running] = text
-    if status != 0:
-        last = errors.strip().splitlines()[-1:] or ["no message"]
-        how = f"signal {-status}" if status < 0 else f"status {status}"
-        failures[running] = f"it ended the process with {how} ({last[0].strip()})"
-    return failures
+            last = (errors.strip().splitlines() or ["no message"])[-1].strip()
+            failures[running] = f"it ended the process with status {status} ({last})"
+        if running == "starting the self-test" or begun == len(group):
+            return failures
+        process = start_child(index, begun)
 
 
 def sentences(missing: dict[str, set[str]], failures: dict[str, str], listed: dict[str, str]) -> list[str]:
@@ -346,25 +372,13 @@ def sentences(missing: dict[str, set[str]], failures: dict[str, str], listed: di
 def main() -> int:
     """Runs everything and prints the report; returns the exit status."""
     begun = time.monotonic()
-    children = [
-        subprocess.Popen(
-            [sys.executable, __file__, str(index)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            errors="replace",
-            cwd=ROOT,
-        )
-        for index in range(len(groups()))
-    ]
+    children = [start_child(index) for index in range(len(groups()))]
     listed = listed_libraries(SYSTEM_PACKAGES.read_text(encoding="utf-8"))
     outside = outside_libraries(Path(sysconfig.get_path("platlib")))
     missing = {library: outside[library] for library in not_found(outside)}
     failures: dict[str, str] = {}
-    for process in children:
-        output, errors = process.communicate()
-        failures |= failures_of(output, errors, process.returncode)
+    for index, process in enumerate(children):
+        failures |= collect(index, process)
     lines = sentences(missing, failures, listed)
     for line in lines:
         print(line, file=sys.stderr)
@@ -376,6 +390,6 @@ def main() -> int:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        child(int(sys.argv[1]))
+        child(int(sys.argv[1]), int(sys.argv[2]))
     else:
         sys.exit(main())
