@@ -192,10 +192,11 @@ def pasted_command(output: str) -> str:
     Raises:
         Failed: it printed none, or several.
     """
-    found = re.findall(r"((?:sudo\s+(?:\S+=\S+\s+)*)?apt-get\s.*install\s.*)$", output, re.MULTILINE)
+    commands = r"((?:su -c |sudo |apt-get (?:-\S+ )*(?:update|install)\b).*)$"
+    found = [command for command in re.findall(commands, output, re.MULTILINE) if " install " in command]
     if len(found) != 1:
         raise Failed(f"`make setup` without root printed {len(found)} commands that install packages, expected 1")
-    return found[0].strip().rstrip("`'\".").strip()
+    return found[0].rstrip("`. ")
 
 
 def as_root(command: str) -> str:
@@ -358,12 +359,14 @@ class System:
         # Whoever owns the two repositories: git refuses to read those of other users otherwise.
         self._write("/etc/gitconfig", "[safe]\n\tdirectory = *\n")
         # A bare copy of HEAD alone, so that what is not committed cannot help.
-        subprocess.run(
+        cloned = subprocess.run(
             ["git", "clone", "--quiet", "--bare", "--depth", "1", ROOT.as_uri(), self.root / "srv" / "v3studio.git"],
             env={**os.environ, "GIT_CONFIG_GLOBAL": str(self.root / "etc" / "gitconfig")},
-            check=True,
-            stderr=subprocess.PIPE,
+            capture_output=True,
+            text=True,
         )
+        if cloned.returncode:
+            raise CannotRun(f"git cannot clone {ROOT}: {' '.join(cloned.stderr.split())}")
 
     def _write(self, inside: str, text: str) -> None:
         path = self.root / inside.lstrip("/")
