@@ -481,7 +481,9 @@ def run(suite: str, names: Iterable[str], keep: bool) -> None:
         say("waiting for another run to end; they share the downloads")
         fcntl.flock(lock, fcntl.LOCK_EX)
     mirror, security = find_archives()
-    carried = carry(output_of(sys.executable, "-m", "pip", "config", "list"), os.environ)
+    python = ROOT / ".venv" / "bin" / "python"  # has pip also where the system's Python has none
+    python = str(python) if python.exists() else sys.executable
+    carried = carry(output_of(python, "-m", "pip", "config", "list"), os.environ)
     work = Path(tempfile.mkdtemp(prefix="v3studio-fresh-", dir=place))
     work.chmod(0o755)  # an ordinary user has to reach the system's folder
     try:
