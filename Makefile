@@ -7,15 +7,17 @@ SHELL := /bin/bash
 PY := .venv/bin/python
 DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=
+FRESH_ARGS ?=
 SOURCES_CPP := $(shell find studio/rasterizer -name '*.cpp' -o -name '*.h' -o -name '*.hpp' 2>/dev/null)
 
-.PHONY: help setup setup-tests system system-tests demo gui test lint format lock clean
+.PHONY: help setup setup-tests system system-tests demo gui test fresh-test lint format lock clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
-	    printf '  make %-8s %s\n' "$$name" "$$what"; done
+	    printf '  make %-10s %s\n' "$$name" "$$what"; done
 
 setup: system .venv/package.stamp ## install what is missing: system packages, .venv, the package
+	@$(PY) scripts/self_test.py
 
 demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses the take folder)
 	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
@@ -26,6 +28,9 @@ gui: setup ## open the window (TAKE=DIR: on that take or stream)
 
 test: system-tests .venv/package.stamp ## install what is missing and run all tests (PYTEST_ARGS="-k name")
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+
+fresh-test: ## set up and run in a minimal Debian that is built for it (root only; FRESH_SUITE=trixie: another release)
+	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
 
 lint: system .venv/package.stamp ## ruff (rules and format) and mypy
 	$(PY) -m ruff check .

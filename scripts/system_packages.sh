@@ -29,9 +29,17 @@ need "python$version-dev" headers # Python.h, for the compiled rasterizer
 need g++ compiler
 need libgomp1 library libgomp.so.1
 need libusb-1.0-0 library libusb-1.0.so.0 # from here on: what importing open3d loads
+need libudev1 library libudev.so.1
 need libegl1 library libEGL.so.1
 need libgl1 library libGL.so.1
 need libx11-6 library libX11.so.6
+need libopengl0 library libOpenGL.so.0 # from here on: what PyMeshLab's filters load; those that cannot are left out
+need libgmp10 library libgmp.so.10
+need libcom-err2 library libcom_err.so.2
+need libp11-kit0 library libp11-kit.so.0
+need zlib1g library libz.so.1 # from here on: what many Python packages load
+need libstdc++6 library libstdc++.so.6
+need libgcc-s1 library libgcc_s.so.1
 need libvulkan1 library libvulkan.so.1 # from here on: what the window draws with
 need mesa-vulkan-drivers vulkan_driver
 if [ "${1:-}" = --tests ]; then
