@@ -1,4 +1,4 @@
-"""Installs the pinned requirements and this package into .venv: `make setup`, and with --dev `make test` and `make lint`.
+"""Installs the pinned requirements and this package into .venv: for `make setup`, and with --dev for tests and linters.
 
 It runs before .venv exists, so it uses the standard library only. It may be stopped at any moment: what was finished is
 kept in RECORD, and the next call goes on from there. docs/INSTALL.md says what is installed and why.
@@ -181,7 +181,8 @@ class Progress:
     def __init__(self) -> None:
         self.lines: list[str] = []
         self.packages = 0
-        self.megabytes = 0.0
+        self.megabytes = 0.0  # of their files
+        self.downloaded = 0.0  # of these, neither from pip's cache nor from local files
 
     def line(self, line: str) -> None:
         self.lines.append(line)
@@ -189,20 +190,23 @@ class Progress:
             return  # pip's last word; `why_pip_failed` words it
         if match := re.match(r"Installing collected packages: (.*)", line):
             print(f"  installing {len(match[1].split(','))} packages", flush=True)
-        match = re.match(r"\s*(Downloading|Using cached|Processing) (\S.*?)(?: \(([\d.]+) ([kMG]?B)\))?$", line)
+        match = re.match(
+            r"\s*(Downloading|Using cached|Processing) (\S.*?)(?: \(([\d.]+) ([kMG]?B)\)| \(from .*)?$", line
+        )
         if match is None or not match[2].endswith((".whl", ".tar.gz")):
             return
-        name = "-".join(match[2].rsplit("/", 1)[-1].replace("%2B", "+").split("-")[:2])
-        megabytes = None
+        megabytes = 0.0
         if match[3]:
             megabytes = float(match[3]) * {"B": 1e-6, "kB": 1e-3, "MB": 1.0, "GB": 1e3}[match[4]]
         elif Path(match[2]).is_file():
             megabytes = Path(match[2]).stat().st_size / 1e6
         self.packages += 1
-        verb = {"Downloading": "downloading", "Using cached": "from pip's cache", "Processing": "from a local file"}
+        self.megabytes += megabytes
         if match[1] == "Downloading":
-            self.megabytes += megabytes or 0.0
-        print(f"  {verb[match[1]]}: {name}" + (f" ({megabytes:.1f} MB)" if megabytes else ""), flush=True)
+            self.downloaded += megabytes
+        source = {"Downloading": "downloading", "Using cached": "from pip's cache:", "Processing": "from a local file:"}
+        name = "-".join(match[2].rsplit("/", 1)[-1].replace("%2B", "+").split("-")[:2])
+        print(f"  {source[match[1]]} {name} ({megabytes:.{1 if megabytes >= 1 else 2}f} MB)", flush=True)
 
 
 def pip(*arguments: str | Path, progress: Progress | None = None, path: str | None = None) -> tuple[int, list[str]]:
@@ -217,7 +221,6 @@ def pip(*arguments: str | Path, progress: Progress | None = None, path: str | No
     ours, theirs = pty.openpty() if bars else os.pipe()
     if bars:
         termios.tcsetwinsize(theirs, termios.tcgetwinsize(sys.stdout.fileno()))  # type: ignore[attr-defined]
-    progress_or_none = progress.line if progress else lambda line: None
     lines: list[str] = []
     decoder, waiting, in_bar = codecs.getincrementaldecoder("utf-8")("replace"), "", False
     command = [PYTHON, "-m", "pip", *arguments]
@@ -233,12 +236,14 @@ def pip(*arguments: str | Path, progress: Progress | None = None, path: str | No
             *complete, waiting = (waiting + decoder.decode(chunk)).split("\n")
             for line in complete:
                 if in_bar or BAR in line:
-                    print(line, flush=True)
+                    if bars:
+                        print(line, flush=True)
                 else:
                     lines.append(line.rstrip("\r"))
-                    progress_or_none(lines[-1])
+                    if progress is not None:
+                        progress.line(lines[-1])
                 in_bar = False
-            if in_bar or BAR in waiting:
+            if bars and (in_bar or BAR in waiting):
                 print(waiting, end="", flush=True)
                 waiting, in_bar = "", True
         os.close(ours)
@@ -308,6 +313,17 @@ def torch_requirement(build: str, version: str) -> list[str]:
     return [f"torch=={version}"]
 
 
+def torch_message(build: str) -> str:
+    """Which build of PyTorch is installed where `build` was wanted, and how to change that."""
+    version, installed = installed_torch() or ("?", "?")
+    other = {"cpu": "cuda", "cuda": "cpu"}[build] if installed == build else build
+    again = "" if installed == build else " try again to"
+    return (
+        f"PyTorch {version} is the {installed.upper()} build. "
+        f"To{again} install the {other.upper()} build: V3STUDIO_TORCH={other} make setup"
+    )
+
+
 def install_requirements(build: str, progress: Progress) -> None:
     """The run-time set: PyTorch with what it needs, then all pins, each exactly and without its dependencies."""
     versions = pins(LOCK)
@@ -372,18 +388,11 @@ def setup(dev: bool) -> None:
 
     if progress.packages:
         seconds = round(time.monotonic() - started)
-        print(f"Installed {progress.packages} packages in {seconds} s; {progress.megabytes:.0f} MB were downloaded.")
-        version, installed = installed_torch() or ("?", "?")
-        other = {"cpu": "cuda", "cuda": "cpu"}[build]
         print(
-            f"PyTorch {version} is the {installed.upper()} build. "
-            + (f"For the {other.upper()} build: V3STUDIO_TORCH={other} make setup" if installed == build else "")
-            + (
-                f"To try for the {build.upper()} build again: V3STUDIO_TORCH={build} make setup"
-                if installed != build
-                else ""
-            )
+            f"Installed {progress.packages} packages of {progress.megabytes:.0f} MB in {seconds} s; "
+            f"{progress.downloaded:.0f} MB were downloaded."
         )
+        print(torch_message(build))
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Writes requirements.lock and requirements-dev.lock: all that v3studio needs, pinned as installed in the running .venv.
+"""Writes requirements.lock and requirements-dev.lock: all that v3studio needs, pinned as installed in .venv.
 
 requirements.lock holds what runs the program and builds its kernel, requirements-dev.lock what tests and linters need
 besides. Left out are packages that nothing needs, what torch's CUDA build brings (pip finds those by itself where it
