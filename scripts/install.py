@@ -274,7 +274,8 @@ def why_pip_failed(lines: list[str]) -> Failure:
 
 def install(*arguments: str | Path, progress: Progress) -> None:
     """pip install, with progress; raises Failure."""
-    status, lines = pip("install", *PIP_NETWORK, *arguments, progress=progress)
+    # Without byte code: Python writes it at the first import, of what is imported; for all it doubles the time.
+    status, lines = pip("install", "--no-compile", *PIP_NETWORK, *arguments, progress=progress)
     if status != 0:
         raise why_pip_failed(lines)
 
