@@ -357,7 +357,7 @@ def install_package() -> None:
         raise Failure("\n".join([*lines[-40:], "The package could not be built; the messages are above."]))
 
 
-def setup(dev: bool) -> None:
+def setup(dev: bool, package: bool) -> None:
     """Brings .venv to what the locks and the sources say; quick where it is there already."""
     started = time.monotonic()
     build = choose_torch(os.environ, read_record().get("torch"))
@@ -380,7 +380,7 @@ def setup(dev: bool) -> None:
         install("--no-deps", "-r", DEV_LOCK, progress=progress)
         record["dev"] = digest(DEV_LOCK)
         write_record(record)
-    if record.get("package") != digest(*package_sources()):
+    if package and record.get("package") != digest(*package_sources()):
         print("Building and installing v3studio into .venv (editable)", flush=True)
         remove_unfinished()
         install_package()
@@ -400,7 +400,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(description="Install the pinned requirements and this package into .venv.")
     parser.add_argument("--dev", action="store_true", help="also what tests and linters need")
-    dev = parser.parse_args(arguments).dev
+    parser.add_argument(
+        "--requirements-only", action="store_true", help="not this package (a Dockerfile's first layers)"
+    )
+    options = parser.parse_args(arguments)
     folder = os.open(ROOT, os.O_RDONLY)  # closed, and so unlocked, when this process ends, however it does
     try:
         try:
@@ -409,7 +412,7 @@ def main(arguments: list[str] | None = None) -> int:
             print("Another set-up of this folder is running; waiting for it.", flush=True)
             with suppress(OSError):  # a file system without locks: go on
                 fcntl.flock(folder, fcntl.LOCK_EX)
-        setup(dev)
+        setup(options.dev, not options.requirements_only)
     except Failure as failure:
         print(failure, file=sys.stderr)
         return 1
