@@ -304,11 +304,12 @@ def torch_requirement(build: str, version: str) -> list[str]:
     question = ("--extra-index-url", CPU_INDEX, "--timeout", "5", "--retries", "0", "--disable-pip-version-check")
     _, lines = pip("-vv", "index", "versions", "torch", *question)
     offered = re.search(r"Available versions: (.*)", "\n".join(lines))
-    if offered and f"{version}+cpu" in offered[1].split(", "):
-        return ["--extra-index-url", CPU_INDEX, f"torch=={version}+cpu"]
     if offered is None and network_trouble(lines):
         raise why_pip_failed(lines)
     trouble = network_trouble([line for line in lines if "download.pytorch.org" in line])
+    if offered and f"{version}+cpu" in offered[1].split(", "):
+        index = [] if trouble else ["--extra-index-url", CPU_INDEX]  # pip would retry it for each package
+        return [*index, f"torch=={version}+cpu"]
     reason = f"cannot be reached ({trouble})" if trouble else f"has no build of {version} for this machine"
     print(f"PyTorch's CPU builds: {CPU_INDEX} {reason}; installing the build that pip finds elsewhere.", flush=True)
     return [f"torch=={version}"]
