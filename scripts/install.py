@@ -35,6 +35,7 @@ OPEN3D = ("open3d", "open3d-cpu")  # the same modules, with and without CUDA ker
 # Few retries: with pip's five, a machine without a network waits 38 s before the first message.
 PIP_NETWORK = ("--disable-pip-version-check", "--retries", "2")
 BAR = "━"  # what pip draws its progress bars with
+SHOW_CURSOR = "\x1b[?25h"  # which it hides while it draws them
 
 
 class Failure(Exception):
@@ -239,7 +240,7 @@ def pip(*arguments: str | Path, progress: Progress | None = None, path: str | No
                     if bars:
                         print(line, flush=True)
                 else:
-                    lines.append(line.rstrip("\r"))
+                    lines.append(re.sub(r"\x1b\[[?\d;]*[A-Za-z]|\r$", "", line))
                     if progress is not None:
                         progress.line(lines[-1])
                 in_bar = False
@@ -247,6 +248,8 @@ def pip(*arguments: str | Path, progress: Progress | None = None, path: str | No
                 print(waiting, end="", flush=True)
                 waiting, in_bar = "", True
         os.close(ours)
+    if bars:
+        print(SHOW_CURSOR, end="", flush=True)
     return process.returncode, lines
 
 
@@ -418,7 +421,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(failure, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\nInterrupted; run it again to go on.", file=sys.stderr)
+        print((SHOW_CURSOR if sys.stderr.isatty() else "") + "\nInterrupted; run it again to go on.", file=sys.stderr)
         return 130
     finally:
         os.close(folder)

@@ -4,11 +4,13 @@ import importlib.util
 import json
 import os
 import platform
+import pty
 import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
@@ -67,13 +69,17 @@ def offers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def install(folder: Path, offers: Path, *options: str, torch: str = "cpu") -> subprocess.CompletedProcess[str]:
-    """Runs the installer of `folder` with pip cut off from every network."""
+def cut_off(offers: Path, torch: str) -> dict[str, str]:
+    """An environment in which pip finds `offers` and nothing else."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "V3STUDIO_"))}
     environment |= {"PIP_CONFIG_FILE": os.devnull, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(offers)}
-    environment |= {"V3STUDIO_TORCH": torch, "PIP_NO_CACHE_DIR": "1"}
+    return environment | {"V3STUDIO_TORCH": torch, "PIP_NO_CACHE_DIR": "1"}
+
+
+def install(folder: Path, offers: Path, *options: str, torch: str = "cpu") -> subprocess.CompletedProcess[str]:
+    """Runs the installer of `folder`."""
     command = [sys.executable, folder / "scripts" / "install.py", *options]
-    return subprocess.run(command, env=environment, capture_output=True, text=True)
+    return subprocess.run(command, env=cut_off(offers, torch), capture_output=True, text=True)
 
 
 def installed(folder: Path) -> set[str]:
@@ -118,6 +124,25 @@ def test_packages_whose_installation_was_interrupted_are_installed_again(project
     assert install(project, offers).returncode == 0
     assert (packages / "small" / "part.py").exists()
     assert not (packages / "~mall").exists()
+
+
+def test_on_a_terminal_it_says_the_same(project: Path, offers: Path) -> None:
+    packages = next(project.glob(".venv/lib/*/site-packages"))
+    shutil.rmtree(packages / "small-1.0.dist-info")
+    (project / ".venv" / "v3studio-setup.json").unlink()
+    ours, theirs = pty.openpty()
+    command = [sys.executable, project / "scripts" / "install.py"]
+    with subprocess.Popen(command, env=cut_off(offers, "cpu"), stdout=theirs, stderr=theirs) as process:
+        os.close(theirs)
+        said = b""
+        with suppress(OSError):  # how a terminal ends
+            while chunk := os.read(ours, 4096):
+                said += chunk
+    os.close(ours)
+    assert process.returncode == 0, said
+    assert b"from a local file: small-1.0" in said
+    assert b"already satisfied" not in said
+    assert (packages / "small-1.0.dist-info").is_dir()
 
 
 def test_the_build_of_torch_can_be_changed_and_stays(project: Path, offers: Path) -> None:
