@@ -43,11 +43,12 @@ def _import(arguments: argparse.Namespace) -> int:
     from studio.imports.baking import bake_video
 
     config = load_config(None, arguments.overrides)
-    with working("look", arguments.json) as progress:
+    json_output = arguments.output if arguments.json else None
+    with working("look", json_output) as progress:
         video = open_import(arguments.source, arguments.fps, progress)
     if up is not None:
         video = replace(video, up=np.array(up))
-    with working("bake", arguments.json) as progress:
+    with working("bake", json_output) as progress:
         manifest = bake_video(
             video, arguments.out, config.bake, arguments.group_size, progress, threads=config.run.threads
         )

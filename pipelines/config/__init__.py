@@ -3,9 +3,14 @@
 `load_config` reads a YAML file and command-line overrides; `describe` prints all settings with their documentation.
 """
 
-from pipelines.config.config import Config, EvaluateSettings, GroupSettings, RunSettings, TrainStageSettings
-from pipelines.config.description import describe
-from pipelines.config.loading import dump_config, load_config, parse_override
+from typing import TYPE_CHECKING
+
+from studio.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pipelines.config.config import Config, EvaluateSettings, GroupSettings, RunSettings, TrainStageSettings
+    from pipelines.config.description import describe
+    from pipelines.config.loading import dump_config, load_config, parse_override
 
 __all__ = [
     "Config",
@@ -18,3 +23,6 @@ __all__ = [
     "load_config",
     "parse_override",
 ]
+
+# `pipelines.config.renamed` needs neither pydantic nor YAML, and --help should answer at once
+lazy_exports(__name__)

@@ -15,6 +15,7 @@ from pipelines.config.config import Config
 from pipelines.config.renamed import first_tree, note_renames, renamed, renamed_override
 from studio.errors import Message, StudioError
 from studio.settings import Conflict, Settings, submodel
+from studio.validation import need_utf8
 
 COMMAND_LINE = "command line"
 """Named in place of a file in errors about overrides."""
@@ -186,7 +187,8 @@ def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
         try:
             root = Path(capture["root"]).expanduser()
-            capture["root"] = str(root if root.is_absolute() else (folder.absolute() / root).resolve())
+            root = root if root.is_absolute() else (folder.absolute() / root).resolve()
+            capture["root"] = str(root)
         except (ValueError, RuntimeError) as error:  # a NUL character, an unknown user
             raise StudioError(
                 "settings.invalid",
@@ -196,6 +198,7 @@ def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
                 fix="Set it to the folder of the footage.",
                 setting="capture.root",
             ) from None
+        need_utf8(root)
 
 
 def all_names(model: type[Settings] = Config, prefix: str = "") -> Iterator[str]:

@@ -195,7 +195,8 @@ class Footage:
         """The same footage with mattes from elsewhere (a matting model, say)."""
         return Footage(
             self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, matte_source,
-            self._exact_matte_source, self._warps, self._pool, ByteCache(self._cache.limit), self.description, self.problems,
+            self._exact_matte_source, self._warps, self._pool, ByteCache(self._cache.limit), self.description,
+            self.problems,
         )  # fmt: skip
 
     def where(self, camera: str, frame: int) -> str:

@@ -258,12 +258,12 @@ def _result(
     if distance is not None and not metric:
         scaling = scale_to_distance(cameras, *distance)
         cameras, places = scaling.rig(cameras), scaling.points(places)
-    observations = {}
+    by_camera = {}
     for name in sizes:
         seen = observations.seen(name)[kept]
-        observations[name] = np.column_stack([np.flatnonzero(seen), observations.pixels[name][kept][seen]])
-    report = reprojection_report(cameras, places, observations)
-    report["tie_points"] = _figures(cameras, places, observations, [observations.points[k] for k in kept], world)
+        by_camera[name] = np.column_stack([np.flatnonzero(seen), observations.pixels[name][kept][seen]])
+    report = reprojection_report(cameras, places, by_camera)
+    report["tie_points"] = _figures(cameras, places, by_camera, [observations.points[k] for k in kept], world)
     report |= {"left_out": left_out, "metric": bool(metric or distance is not None), "unregistered": {}}
     return CalibrationResult(cameras, places, np.full((len(places), 3), 255, np.uint8), report)
 

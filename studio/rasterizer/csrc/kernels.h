@@ -45,7 +45,7 @@ struct alignas(16 * sizeof(T)) Projected {
 };
 
 template <typename T>
-struct Entry {                                                                          // a splat in a tile's list
+struct Intersection {                                                                          // a splat in a tile's list
     typename std::conditional<sizeof(T) == 4, std::uint32_t, std::uint64_t>::type key;  // depth, as sortable bits
     std::uint32_t splat;
 };
@@ -58,8 +58,8 @@ struct Frame {
     int tiles_x = 0, tiles_y = 0;
     std::uint64_t pairs = 0;  // (tile, splat)
     Buffer<Projected<T>> projected;
-    Buffer<Entry<T>> entries;      // sorted by depth within each tile
-    Buffer<std::uint32_t> starts;  // (tiles + 1,) into entries
+    Buffer<Intersection<T>> intersections;      // sorted by depth within each tile
+    Buffer<std::uint32_t> starts;  // (tiles + 1,) into intersections
     Buffer<std::uint32_t> order;   // tiles, the longest lists first
 };
 

@@ -123,7 +123,7 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             total += double(sum<float>(size));
             if (job.gradient == nullptr) continue;
             const VFloat zero{};
-            VFloat sign = difference > zero ? all<float>(l1_scale) : (difference < zero ? all<float>(-l1_scale) : zero);
+            VFloat sign = difference > zero ? broadcast<float>(l1_scale) : (difference < zero ? broadcast<float>(-l1_scale) : zero);
             VFloat g =
                 blur_column(w, ring[0], i) + 2.0f * x * blur_column(w, ring[1], i) + y * blur_column(w, ring[2], i);
             g = sign + ssim_scale * g;

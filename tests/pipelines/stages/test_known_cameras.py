@@ -38,7 +38,7 @@ def rig(names: tuple[str, ...], width: int = 160) -> Rig:
 
 
 def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> None:
-    made = context(tmp_path, known="old.json")
+    made = context(tmp_path, known_cameras="old.json")
     write_rig(rig(("a.png", "b.png")), tmp_path / "capture" / "old.json")
     found = known_cameras(made)
     assert found is not None
