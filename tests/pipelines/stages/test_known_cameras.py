@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipelines.config import CalibrateSettings, Config
+from pipelines.config import Config
 from pipelines.stages.base import Context
 from pipelines.stages.calibrate import CalibrateStage
 from pipelines.stages.known_cameras import focal_lengths, known_cameras, known_distance
 from pipelines.takes.take import Take
+from studio.calibration import CalibrateSettings
 from studio.camera_files import write_rig
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError

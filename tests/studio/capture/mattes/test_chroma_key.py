@@ -15,6 +15,7 @@ from studio.capture.mattes.clean_plate import DifferenceSettings
 from studio.capture.mattes.despill import despill, key_channels
 from studio.capture.mattes.screen_color import Screen, find_screen
 from studio.errors import StudioError
+from tests.support.settings import refuses_setting
 
 GREEN, BLUE, RED, YELLOW = (60, 165, 80), (40, 80, 190), (190, 40, 45), (200, 180, 40)
 
@@ -140,11 +141,9 @@ def test_a_picture_without_a_screen_says_so(tmp_path: Path, make: SimpleNamespac
         asked.matte("a", 0)
 
 
-@pytest.mark.parametrize(
-    ("key", "words"), [((0.5, 0.5, 0.52), "gray or black"), ("green", "three numbers"), ((0.1, 2.0, 0.1), "in 0..1")]
-)
-def test_key_colors_that_are_none(key: object, words: str) -> None:
-    with pytest.raises(StudioError, match=words):
+@pytest.mark.parametrize("key", [(0.5, 0.5, 0.52), "green", (0.1, 2.0, 0.1)])
+def test_key_colors_that_are_none(key: object) -> None:
+    with refuses_setting("key_color"):
         CaptureSettings(root=Path("."), key_color=key)  # type: ignore[arg-type]
 
 
