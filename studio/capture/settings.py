@@ -104,7 +104,7 @@ class ScreenSettings(Settings):
             raise Conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
         if color != "auto" and not saturated(color):
             raise Conflict(
-                f"{list(color)} is gray or black, which cannot be keyed",
+                "gray and black cannot be keyed",
                 "Use a saturated color such as [0.2, 0.6, 0.3], or auto.",
             )
         return color

@@ -13,7 +13,7 @@ _LATER = Affects("later_frames")
 
 
 class LearningRates(Settings):
-    """Adam learning rates of the Gaussians: those of 3DGS, as in the released V3 code, except for the means."""
+    """Adam learning rates of the splats: those of 3DGS, as in the released V3 code, except for the means."""
 
     means: float = Field(default=6e-4, gt=0)
     """Means at the first step of a keyframe, as a multiple of the diagonal of the performer's bounding box. Decays
@@ -188,7 +188,7 @@ class TrainSettings(Settings):
     """Fine-tuning renders attributes as rounded by the baker (straight-through estimator)."""
 
     rates: LearningRates = LearningRates()
-    """Learning rates of the Gaussians."""
+    """Learning rates of the splats."""
 
     checkpoint_every: Annotated[int, Heading("Checkpoints"), Affects()] = Field(default=500, ge=0)
     """Steps between checkpoints of a keyframe, from which an interrupted run resumes. 0: no checkpoints."""

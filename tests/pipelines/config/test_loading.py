@@ -139,8 +139,8 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
             "capture: {key_color: [0.5, 0.5, 0.5]}",
             "capture.key_color",
             [0.5, 0.5, 0.5],
-            "capture.key_color = [0.5, 0.5, 0.5] is invalid: [0.5, 0.5, 0.5] is gray or black, which cannot be keyed. Use "
-            "a saturated color such as [0.2, 0.6, 0.3], or auto.",
+            "capture.key_color = [0.5, 0.5, 0.5] is invalid: gray and black cannot be keyed. "
+            "Use a saturated color such as [0.2, 0.6, 0.3], or auto.",
         ),
         ("train: 3", "train", 3, "train = 3 is not a section. Put settings below it, one per line (train: ...)."),
         (
