@@ -33,7 +33,10 @@ def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
         image: (H, W, 3) uint8.
     """
     bright = image.max(axis=2)
-    rows, columns = bright.mean(axis=1) <= 20.0, bright.mean(axis=0) <= 20.0  # compression artifacts brighten bars slightly
+    rows, columns = (
+        bright.mean(axis=1) <= 20.0,
+        bright.mean(axis=0) <= 20.0,
+    )  # compression artifacts brighten bars slightly
 
     def run(flags: np.ndarray) -> int:
         return int(np.argmin(flags)) if not flags.all() else 0
