@@ -109,7 +109,7 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
 
 
 def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) in 0..1, 1 where luma around a pixel is the plate's times one factor below 1 (a shadow); and that factor."""
+    """(H, W) in 0..1, 1 where luma nearby is the plate's times one factor below 1 (a shadow); and that factor."""
     import cv2
 
     size = (9, 9)
