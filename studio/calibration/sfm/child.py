@@ -74,7 +74,7 @@ def run_reporting(
                 break
             try:
                 values = json.loads(line)
-            except json.JSONDecodeError:
+            except (ValueError, RecursionError):
                 continue  # native code may print on its own
             if not isinstance(values, dict):
                 continue

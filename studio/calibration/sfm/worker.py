@@ -21,6 +21,7 @@ import numpy as np
 from studio.calibration.sfm.features import find_matches, say
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.verdict import match_inlier_ratio
+from studio.standard_output import claim_stdout
 
 
 class Worker:
@@ -141,7 +142,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.stdout.flush()
+    claim_stdout()  # COLMAP may print there
     code = main()
     sys.stdout.flush()
     os._exit(code)  # a thread still waits for standard input

@@ -41,6 +41,18 @@ def test_lines_arrive_and_noise_does_not(module: Any) -> None:
     assert [line for line in lines if line] == [{"step": "a", "done": 1, "total": 2}]
 
 
+def test_a_module_that_claims_its_output_is_heard_though_native_code_ends_no_line(module: Any) -> None:
+    """As COLMAP's worker does. Without the claim the message would stand in a line with the warning and be lost."""
+    work = module(
+        "import ctypes, os\nfrom studio.standard_output import claim_stdout\nclaim_stdout()\n"
+        "os.write(1, b'Warning: ')\nctypes.CDLL(None).printf(b'x' * 100000)\n"
+        'print(\'{"step": "a"}\', flush=True)\nos.write(1, b"Warning: ")\nprint(\'{"finished": true}\')'
+    )
+    lines: list[dict[str, Any]] = []
+    run_reporting(work, [], lines.append, what="The work")
+    assert [line for line in lines if line] == [{"step": "a"}]
+
+
 def test_error_is_told(module: Any) -> None:
     work = module('print(\'{"error": "ValueError: no"}\'); raise SystemExit(1)')
     with pytest.raises(StudioError, match=r"^The work failed: ValueError: no\.$"):
