@@ -78,7 +78,7 @@ class Hull:
         band: distance to which the field is clamped, world units.
         min_views: how many cameras had to see a point.
         restored: number of voxels restored because the cameras that rejected them are outliers.
-        outvoted: camera name to the number of restored voxels that it had rejected.
+        outliers: camera name to the number of restored voxels that it had rejected.
     """
 
     field: np.ndarray
@@ -87,7 +87,7 @@ class Hull:
     band: float
     min_views: int
     restored: int = 0
-    outvoted: dict[str, int] = dataclasses.field(default_factory=dict)
+    outliers: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def volume(self) -> float:

@@ -20,7 +20,7 @@ from studio.views import ViewLike
 _DISAGREEMENT = 0.12
 """Warn above this. Correct masks leave 0.01 to 0.05 (exact mattes, clean plates); 0.12 to 0.19 was measured where
 shadows were classified as performer, or with a background estimated from the footage."""
-_OUTVOTED = 0.002
+_MIN_OUTLIER_SHARE = 0.002
 """Warn above this share of the hull."""
 
 
@@ -102,7 +102,7 @@ def initialize_points(
             value=value,
             fields={"camera": name},
         )
-        for name, value in result.outvoted.items()
-        if value > _OUTVOTED
+        for name, value in result.outlier_shares.items()
+        if value > _MIN_OUTLIER_SHARE
     ]
     return InitResult(result.mesh, points, normals, colors, result.disagreement, seen, warnings)

@@ -82,7 +82,7 @@ def restore(
     rim_points = torch.from_numpy(hull.points(rim).astype(np.float32))
     merged = hull.field.copy()
     merged.ravel()[rim] = np.maximum(merged.ravel()[rim], _without(shapes, rim_points, bad, hull.band).numpy())
-    outvoted = {
+    outliers = {
         shapes.names[index]: int(rejecting[index, back].sum()) for index in bad if bool(rejecting[index, back].any())
     }
-    return Hull(merged, hull.origin, hull.voxel, hull.band, hull.min_views, int(back.sum()), outvoted)
+    return Hull(merged, hull.origin, hull.voxel, hull.band, hull.min_views, int(back.sum()), outliers)

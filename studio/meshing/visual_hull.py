@@ -33,7 +33,7 @@ class HullResult:
         mesh: its surface, never empty.
         disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1.
         uncovered: camera name to the share of the mask that the hull does not cover, 0..1.
-        outvoted: camera name to the share of the hull's voxels that its mask wrongly rejects, 0..1; a camera above
+        outlier_shares: camera name to the share of the hull's voxels that its mask wrongly rejects, 0..1; a camera above
             0.05 was excluded.
     """
 
@@ -41,7 +41,7 @@ class HullResult:
     mesh: Mesh
     disagreement: dict[str, float]
     uncovered: dict[str, float]
-    outvoted: dict[str, float]
+    outlier_shares: dict[str, float]
 
 
 def visual_hull(
@@ -72,8 +72,8 @@ def visual_hull(
         return lambda: progress(step, 100)
 
     coarse = _choose_min_views(shapes, settings, at(30))
-    outvoted = _outvoted_shares(coarse.hull, shapes)
-    gross = [name for name, share in outvoted.items() if share > _GROSS]
+    shares = _outlier_shares(coarse.hull, shapes)
+    gross = [name for name, share in shares.items() if share > _GROSS]
     used = shapes
     if gross and len(shapes) - len(gross) >= 3:
         # Such a mask was ignored where it is wrong, but is not reliable at the seams either.
@@ -92,15 +92,15 @@ def visual_hull(
     if len(mesh.faces) == 0:
         _raise_empty(shapes, coarse.bounds, coarse.hull.min_views)
     _, disagreement, uncovered = _compare(mesh, shapes, at(95))
-    small = {name: share for name, share in _outvoted_shares(hull, shapes).items() if name not in gross}
+    small = {name: share for name, share in _outlier_shares(hull, shapes).items() if name not in gross}
     progress(100, 100)
-    return HullResult(hull, mesh, disagreement, uncovered, {**outvoted, **small})
+    return HullResult(hull, mesh, disagreement, uncovered, {**shares, **small})
 
 
-def _outvoted_shares(hull: Hull, shapes: Silhouettes) -> dict[str, float]:
+def _outlier_shares(hull: Hull, shapes: Silhouettes) -> dict[str, float]:
     """Camera name to the share of the hull that its mask wrongly rejects."""
     inside = max(int((hull.field > 0).sum()), 1)
-    return {name: hull.outvoted.get(name, 0) / inside for name in shapes.names}
+    return {name: hull.outliers.get(name, 0) / inside for name in shapes.names}
 
 
 @dataclass
