@@ -28,21 +28,21 @@ def digest_files(root: Path, paths: Iterable[Path]) -> str:
     Raises:
         StudioError: `footage.file_unreadable`.
     """
-    whole = hashlib.sha256()
+    digest = hashlib.sha256()
     unique = sorted(set(paths))
     try:
         states = [path.stat() for path in unique]
         read = sum(state.st_size for state in states) <= HASH_WHOLE_BELOW
         for path, state in zip(unique, states, strict=True):
             name = path.relative_to(root) if path.is_relative_to(root) else path
-            whole.update(f"{name.as_posix()}\0{state.st_size}\0".encode())
+            digest.update(f"{name.as_posix()}\0{state.st_size}\0".encode())
             if read:
                 with path.open("rb") as file:
-                    whole.update(hashlib.file_digest(file, "sha256").digest())
+                    digest.update(hashlib.file_digest(file, "sha256").digest())
             else:
-                whole.update(str(state.st_mtime_ns).encode())
+                digest.update(str(state.st_mtime_ns).encode())
     except OSError as error:
         raise StudioError(
             "footage.file_unreadable", f"cannot read the file ({error.strerror})", file=error.filename
         ) from None
-    return whole.hexdigest()
+    return digest.hexdigest()

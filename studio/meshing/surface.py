@@ -163,15 +163,15 @@ def _large_components(mesh: Mesh, min_component: float) -> Mesh:
     """The mesh without components below `min_component` of the largest one's area."""
     o3d = open3d()
 
-    whole = mesh.to_open3d()
+    converted = mesh.to_open3d()
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        label, _, area = whole.cluster_connected_triangles()
+        label, _, area = converted.cluster_connected_triangles()
     label, area = np.asarray(label), np.asarray(area)
     if len(area) <= 1:
         return mesh
-    whole.remove_triangles_by_mask(area[label] < min_component * area.max())
-    whole.remove_unreferenced_vertices()
-    return Mesh.from_open3d(whole)
+    converted.remove_triangles_by_mask(area[label] < min_component * area.max())
+    converted.remove_unreferenced_vertices()
+    return Mesh.from_open3d(converted)
 
 
 def _refined(mesh: Mesh, taubin: int, max_faces: int) -> Mesh:

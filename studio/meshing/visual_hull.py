@@ -33,8 +33,8 @@ class HullResult:
         mesh: its surface, never empty.
         disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1.
         uncovered: camera name to the share of the mask that the hull does not cover, 0..1.
-        outlier_shares: camera name to the share of the hull's voxels that its mask wrongly rejects, 0..1; a camera above
-            0.05 was excluded.
+        outlier_shares: camera name to the share of the hull's voxels that its mask wrongly rejects, 0..1; cameras above
+            0.05 were excluded.
     """
 
     hull: Hull

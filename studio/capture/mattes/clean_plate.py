@@ -82,9 +82,9 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     import cv2
 
     luma_chroma = []
-    for picture in (image, plate):
+    for pixels in (image, plate):
         # Chroma is usually subsampled: blur it more than luma.
-        scaled = (cv2.GaussianBlur(picture, (0, 0), 0.7) / 255.0).astype(np.float32)
+        scaled = (cv2.GaussianBlur(pixels, (0, 0), 0.7) / 255.0).astype(np.float32)
         values = cv2.cvtColor(scaled, cv2.COLOR_RGB2YCrCb) * np.float32(255.0)
         values[..., 1:] = cv2.GaussianBlur(values[..., 1:], (0, 0), 1.3)
         luma_chroma.append(values)

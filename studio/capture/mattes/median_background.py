@@ -2,8 +2,8 @@
 
 A temporal median fails if the performer covers a pixel half of the time. Instead, per camera and at reduced size:
 
-1. The background of a pixel is the mode of its color over time: what stands still has one exact color, what moves does
-   not, even if it is visible more often.
+1. The background of a pixel is the mode of its color over time: static parts have one exact color, moving parts do not,
+   even if they are visible more often.
 2. Differences from clear modes give the performer's colors, the rest the set's. Of the modes of a pixel the one that
    looks more like the set is chosen, and colors are learned again.
 3. Frames are matted with the result, and modes are computed once more from frames in which a pixel is not covered.

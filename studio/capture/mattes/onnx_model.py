@@ -76,8 +76,8 @@ class OnnxModel:
 
     def files(self) -> list[Path]:
         """The model's file, and files of external weights next to it."""
-        beside = [self.path.with_name(self.path.name + ending) for ending in ("_data", ".data")]
-        return [self.path, *(path for path in beside if path.is_file())]
+        external = [self.path.with_name(self.path.name + ending) for ending in ("_data", ".data")]
+        return [self.path, *(path for path in external if path.is_file())]
 
     def __call__(self, image: np.ndarray, /) -> np.ndarray:
         """(H, W) float32 matte in 0..1 of (H, W, 3) uint8 RGB.

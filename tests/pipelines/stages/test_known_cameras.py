@@ -131,7 +131,7 @@ def test_lenses_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
     K = np.array([[100.0, 0, 44], [0, 100, 30], [0, 0, 1]])
     wide = Camera("a", 88, 60, K, np.eye(4))
     made = context(tmp_path)
-    with pytest.raises(StudioError, match="footage is 80x60, but it was calibrated at 88x60"):
+    with refuses("footage.aspect_ratio", value=(80, 60), camera="a", expected=(88, 60)):
         at_footage_size(made, "a", wide)
     section = made.config.capture.model_copy(update={"size_rule": "crop"})
     made = Context(made.take, made.config.model_copy(update={"capture": section}))
