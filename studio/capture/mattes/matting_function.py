@@ -75,15 +75,17 @@ class FunctionMatteSource:
 
     def _compute(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         values = np.asarray(self._function(image))
-        problem, found = "", None
+        problem = ""
+        found: object = None
         if values.shape != image.shape[:2] or values.dtype.kind != "f":
             found = f"{values.shape} {values.dtype}"
             problem = f"returned an array of {found}; expected floats of shape {image.shape[:2]}"
         elif not np.isfinite(values).all():
             problem = "returned NaN or infinite values"
         elif values.min() < -0.01 or values.max() > 1.01:
-            found = (float(values.min()), float(values.max()))
-            problem = f"returned values from {found[0]:.3g} to {found[1]:.3g}; expected 0 to 1"
+            low, high = float(values.min()), float(values.max())
+            found = (low, high)
+            problem = f"returned values from {low:.3g} to {high:.3g}; expected 0 to 1"
         if problem:
             raise StudioError(
                 "matte.function_output",

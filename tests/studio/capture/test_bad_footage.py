@@ -180,3 +180,15 @@ def test_no_such_camera_or_frame(three_videos: Path) -> None:
     assert str(caught.value) == (
         "capture.cameras: no camera 'cm1' in the footage. Did you mean 'cam1'? Cameras: cam1, cam2, cam10."
     )
+
+
+def test_videos_and_images_cannot_be_mixed(three_videos: Path, make: SimpleNamespace) -> None:
+    make.image(three_videos / "videos" / "still.png", make.numbered(0))
+    with refuses("footage.mixed_media", cameras=["cam1", "still"], setting="capture.images"):
+        open_footage(CaptureSpec(three_videos, images="videos/{camera}.*"))
+
+
+def test_a_video_is_not_a_single_frame(three_videos: Path) -> None:
+    video = three_videos / "videos" / "cam1.mp4"
+    with refuses("footage.video_as_frame", file=video, camera="cam"):
+        open_footage(CaptureSpec(three_videos, images="videos/{camera}{frame}.mp4"))
