@@ -61,3 +61,9 @@ system-tests:
 	@echo "Building and installing v3studio into .venv (editable)"
 	@PATH="$(CURDIR)/.venv/bin:$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
 	@touch $@
+
+.PHONY: docs
+docs: setup ## build the documentation into site/, with warnings as errors
+	@$(PY) -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
+	@echo "Documentation: site/index.html"

@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.plugins import get_plugin_logger
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "docs"), str(ROOT)]
@@ -17,10 +19,17 @@ sys.path[:0] = [str(ROOT / "docs"), str(ROOT)]
 from generate.api import MODULES, api_pages  # noqa: E402
 from generate.commands import commands_page  # noqa: E402
 from generate.errors import errors_page  # noqa: E402
-from generate.settings import settings_page  # noqa: E402
+from generate.events import events_page  # noqa: E402
+from generate.names import unknown_names  # noqa: E402
+from generate.settings import setting_names, settings_page  # noqa: E402
+
+log = get_plugin_logger("docs")
 
 PACKAGES = ("studio", "pipelines", "gui", "v3studio")
 """Where error codes are looked for."""
+
+NAMES_OTHERS = ("changelog.md",)
+"""Pages that name files and settings of the past."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -41,6 +50,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/settings.md": settings_page(),
         "reference/commands.md": commands_page(),
         "reference/errors.md": errors_page(ROOT, PACKAGES),
+        "reference/events.md": events_page(),
         "contributing.md": _root_page("CONTRIBUTING.md"),
         "changelog.md": _root_page("CHANGELOG.md"),
         **{f"reference/api/{name}": text for name, text in api_pages(ROOT).items()},
@@ -48,6 +58,14 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> None:
+    """Warn, which fails a strict build, where a written page names a file or setting that does not exist."""
+    if page.file.generated_by is not None or page.file.src_uri in NAMES_OTHERS:
+        return
+    for problem in unknown_names(markdown, ROOT, setting_names()):
+        log.warning("%s: %s", page.file.src_uri, problem)
 
 
 def _root_page(name: str) -> str:
