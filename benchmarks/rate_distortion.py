@@ -1,7 +1,7 @@
 """What a stream costs and what it looks like: our two profiles against the paper's released bake, on a trained take.
 
     python benchmarks/rate_distortion.py TAKE                          # all groups, some minutes on two cores
-    python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/STREAM.md --title quickstart
+    python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/measurements/stream.md --title quickstart
     python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at 60,000 and 100,000 splats
 

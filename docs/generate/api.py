@@ -33,9 +33,9 @@ everywhere: OpenCV camera axes (x right, y down, z forward), pixel coordinates f
 pixel, quaternions with w first, images as (H, W, C).
 
 """
-PROMISE_PUBLIC = """The package `v3studio` is what scripts may rely on: it is versioned, and the changelog names every change.
-The packages under `studio` are the library that it is made of. Use them where you need more; they may change between
-versions."""
+PROMISE_PUBLIC = """The package `v3studio` is what scripts may rely on: it is versioned, and the changelog names every
+change. The packages under `studio` are the library that it is made of. Use them where you need more; they may change
+between versions."""
 PROMISE_LIBRARY = "The packages under `studio` are the library. They may change between versions."
 
 

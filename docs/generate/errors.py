@@ -1,4 +1,4 @@
-"""The table of error and warning codes: every place in the source that raises or reports one, found in the syntax tree."""
+"""The table of error and warning codes: every place in the source that names one, found in the syntax tree."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ the message is made.
 """
 _CODE = re.compile(r"[a-z][a-z0-9_]*(\.[a-z0-9_]+)+")
 
+MAKERS = ("Error", "Message", "Warned", "warn")
+"""Ends of the names of what takes a code and a problem: error classes, `Message`, and what reports a warning."""
+
 
 @dataclass(frozen=True)
 class Site:
@@ -32,7 +35,6 @@ class Site:
     code: str
     problem: str
     fix: str
-    module: str
 
 
 def errors_page(root: Path, packages: tuple[str, ...]) -> str:
@@ -40,7 +42,7 @@ def errors_page(root: Path, packages: tuple[str, ...]) -> str:
     found: dict[str, list[Site]] = defaultdict(list)
     for package in packages:
         for file in sorted((root / package).rglob("*.py")):
-            for site in _sites(file, ".".join(file.relative_to(root).with_suffix("").parts)):
+            for site in sites(file.read_text(encoding="utf-8")):
                 found[site.code].append(site)
     areas: dict[str, list[str]] = defaultdict(list)
     for name in sorted(found):
@@ -61,23 +63,24 @@ def _words(site: Site) -> str:
     return f"{site.problem}{fix}"
 
 
-def _sites(file: Path, module: str) -> Iterator[Site]:
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+def sites(source: str) -> Iterator[Site]:
+    """Every call in a module's source that makes a message with a code."""
+    for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call) or not node.args:
             continue
-        name, problem = _text(node.args[0]), node.args[1] if len(node.args) > 1 else None
-        keywords = {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
-        problem = problem or keywords.get("problem")
-        function = ast.unparse(node.func).rpartition(".")[2]
-        if problem is None or not function.endswith(("Error", "Message", "Warned")) or not _CODE.fullmatch(name):
+        first = node.args[0]
+        if not isinstance(first, ast.Constant) or not isinstance(first.value, str) or not _CODE.fullmatch(first.value):
             continue
-        yield Site(name, _text(problem), _text(keywords["fix"]) if "fix" in keywords else "", module)
+        keywords = {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
+        problem = node.args[1] if len(node.args) > 1 else keywords.get("problem")
+        if problem is not None and ast.unparse(node.func).endswith(MAKERS):
+            yield Site(first.value, _text(problem), _text(keywords["fix"]) if "fix" in keywords else "")
 
 
 def _text(node: ast.expr) -> str:
     """A string expression as Markdown; what is only known at run time in italics."""
     if isinstance(node, ast.Constant):
-        return escaped(node.value) if isinstance(node.value, str) and not _CODE.fullmatch(node.value) else str(node.value)
+        return escaped(str(node.value))
     if isinstance(node, ast.JoinedStr):
         return "".join(_text(part) for part in node.values)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):

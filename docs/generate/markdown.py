@@ -9,9 +9,9 @@ _SPAN = re.compile(r"``?([^`]+)``?")
 
 
 def escaped(text: str) -> str:
-    """`text` on one line with Markdown's special characters escaped; `code spans` stay code."""
+    """`text` on one line with Markdown's special characters escaped; `code spans` stay code. Outer spaces stay."""
     parts, end = [], 0
-    text = " ".join(text.split())
+    text = re.sub(r"\s+", " ", text)
     for span in _SPAN.finditer(text):
         parts += [_SPECIAL.sub(r"\\\1", text[end : span.start()]), code(span[1])]
         end = span.end()

@@ -12,8 +12,8 @@ from pydantic.fields import FieldInfo
 
 INTRODUCTION = """# Settings
 
-Every setting of a run. This page is generated from the settings models that validate a run, so it lists exactly what the
-installed version accepts. `v3studio config` prints the same list as a YAML file that can be edited and run.
+Every setting of a run. This page is generated from the settings models that validate a run, so it lists exactly what
+the installed version accepts. `v3studio config` prints the same list as a YAML file that can be edited and run.
 
 Set a value in a YAML file:
 
@@ -43,6 +43,17 @@ def setting_names() -> set[str]:
     from pipelines.config import Config
 
     return set(_names("", Config()))
+
+
+def old_names() -> str:
+    """Markdown table of what settings, values and stages were called before."""
+    from pipelines.config import renamed
+
+    rows = [(code(f"{old}.*"), code(f"{new}.*")) for old, new in renamed.STAGES.items()]
+    rows += [(code(old), code(new)) for old, new in renamed.SETTINGS.items()]
+    for name, values in renamed.VALUES.items():
+        rows += [(code(f"{name}: {old}"), code(f"{name}: {new}")) for old, new in values.items()]
+    return "\n".join(table(("Old setting", "Setting"), *rows))
 
 
 def _names(prefix: str, model: BaseModel) -> Iterator[str]:
