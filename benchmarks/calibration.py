@@ -2,7 +2,7 @@
 
     python benchmarks/calibration.py [--cameras 24] [--size 1920x1080] [--spread 0.01]
 
-Draws a room of 8 x 8 x 3.5 metres with four pillars in its middle, all painted with noise of all sizes, through cameras
+Draws a room of 8 x 8 x 3.5 meters with four pillars in its middle, all painted with noise of all sizes, through cameras
 that stand around in rings and look at its middle, adds sensor noise, and calibrates from the images alone. Focal
 lengths differ from camera to camera by `--spread` (0: all alike).
 """
@@ -26,15 +26,15 @@ from studio.export.camera_path import look_at
 Walls = list[np.ndarray]
 
 HALF = np.array([4.0, 4.0, 1.75])
-"""Half the room's size in metres; the origin is in its middle."""
+"""Half the room's size in meters; the origin is in its middle."""
 PILLARS = ((0.5, 0.4, -0.6), (-0.6, 0.3, -0.3), (-0.2, -0.6, 0.0), (0.4, -0.4, -0.8))
-"""Centres; half a metre wide, and from that height reaching down as far as the floor."""
-PER_METRE = 400
+"""Centers; half a meter wide, and from that height reaching down as far as the floor."""
+PER_METER = 400
 
 
 def paint(rng: np.random.Generator, width: float, height: float) -> np.ndarray:
-    """(h, w, 3) uint8 noise of all sizes from 5 mm to 2 m, of a wall of so many metres."""
-    shape = (round(height * PER_METRE), round(width * PER_METRE))
+    """(h, w, 3) uint8 noise of all sizes from 5 mm to 2 m, of a wall of so many meters."""
+    shape = (round(height * PER_METER), round(width * PER_METER))
     wall = np.zeros((*shape, 3), np.float32)
     for cell in (2, 5, 12, 30, 80, 200, 800):
         coarse = rng.random((shape[0] // cell + 2, shape[1] // cell + 2, 3), np.float32) - 0.5
@@ -43,7 +43,7 @@ def paint(rng: np.random.Generator, width: float, height: float) -> np.ndarray:
 
 
 def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Generator) -> np.ndarray:
-    """(H, W, 3) uint8: what the camera sees, with 2 grey levels of noise."""
+    """(H, W, 3) uint8: what the camera sees, with 2 gray levels of noise."""
     x, y = np.meshgrid(*[np.arange(n, dtype=np.float32) + 0.5 for n in (camera.width, camera.height)])
     rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], -1)
     rays = rays.astype(np.float32) @ camera.rotation.astype(np.float32)  # R^T d, for rows
@@ -63,7 +63,7 @@ def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Gener
             hit = camera.center + rays[rows, columns] * reach[rows, columns, None]
             there = (hit[:, number_of_axis] > (low + high)[number_of_axis] / 2) == bool(side % 2)
             rows, columns, hit = rows[there], columns[there], hit[there]
-            places = ((hit[:, [across, up]] - low[[across, up]]) * PER_METRE).astype(np.float32)
+            places = ((hit[:, [across, up]] - low[[across, up]]) * PER_METER).astype(np.float32)
             image[rows, columns] = sample(wall, places)
         nearest[seen] = reach[seen]
     soft = cv2.GaussianBlur(image, (0, 0), 0.7)  # a lens's; or the finest grain would alias
@@ -71,7 +71,7 @@ def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Gener
 
 
 def sample(wall: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(N, 3) uint8 colours of a wall at (N, 2) places, between its pixels; in rows, as OpenCV's maps are no longer
+    """(N, 3) uint8 colors of a wall at (N, 2) places, between its pixels; in rows, as OpenCV's maps are no longer
     than 32,767."""
     width = 4096
     rows = -(-len(places) // width)
@@ -80,9 +80,9 @@ def sample(wall: np.ndarray, places: np.ndarray) -> np.ndarray:
     maps = np.zeros((rows * width, 2), np.float32)
     maps[: len(places)] = places
     x, y = maps.reshape(rows, width, 2).transpose(2, 0, 1)
-    colours = cv2.remap(wall, np.ascontiguousarray(x), np.ascontiguousarray(y), cv2.INTER_LINEAR,
+    colors = cv2.remap(wall, np.ascontiguousarray(x), np.ascontiguousarray(y), cv2.INTER_LINEAR,
                         borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
-    return colours.reshape(-1, 3)[: len(places)]
+    return colors.reshape(-1, 3)[: len(places)]
 
 
 def box(number: int) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +101,7 @@ def painted(number: int, rng: np.random.Generator) -> Walls:
 
 
 def ring(count: int, size: tuple[int, int], spread: float, rng: np.random.Generator) -> Rig:
-    """Cameras in rings of at most 27, three metres from the middle at several heights, looking a little past it."""
+    """Cameras in rings of at most 27, three meters from the middle at several heights, looking a little past it."""
     rings = -(-count // 27)
     cameras = []
     for index in range(count):
@@ -158,7 +158,7 @@ def main() -> int:
           f"{seconds - at[90]:.0f}; COLMAP's process held {memory:.1f} GiB at most")  # fmt: skip
     print(f"  reprojection {result.report['reprojection']['mean']:.3f} px, explained {result.report['explained']:.2f}, "
           f"sharing {[(each['shared'], each['misfit']) for each in result.report['sharing']]}")  # fmt: skip
-    print(f"  centres {centers.mean():.4f} % of the radius off in the mean, {centers.max():.4f} at most; rotations "
+    print(f"  centers {centers.mean():.4f} % of the radius off in the mean, {centers.max():.4f} at most; rotations "
           f"{difference.rotation_degrees:.4f} degrees at most")  # fmt: skip
     return 0
 

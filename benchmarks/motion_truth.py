@@ -60,16 +60,17 @@ def main() -> int:
     arguments = parser.parse_args()
 
     from pipelines.config import load_config
-    from pipelines.frame_files import read_frame
     from pipelines.stages.arguments import train_settings
-    from pipelines.stages.base import Context, derived_seed
-    from pipelines.take import Take
-    from studio.training import TrainView, train_interframe
+    from pipelines.stages.base import Context
+    from pipelines.stages.params import derived_seed
+    from pipelines.takes.frame_files import read_frame
+    from pipelines.takes.take import Take
+    from studio.training import TrainingView, train_interframe
 
     take = Take.open(arguments.take)
     config = load_config(take.config)
     context = Context(take, config)
-    footage = context.footage
+    footage = context.footage.calibrated
     settings = replace(train_settings(config.train), finetune_iterations=0)
     rows: list[dict[str, Any]] = []
     print(f"{'frame':>6} {'error':>9} {'moved':>9} {'ratio':>6} {'tied':>5} {'seconds':>8}   (world units)")
@@ -79,7 +80,7 @@ def main() -> int:
             previous = read_frame(take.trained_frame(group.index, index - 1))
             before = read_frame(take.trained_frame(group.index, index - 2)) if position > 1 else None
             views = [
-                TrainView.from_view(footage.view(camera, frame), context.device, settings.crop_margin)
+                TrainingView.from_view(footage.view(camera, frame), context.device, settings.crop_margin)
                 for camera in footage.train_cameras
             ]
             started = time.monotonic()

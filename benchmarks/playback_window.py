@@ -29,8 +29,8 @@ def bake(take: Path, splats: int, folder: Path) -> None:
     """The take's first groups, enlarged, as a stream of 30 frames a second."""
     from rate_distortion import enlarged
 
-    from pipelines.frame_files import read_frame
-    from pipelines.take import Take
+    from pipelines.takes.frame_files import read_frame
+    from pipelines.takes.take import Take
     from studio.stream import BakeSettings, bake_group, write_manifest
 
     opened = Take.open(take)
@@ -50,8 +50,8 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     """Open the window, play and turn, and print the rates."""
     from open3d.visualization import gui
 
-    from gui.presenters.frame_cache import FrameCache
-    from gui.presenters.stream_source import StreamSource
+    from gui.presenters.playback.frame_cache import FrameCache
+    from gui.presenters.playback.stream_source import StreamSource
     from gui.window import MainWindow
 
     application = gui.Application.instance

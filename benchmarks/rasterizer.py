@@ -345,7 +345,7 @@ def memory_table(results: dict[str, Any]) -> None:
 
 def gpu_tables(repeat: int, results: dict[str, Any]) -> None:
     """100k splats at 1920x1080: keyframe iterations a second, and seconds for a frame after the keyframe."""
-    from studio.training import TrainSettings, TrainView, train_interframe
+    from studio.training import TrainingView, TrainSettings, train_interframe
 
     iteration_table(repeat, results, "cuda", 100_000, 1920, 1080)
     splats, camera = person(100_000, 1920, 1080, "cuda")
@@ -353,7 +353,7 @@ def gpu_tables(repeat: int, results: dict[str, Any]) -> None:
     moved.means[:, 0] += 0.01 * torch.sin(4 * moved.means[:, 1])
     with torch.no_grad():
         render = rasterize(moved, camera)
-    view = TrainView(camera, render.image.clamp(0, 1), render.alpha, (camera.width, camera.height))
+    view = TrainingView(camera, render.image.clamp(0, 1), render.alpha, (camera.width, camera.height))
     settings = TrainSettings()
     torch.cuda.synchronize()
     start = time.perf_counter()

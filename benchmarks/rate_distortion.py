@@ -10,7 +10,7 @@ in the box of the performer's matte: with the footage, and with the trained spla
 squared error over all views. Bytes are all files of all groups, without the manifest or the released layout's JSON.
 
 `released` is written again here from what the released code is known to do: no Morton order, ranges of each frame's
-own, activated values, truncation instead of rounding, one video a channel and three of normals, QP of colour, scale
+own, activated values, truncation instead of rounding, one video a channel and three of normals, QP of color, scale
 and rotation held at 22, high bytes lossless. It is tried with B frames, as x264 writes where nobody says otherwise, and
 with I and P frames only; the one with the better BD-rate counts.
 """
@@ -37,11 +37,11 @@ from rich.console import Console
 from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
-from pipelines.frame_files import read_frame
-from pipelines.pictures import draw
+from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
-from pipelines.take import Take
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
@@ -81,12 +81,12 @@ class Views:
 
     @classmethod
     def of(cls, context: Context) -> Views:
-        footage = context.footage
+        footage = context.footage.calibrated
         return cls(context, footage.held_out_cameras or footage.train_cameras, bool(footage.held_out_cameras))
 
     def add(self, index: int, gaussians: Gaussians) -> None:
         """Note frame `index` of the take."""
-        footage, settings = self.context.footage, self.context.config
+        footage, settings = self.context.footage.calibrated, self.context.config
         for camera in self.cameras:
             matte = footage.evaluation_matte(camera, footage.frames[index])
             box = padded_box(matte, settings.evaluate.crop_padding)
@@ -101,7 +101,7 @@ class Views:
 
     def _draw(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
         context = self.context
-        lens = context.footage.view(camera, context.footage.frames[index]).camera
+        lens = context.footage.calibrated.view(camera, context.footage.calibrated.frames[index]).camera
         return draw(gaussians, lens, context.config.capture.background, context.device)[self.boxes[index, camera]]
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
@@ -351,7 +351,7 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
             entry = bake_group(frames, folder, 0, 0, settings)
             bake = 1e3 * (time.process_time() - began) / len(frames)
             write_manifest(folder, [entry], 30, settings)
-            opens, decodes, dequantises, plays = [], [], [], []
+            opens, decodes, dequantizes, plays = [], [], [], []
             with StreamReader.open(folder) as reader:
                 for _ in range(3):
                     files = fetch_group(reader.source, reader.manifest.groups[0])
@@ -364,7 +364,7 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
                     for frame in decoded:
                         began = time.thread_time()
                         frame.gaussians()
-                        dequantises.append(1e3 * (time.thread_time() - began))
+                        dequantizes.append(1e3 * (time.thread_time() - began))
                     decoder.close()
             from studio.playback import play_headless
 
@@ -374,12 +374,12 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
                 plays.append(len(frames) / (time.perf_counter() - began))
             rows.append(
                 f"| {count:,} | {profile} | {entry.bytes / len(frames) / 1000:.0f} | {bake:.0f} ms | "
-                f"{min(opens):.0f} ms | {min(decodes):.1f} ms | {np.median(dequantises):.1f} ms | "
+                f"{min(opens):.0f} ms | {min(decodes):.1f} ms | {np.median(dequantizes):.1f} ms | "
                 f"{max(plays):.0f} |"
             )
             console.print(rows[-1])
     return [
-        "| splats | profile | KB a frame | bake a frame | open a group | decode a frame | dequantise | frames a"
+        "| splats | profile | KB a frame | bake a frame | open a group | decode a frame | dequantize | frames a"
         " second, file to arrays |",
         "|---|---|---|---|---|---|---|---|",
         *rows,
@@ -391,7 +391,7 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
 
 def table(points: list[Point]) -> list[str]:
     lines = [
-        "| bake | QP | KB a frame | PSNR to footage | PSNR to unquantised | bake a frame | decode a frame |",
+        "| bake | QP | KB a frame | PSNR to footage | PSNR to unquantized | bake a frame | decode a frame |",
         "|---|---|---|---|---|---|---|",
     ]
     for p in points:
@@ -406,7 +406,7 @@ def comparison(curves: dict[str, list[Point]]) -> list[str]:
     """BD-rate, and bytes at equal quality."""
     anchor = curves["released"]
     lines = ["", "| against `released` | `planes` | `motion` |", "|---|---|---|"]
-    for measure, label in (("own_psnr", "PSNR to unquantised"), ("footage_psnr", "PSNR to footage")):
+    for measure, label in (("own_psnr", "PSNR to unquantized"), ("footage_psnr", "PSNR to footage")):
         cells = []
         for name in ("planes", "motion"):
             value = bd_rate(anchor, curves[name], measure)
@@ -420,7 +420,7 @@ def comparison(curves: dict[str, list[Point]]) -> list[str]:
         for name in ("planes", "motion"):
             value = kilobytes_at(curves[name], psnr, "own_psnr")
             cells.append("out of range" if value is None else f"{value:.1f} KB, {value / base:.2f} of it")
-        lines.append(f"| at {psnr} dB to unquantised: {base:.1f} KB | {' | '.join(cells)} |")
+        lines.append(f"| at {psnr} dB to unquantized: {base:.1f} KB | {' | '.join(cells)} |")
     same = [
         (a.kilobytes, b.kilobytes)
         for a in anchor

@@ -50,7 +50,7 @@ def check_display() -> str:
     Raises:
         StudioError: no display, or no Vulkan device.
     """
-    from gui.vulkan import vulkan_devices
+    from gui.platform.vulkan import vulkan_devices
 
     if sys.platform.startswith("linux"):
         if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
@@ -66,7 +66,7 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
     """Open the window and stay until it is closed, Ctrl-C or SIGTERM."""
     from open3d.visualization import gui
 
-    from gui.screen import fitting_size
+    from gui.platform.screen import fitting_size
     from gui.window import MainWindow
 
     application = gui.Application.instance

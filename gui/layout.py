@@ -2,77 +2,104 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from gui.panels.picture import colour
-from gui.presenters.palette import GROUND, PANEL
-
-if TYPE_CHECKING:
-    from gui.window import MainWindow
+from gui.panels.controls import ControlsPanel
+from gui.panels.inspector import InspectorPanel
+from gui.panels.modes import ModesPanel
+from gui.panels.picture import color
+from gui.panels.stages import StagesPanel
+from gui.panels.timeline import TimelinePanel
+from gui.presenters.drawing.palette import GROUND, PANEL
+from gui.presenters.stages.stage_views import StageViews
+from gui.viewport import Viewport
 
 NARROW = 60
 """A window of fewer letters (em) than these shows the figures and the log only when asked (I)."""
+
+
+@dataclass(frozen=True)
+class Panels:
+    """What is placed, and the window that it is placed in.
+
+    Attributes:
+        window: Open3D's.
+        em: height of a letter, pixels.
+        views: decides which modes are offered.
+    """
+
+    window: gui.Window
+    em: float
+    views: StageViews
+    viewport: Viewport
+    timeline: TimelinePanel
+    controls: ControlsPanel
+    modes: ModesPanel
+    stages: StagesPanel
+    inspector: InspectorPanel
+    message: gui.Label
+    status: gui.Label
 
 
 class Layout:
     """See the module.
 
     Args:
-        window: whose panels are placed.
+        panels: what is placed.
 
     Attributes:
         fullscreen: the viewport alone.
         figures: whether the right side is shown; None: where there is room.
     """
 
-    def __init__(self, window: MainWindow) -> None:
-        self._window = window
+    def __init__(self, panels: Panels) -> None:
+        self._panels = panels
         self.fullscreen = False
         self.figures: bool | None = None
         # What the panels leave free. One ground under everything would cost a software driver 30 ms a drawing.
         # Few, because Open3D draws wrongly where a window has more than 20 visible children.
         self.fills = [gui.Vert() for _ in range(4)]
         for number, fill in enumerate(self.fills):
-            fill.background_color = colour(GROUND if number < 3 else PANEL)
+            fill.background_color = color(GROUND if number < 3 else PANEL)
 
     @property
     def shows_figures(self) -> bool:
         """Whether the right side is shown."""
         if self.fullscreen:
             return False
-        wide = self._window.window.content_rect.width >= NARROW * self._window.em
+        wide = self._panels.window.content_rect.width >= NARROW * self._panels.em
         return wide if self.figures is None else self.figures
 
     def toggle_figures(self) -> None:
         """Show the right side, or hide it."""
         self.figures = not self.shows_figures
-        self._window.window.set_needs_layout()
+        self._panels.window.set_needs_layout()
 
     def set_fullscreen(self, on: bool) -> None:
         """The viewport alone, or with all panels."""
-        window = self._window
+        panels = self._panels
         self.fullscreen = on
-        window.window.show_menu(not on)
-        for widget in (*self.fills, window.status, window.controls.widget, window.timeline.picture.widget):
+        panels.window.show_menu(not on)
+        for widget in (*self.fills, panels.status, panels.controls.widget, panels.timeline.picture.widget):
             widget.visible = not on
-        window.stages.set_visible(not on)
+        panels.stages.set_visible(not on)
         if on:
-            for row in window.modes.rows.values():
+            for row in panels.modes.rows.values():
                 row.widget.visible = False
-        window.window.set_needs_layout()
+        panels.window.set_needs_layout()
 
     def place(self, context: gui.LayoutContext) -> None:
         """Give every panel its place."""
-        window, em = self._window, self._window.em
-        area = window.window.content_rect
+        panels, em = self._panels, self._panels.em
+        area = panels.window.content_rect
         x, y, width, height = area.x, area.y, area.width, area.height
         figures = self.shows_figures
-        for widget in window.inspector.widgets:
+        for widget in panels.inspector.widgets:
             widget.visible = figures
         if self.fullscreen:
-            window.viewport.picture.place(x, y, width, height)
+            panels.viewport.picture.place(x, y, width, height)
             self._place_message(context, x, y, width, height)
             return
         left = min(round(18 * em), width // 3)
@@ -81,20 +108,20 @@ class Layout:
         inner = x + left + gap
         inner_width = width - left - gap
         padded = inner_width - 2 * pad
-        controls = window.controls.flow.height(padded, context)
+        controls = panels.controls.flow.height(padded, context)
         bottom_height = round(9.6 * em + controls)
         bottom = y + height - bottom_height
-        window.stages.place(x, y, left, height, context)
-        window.status.frame = gui.Rect(inner + pad, y + height - round(1.5 * em), padded, round(1.4 * em))
-        window.controls.flow.place(inner + pad, y + height - controls - round(1.7 * em), padded, context)
-        strips = bottom_height - controls - 2.2 * em - pad
-        window.timeline.picture.place(inner + pad, bottom + pad, padded, strips)
+        panels.stages.place(x, y, left, height, context)
+        panels.status.frame = gui.Rect(inner + pad, y + height - round(1.5 * em), padded, round(1.4 * em))
+        panels.controls.flow.place(inner + pad, y + height - controls - round(1.7 * em), padded, context)
+        plots = bottom_height - controls - 2.2 * em - pad
+        panels.timeline.picture.place(inner + pad, bottom + pad, padded, plots)
         view_width = inner_width - right - (gap if figures else 0)
-        modes = window.modes.place(window.views.stage, inner + pad, y + 0.25 * em, view_width - pad, context)
+        modes = panels.modes.place(panels.views.stage, inner + pad, y + 0.25 * em, view_width - pad, context)
         row = round(modes + 0.5 * em)
-        window.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
+        panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
         if figures:
-            window.inspector.place(inner + view_width + gap, y, right, bottom - y)
+            panels.inspector.place(inner + view_width + gap, y, right, bottom - y)
         frames = (
             (x + left, y, gap, height),
             (inner, y, view_width, row),
@@ -106,7 +133,7 @@ class Layout:
         self._place_message(context, inner, y + row, view_width, bottom - y - row)
 
     def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
-        message = self._window.message
+        message = self._panels.message
         limits = gui.Widget.Constraints()
         limits.width = int(0.85 * width)  # a longer sentence is broken into lines
         wanted = message.calc_preferred_size(context, limits)

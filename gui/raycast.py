@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 
-from gui.presenters.palette import GROUND, SECOND
+from gui.presenters.drawing.palette import GROUND, SECOND
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -25,7 +25,7 @@ class MeshPicture:
     def __init__(self, path: Path) -> None:
         mesh = o3d.t.io.read_triangle_mesh(str(path)) if path.is_file() else None
         if mesh is None or mesh.is_empty() or "indices" not in mesh.triangle:
-            raise StudioError(f"{path}: holds no mesh that can be read; run `v3studio initialise --force`.")
+            raise StudioError(f"{path}: holds no mesh that can be read; run `v3studio initialize --force`.")
         mesh.compute_vertex_normals()
         self.faces = len(mesh.triangle.indices)
         self._triangles = mesh.triangle.indices.numpy()
@@ -34,7 +34,7 @@ class MeshPicture:
         self._scene.add_triangles(mesh)
 
     def draw(self, camera: Camera) -> np.ndarray:
-        """(H, W, 3) uint8 RGB: grey, lit from the viewer's upper left."""
+        """(H, W, 3) uint8 RGB: gray, lit from the viewer's upper left."""
         rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
             o3d.core.Tensor(camera.cv2_K), o3d.core.Tensor(camera.world_to_camera), camera.width, camera.height
         )

@@ -7,13 +7,13 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from gui.shell import Shell
+
 if TYPE_CHECKING:
     from open3d.visualization import gui
 
-    from gui.window import MainWindow
 
-
-def state_of(window: MainWindow) -> dict[str, Any]:
+def state_of(window: Shell) -> dict[str, Any]:
     """All that a test may want to know."""
     player = window.player
     return {
@@ -46,7 +46,7 @@ def state_of(window: MainWindow) -> dict[str, Any]:
         "marks": {str(frame): note for frame, note in sorted(window.marks.notes.items())},
         "orbit": [player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
         "background": player.background,
-        "timeline_left": window.timeline.board.left,
+        "timeline_left": window.timeline.plots_view.left,
         "widgets": {
             name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
             for name, widget in _widgets(window).items()
@@ -55,7 +55,7 @@ def state_of(window: MainWindow) -> dict[str, Any]:
     }
 
 
-def _widgets(window: MainWindow) -> dict[str, gui.Widget]:
+def _widgets(window: Shell) -> dict[str, gui.Widget]:
     settings = window.stages.settings[window.stages.selected]
     return {
         "viewport": window.viewport.picture.widget,
@@ -83,7 +83,7 @@ class StateLog:
         self._file: TextIO | None = path.open("a", encoding="utf-8") if path else None
         self._last: dict[str, Any] = {}
 
-    def write(self, window: MainWindow) -> None:
+    def write(self, window: Shell) -> None:
         """Call at each tick."""
         if self._file is None:
             return

@@ -6,10 +6,9 @@ from pathlib import Path
 
 from open3d.visualization import gui, rendering
 
-from gui import menus
-from gui.actions import Actions
-from gui.closing import CloseRequests
-from gui.layout import Layout
+from gui.actions import menus
+from gui.actions.commands import Actions
+from gui.layout import Layout, Panels
 from gui.panels.controls import ControlsPanel
 from gui.panels.dialogs import Dialogs
 from gui.panels.inspector import InspectorPanel
@@ -17,21 +16,22 @@ from gui.panels.modes import ModesPanel
 from gui.panels.picture import plain_label
 from gui.panels.stages import StagesPanel
 from gui.panels.timeline import TimelinePanel
+from gui.platform.closing import CloseRequests
+from gui.platform.redraw import Redraws
+from gui.presenters.drawing.palette import DIM, GROUND, PANEL, TEXT
 from gui.presenters.evaluation import Evaluation, EvaluationFile
-from gui.presenters.exports import Exports
 from gui.presenters.loading import load
 from gui.presenters.marks import Marks
-from gui.presenters.palette import DIM, GROUND, PANEL, TEXT
-from gui.presenters.player import PlayerPresenter
-from gui.presenters.preferences import Preferences
-from gui.presenters.rate import Rate
-from gui.presenters.sources import Opened
-from gui.presenters.strips import strips_of
-from gui.presenters.views import Views
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.rate import Rate
+from gui.presenters.playback.sources import Opened
+from gui.presenters.playback.timeline_plots import plots_of
+from gui.presenters.preferences import PICTURE_SIZES, Preferences
+from gui.presenters.run.exports import Exports
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.stage_views import StageViews
 from gui.presenters.worker import LatestWorker
-from gui.presenters.workspace import Workspace
 from gui.raycast import MeshPicture
-from gui.redraw import Redraws
 from gui.state import StateLog
 from gui.viewport import Viewport
 from studio.gaussians import Gaussians
@@ -63,7 +63,7 @@ class MainWindow:
         self.device = device
         self.workspace = Workspace()
         self.player = PlayerPresenter()
-        self.views = Views(self.workspace, self.player, MeshPicture)
+        self.views = StageViews(self.workspace, self.player, MeshPicture)
         self.exports = Exports()
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.opening = ""
@@ -94,7 +94,6 @@ class MainWindow:
 
     def _build(self) -> None:
         em, changed = self.em, self.changed
-        self.layout = Layout(self)
         self.viewport = Viewport(lambda: self.views, changed)
         self.timeline = TimelinePanel(self.player, em, changed)
         self.controls = ControlsPanel(self.player, em, self.views.reset, changed)
@@ -103,6 +102,12 @@ class MainWindow:
         self.inspector = InspectorPanel(em, changed)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
+        self.layout: Layout = Layout(
+            Panels(
+                self.window, em, self.views, self.viewport, self.timeline, self.controls, self.modes, self.stages,
+                self.inspector, self.message, self.status,
+            )
+        )  # fmt: skip
         for widget in (
             *self.layout.fills,
             self.viewport.picture.widget,
@@ -146,8 +151,6 @@ class MainWindow:
 
     def apply_preferences(self) -> None:
         """Let the preferences hold."""
-        from gui.presenters.preferences import PICTURE_SIZES
-
         self.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
         self.player.background = self.preferences.background
 
@@ -189,6 +192,10 @@ class MainWindow:
         self.stages.selected = stage
         self.views.select(stage)
         self.window.set_needs_layout()
+
+    def run(self, stage: str, again: bool) -> None:
+        """Run a stage, or check the footage."""
+        self.actions.run(stage, again)
 
     def _chosen(self, stage: str, key: str) -> None:
         self.views.choose(key)
@@ -265,7 +272,7 @@ class MainWindow:
         return due
 
     def _update_panels(self) -> bool:
-        board = self.views.board
+        stage_view = self.views.stage_view
         changed, layout = self.controls.update()
         if layout:
             self.window.set_needs_layout()
@@ -277,7 +284,7 @@ class MainWindow:
         changed |= self.inspector.update(
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn.value
         )
-        status = self.player.status if board is None else board.status
+        status = self.player.status if stage_view is None else stage_view.status
         return changed | self._set_text(self.status, "   ".join(filter(None, [status, self.exports.words])))
 
     def _read_evaluation(self) -> None:
@@ -286,7 +293,7 @@ class MainWindow:
             return
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
         series = {name: self.evaluation.series(name, frames) for name in ("psnr_trained", "psnr_decoded", "bytes")}
-        self.timeline.strips = strips_of(series, self.evaluation.mean)
+        self.timeline.plots = plots_of(series, self.evaluation.mean)
         self.timeline.picture.widget.tooltip = self.evaluation.explanation
 
     def marks_changed(self) -> None:

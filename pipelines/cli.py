@@ -9,17 +9,19 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
-from pipelines.board_command import add_board_command, add_sync_command
-from pipelines.cancel import EXIT_CANCELLED
+from pipelines.commands.board import add_board_command, add_sync_command
+from pipelines.events.cancellation import EXIT_CANCELLED
 from studio.errors import Cancelled, StudioError
+from studio.standard_output import as_utf8, claim_stdout, discard
 
 STAGE_HELP = {
     "calibrate": "find the cameras: from the capture's calibration, else from the footage",
-    "initialise": "carve the visual hull of each group's keyframe and sample points on it",
+    "initialize": "carve the visual hull of each group's keyframe and sample points on it",
     "train": "train the Gaussians, frame after frame",
     "bake": "write the stream",
     "evaluate": "decode the stream, compare with held-out cameras, write evaluation.json and report.html",
@@ -31,8 +33,15 @@ _SETTINGS_NOTE = """settings:
 
 
 def main() -> int:
-    """Run the command in `sys.argv`; returns the exit code. A stopped run ends the process at once."""
+    """Run the command in `sys.argv`; returns the exit code. A stopped run ends the process at once.
+
+    Standard output gets what the command prints and nothing else: what native libraries print, here or in child
+    processes, goes to standard error.
+    """
+    claim_stdout()
     code = execute(sys.argv[1:])
+    if "--json" in sys.argv:
+        sys.stdout = sys.stderr  # for what Python code prints while the process exits
     if code == EXIT_CANCELLED:
         # tearing down torch and its threads takes a while on a busy machine; who pressed Ctrl-C waits for nothing
         sys.stdout.flush()
@@ -43,6 +52,7 @@ def main() -> int:
 
 def execute(arguments: Sequence[str]) -> int:
     """Run a command inside this process; returns the exit code (SystemExit with 2 for wrong usage)."""
+    arguments = _stages_of_now(arguments)
     parser, commands = _parser()
     # what is wrong with a command's arguments is told with that command's usage, not with that of all
     named = commands.get(arguments[0], parser) if arguments else parser
@@ -53,7 +63,10 @@ def execute(arguments: Sequence[str]) -> int:
     try:
         known.overrides = _overrides(known)
         command: Callable[[argparse.Namespace], int] = known.command
-        return command(known)
+        with _json_output() if getattr(known, "json", False) else nullcontext(sys.stdout) as known.output:
+            code = command(known)
+            known.output.flush()
+        return code
     except StudioError as error:
         # with --json too: what fails before the first event would otherwise fail without a word
         print(f"error: {error}", file=sys.stderr)
@@ -61,14 +74,27 @@ def execute(arguments: Sequence[str]) -> int:
     except (Cancelled, KeyboardInterrupt):
         return EXIT_CANCELLED
     except BrokenPipeError:  # `v3studio config | head`
-        sys.stderr.close()
+        discard(sys.stdout)
         return 1
+
+
+@contextmanager
+def _json_output() -> Iterator[TextIO]:
+    """Standard output, for JSON alone: what Python code prints inside the block goes to standard error."""
+    output = sys.stdout
+    as_utf8(output)
+    with redirect_stdout(sys.stderr):
+        try:
+            yield output
+        finally:
+            with suppress(BrokenPipeError):
+                output.flush()
 
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and that of each command."""
-    from pipelines import ablate_command, export, importing, play, serve
-    from pipelines.take import program_version
+    from pipelines.commands import ablate, export, import_splats, play, serve
+    from pipelines.takes.take import program_version
 
     parser = _Parser(
         prog="v3studio",
@@ -98,8 +124,8 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     play.register(commands)
     serve.register(commands)
     export.register(commands)
-    importing.register(commands)
-    ablate_command.register(commands)
+    import_splats.register(commands)
+    ablate.register(commands)
 
     add_board_command(commands)
     add_sync_command(commands)
@@ -203,6 +229,24 @@ def _long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentPar
     return plain
 
 
+def _stages_of_now(arguments: Sequence[str]) -> list[str]:
+    """Stages by the names of now, as a command and after `--until`."""
+    words = list(arguments)
+    if not words or words[0].startswith("-"):
+        return words
+    from pipelines.config.renamed import STAGES, tell
+
+    for index, word in enumerate(words):
+        option, equals, value = word.partition("=")
+        if index == 0 or words[index - 1] == "--until":
+            words[index] = STAGES.get(word, word)
+        elif option == "--until" and equals:
+            words[index] = f"{option}={STAGES.get(value, value)}"
+        if words[index] != word:
+            tell("the command line", [f"{value or word} is now {words[index].removeprefix('--until=')}"])
+    return words
+
+
 def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
     given = getattr(arguments, "set", [])  # not every command takes settings
     if not given:
@@ -214,8 +258,8 @@ def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
 
 def _run(arguments: argparse.Namespace) -> int:
     from pipelines.config import load_config
-    from pipelines.files import disk_errors
-    from pipelines.take import Take
+    from pipelines.takes.atomic_files import disk_errors
+    from pipelines.takes.take import Take
 
     if arguments.take is None and arguments.config is not None and arguments.config.is_dir():
         arguments.config, arguments.take = None, arguments.config
@@ -236,14 +280,14 @@ def _run(arguments: argparse.Namespace) -> int:
         with disk_errors(arguments.take):
             take = Take.create(arguments.take)
 
-    from pipelines.console import Bars, JsonLines
-    from pipelines.runner import ALL_STAGES, run
+    from pipelines.runs.console import Bars, JsonLines
+    from pipelines.runs.runner import ALL_STAGES, run
 
     if arguments.stage:
         stages: Sequence[str] = (arguments.stage,)
     else:
         stages = ALL_STAGES[: ALL_STAGES.index(arguments.until) + 1] if arguments.until else ALL_STAGES
-    with JsonLines() if arguments.json else Bars() as show:
+    with JsonLines(arguments.output) if arguments.json else Bars() as show:
         run(
             take,
             config,
@@ -253,7 +297,7 @@ def _run(arguments: argparse.Namespace) -> int:
             command=f"v3studio {arguments.stage or 'run'}",
         )
     if not arguments.json and "evaluate" in stages:
-        from pipelines.tables import print_evaluation
+        from pipelines.reports.tables import print_evaluation
 
         print_evaluation(take)
     return 0
@@ -261,15 +305,15 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _status(arguments: argparse.Namespace) -> int:
     from pipelines.config import load_config
-    from pipelines.take import Take
+    from pipelines.takes.take import Take
 
     take = Take.open(arguments.take)
     config = load_config(take.config if take.config.is_file() else None, arguments.overrides)
 
-    from pipelines.tables import print_status, status_json
+    from pipelines.runs.status_table import print_status, status_json
 
     if arguments.json:
-        print(status_json(take, config))
+        print(status_json(take, config), file=arguments.output)
     else:
         print_status(take, config)
     return 0
@@ -278,7 +322,7 @@ def _status(arguments: argparse.Namespace) -> int:
 def _config(arguments: argparse.Namespace) -> int:
     from pipelines.config import describe, load_config
 
-    print(describe(load_config(arguments.config, arguments.overrides)), end="")
+    print(describe(load_config(arguments.config, arguments.overrides)), end="", file=arguments.output)
     return 0
 
 

@@ -14,13 +14,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.presenters.canvas import Canvas
+from gui.presenters.drawing.canvas import Canvas
 from pipelines.config import load_config
-from pipelines.frame_files import read_frame
-from pipelines.pictures import draw, to_bytes
+from pipelines.reports.pictures import draw, to_bytes
 from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
-from pipelines.take import Take
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
 from studio.stream import StreamReader
 
 HEIGHT, GAP, HEADER = 300, 6, 34
@@ -29,7 +29,7 @@ TITLES = ("held-out footage", "performer", "trained", "decoded stream", "differe
 
 def row(context: Context, camera: str, index: int) -> list[np.ndarray]:
     """The five pictures of one camera, cropped to the performer and HEIGHT high."""
-    footage = context.footage
+    footage = context.footage.calibrated
     frame = footage.frames[index]
     group = next(one for one in context.groups if index in one.indices)
     view = footage.view(camera, frame)
@@ -60,7 +60,7 @@ def main() -> None:
     options = parser.parse_args()
     take = Take.open(options.take)
     context = Context(take, load_config(take.config))
-    rows = [row(context, camera, options.frame) for camera in context.footage.held_out_cameras]
+    rows = [row(context, camera, options.frame) for camera in context.footage.calibrated.held_out_cameras]
     width = max(picture.shape[1] for pictures in rows for picture in pictures)
     canvas = Canvas(5 * (width + GAP), HEADER + len(rows) * (HEIGHT + GAP), (0, 0, 0))
     canvas.rect(0, 0, canvas.width, HEADER, (26, 26, 28))

@@ -2,11 +2,11 @@
 
 Conventions, everywhere in V3 Studio:
 - OpenCV axes: x right, y down, z forward. `world_to_camera` maps homogeneous world points to camera points.
-- Pixels: the origin is the outer corner of the top-left pixel, so pixel (row i, column j) has its centre at
+- Pixels: the origin is the outer corner of the top-left pixel, so pixel (row i, column j) has its center at
   (j + 0.5, i + 0.5). That is the convention of COLMAP, 3DGS and gsplat. OpenCV's own functions put the origin at
-  the *centre* of the top-left pixel: subtract 0.5 from `cx`, `cy` before handing K to cv2 and add it on the way back
+  the *center* of the top-left pixel: subtract 0.5 from `cx`, `cy` before handing K to cv2 and add it on the way back
   (`Camera.cv2_K`). Readers and writers of files convert.
-- World units are whatever the calibration gives (metres where it knows them).
+- World units are whatever the calibration gives (meters where it knows them).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.checked import array, whole
 from studio.errors import StudioError
+from studio.validation import array, whole
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 
@@ -115,7 +115,7 @@ class Camera:
 
     @property
     def center(self) -> np.ndarray:
-        """(3,): the optical centre in world coordinates."""
+        """(3,): the optical center in world coordinates."""
         return -self.rotation.T @ self.translation
 
     @property
@@ -130,7 +130,7 @@ class Camera:
 
     @property
     def cv2_K(self) -> np.ndarray:
-        """(3, 3): K in OpenCV's pixel convention (origin at the centre of the top-left pixel)."""
+        """(3, 3): K in OpenCV's pixel convention (origin at the center of the top-left pixel)."""
         K = self.K.copy()
         K[:2, 2] -= 0.5
         return K
@@ -155,8 +155,8 @@ class Camera:
         else:
             import cv2
 
-            normalised = np.column_stack([local[:, :2] / safe[:, None], np.ones(len(local))])
-            pixels, _ = cv2.projectPoints(normalised, np.zeros(3), np.zeros(3), self.K, self.distortion)
+            normalized = np.column_stack([local[:, :2] / safe[:, None], np.ones(len(local))])
+            pixels, _ = cv2.projectPoints(normalized, np.zeros(3), np.zeros(3), self.K, self.distortion)
             pixels = pixels.reshape(-1, 2)
         return pixels, depth
 
@@ -248,7 +248,7 @@ class Rig:
 
     @property
     def centers(self) -> np.ndarray:
-        """(C, 3): optical centres in world coordinates."""
+        """(C, 3): optical centers in world coordinates."""
         return np.array([camera.center for camera in self.cameras]).reshape(-1, 3)
 
     @property

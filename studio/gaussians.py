@@ -1,8 +1,8 @@
 """Gaussians: the splats of one frame. The same object travels from training to the viewport.
 
-Stored values are what is optimised; activations turn them into what is drawn (3DGS, Kerbl et al. 2023, section 5):
+Stored values are what is optimized; activations turn them into what is drawn (3DGS, Kerbl et al. 2023, section 5):
 scale = exp(log_scales), opacity = sigmoid(logit_opacities), rotation = quats / |quats|. Quaternions are wxyz.
-Colour is spherical harmonics, coefficient-major: colour = 0.5 + sum_k Y_k(direction) sh[:, k], clamped below at 0.
+Color is spherical harmonics, coefficient-major: color = 0.5 + sum_k Y_k(direction) sh[:, k], clamped below at 0.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from torch import Tensor
 from studio.errors import StudioError
 
 SH_C0 = 0.28209479177387814
-"""Y_0, the constant spherical harmonic 1 / (2 sqrt(pi)): colour = 0.5 + SH_C0 * sh[:, 0] at degree 0."""
+"""Y_0, the constant spherical harmonic 1 / (2 sqrt(pi)): color = 0.5 + SH_C0 * sh[:, 0] at degree 0."""
 
 ATTRIBUTES = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
@@ -58,7 +58,7 @@ class Gaussians:
                 raise StudioError(f"Gaussians: {name} has the shape {found}, expected {shape}.")
         if self.sh.shape[1] not in (1, 4, 9, 16):
             raise StudioError(
-                f"Gaussians: {self.sh.shape[1]} SH coefficients a colour given; degrees 0 to 3 have 1, 4, 9 or 16."
+                f"Gaussians: {self.sh.shape[1]} SH coefficients a color given; degrees 0 to 3 have 1, 4, 9 or 16."
             )
 
     def __len__(self) -> int:

@@ -18,7 +18,7 @@ SSIM_SIGMA = 1.5
 """Standard deviation of SSIM's Gaussian window, pixels."""
 
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
-"""SSIM's stabilising constants for values in 0 to 1."""
+"""SSIM's stabilizing constants for values in 0 to 1."""
 
 
 def _check(image: Tensor, target: Tensor) -> None:

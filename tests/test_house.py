@@ -62,6 +62,88 @@ def test_imports_run_downwards(floor: str) -> None:
     assert not wrong, "\n".join(wrong)
 
 
+ROOMS = ("cli", "commands", "ablation", "runs", "stages", "reports", "takes", ("config", "events"))
+"""Of `pipelines`, top down: each may import the ones after it, and nothing that stands before or beside it."""
+
+
+def test_rooms_of_pipelines_import_downwards() -> None:
+    level = {name: n for n, rooms in enumerate(ROOMS) for name in ((rooms,) if isinstance(rooms, str) else rooms)}
+    wrong, seen = [], set()
+    for path in sorted((ROOT / "pipelines").rglob("*.py")):
+        room = path.relative_to(ROOT / "pipelines").parts[0].removesuffix(".py")
+        if room == "__init__":
+            continue
+        seen.add(room)
+        for line, name in imported_names(path):
+            parts = name.split(".")
+            if parts[0] != "pipelines" or (len(parts) > 1 and parts[1] == room):
+                continue
+            if len(parts) == 1 or level[parts[1]] <= level[room]:
+                wrong.append(f"{path.relative_to(ROOT)}:{line} imports {name}")
+    assert seen == set(level)
+    assert not wrong, "\n".join(wrong)
+
+
+def circles(edges: dict[str, set[str]]) -> list[list[str]]:
+    """Modules that import each other, in a circle: the strongly connected components of more than one (Tarjan)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in sorted(edges.get(node, ())):
+            if other not in index:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], index[other])
+        if low[node] == index[node]:
+            start = stack.index(node)
+            if len(stack) - start > 1:
+                found.append(sorted(stack[start:]))
+            del stack[start:]
+
+    for node in sorted(edges):
+        if node not in index:
+            visit(node)
+    return found
+
+
+def test_circles_are_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+    assert circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+def module_edges() -> dict[str, set[str]]:
+    """Module to the modules that it imports, inside functions and for types too. A name of a package counts as the
+    submodule of that name where there is one, else as the package itself."""
+    modules = {}
+    for floor in FLOORS:
+        for path in (ROOT / floor).rglob("*.py"):
+            modules[".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")] = path
+    edges: dict[str, set[str]] = {}
+    for module, path in modules.items():
+        targets = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                targets |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                for alias in node.names:
+                    inner = f"{node.module}.{alias.name}"
+                    targets.add(inner if inner in modules else node.module)
+        edges[module] = {name for name in targets if name in modules and name != module}
+    return edges
+
+
+def test_no_modules_import_in_a_circle() -> None:
+    edges = module_edges()
+    assert len(edges) > 200
+    assert not circles(edges), "\n".join(" <-> ".join(one) for one in circles(edges))
+
+
 def test_presenters_know_no_open3d() -> None:
     wrong = [
         f"{path.relative_to(ROOT)}:{line} imports {name}"
@@ -139,17 +221,20 @@ def test_the_lock_pins_every_dependency_within_its_range() -> None:
     from packaging.utils import canonicalize_name
 
     pinned = {}
-    for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines():
-        if line and not line.startswith("#"):
-            name, _, version = line.partition("==")
-            assert version, f"requirements.lock: {line} is not pinned"
-            pinned[canonicalize_name(name)] = version
+    for lock in ("requirements.lock", "requirements-dev.lock"):
+        for line in (ROOT / lock).read_text(encoding="utf-8").splitlines():
+            if line and not line.startswith("#"):
+                name, _, version = line.partition("==")
+                assert version, f"{lock}: {line} is not pinned"
+                assert canonicalize_name(name) not in pinned, f"{lock}: {name} is pinned twice"
+                pinned[canonicalize_name(name)] = version
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for text in [*project["dependencies"], *project["optional-dependencies"]["dev"]]:
+    extras = project["optional-dependencies"]
+    for text in [*project["dependencies"], *extras["build"], *extras["dev"]]:
         requirement = Requirement(text)
         version = pinned.get(canonicalize_name(requirement.name))
-        assert version is not None, f"{requirement.name} is not in requirements.lock"
-        assert requirement.specifier.contains(version), f"{text}: requirements.lock has {version}"
+        assert version is not None, f"{requirement.name} is in no lock"
+        assert requirement.specifier.contains(version), f"{text}: the lock has {version}"
 
 
 def test_no_file_names_a_machines_folders() -> None:

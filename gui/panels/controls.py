@@ -7,10 +7,10 @@ from collections.abc import Callable
 from open3d.visualization import gui
 
 from gui.panels.flow import Flow
-from gui.panels.picture import colour
-from gui.presenters.palette import PANEL, RAISED
-from gui.presenters.player import PlayerPresenter
-from gui.presenters.transport import Transport
+from gui.panels.picture import color
+from gui.presenters.drawing.palette import PANEL, RAISED
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.transport import Transport
 
 FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
@@ -33,7 +33,7 @@ class ControlsPanel:
         self._changed = changed
         self.flow = Flow(0.4 * em, 1.5 * em)
         self.widget = self.flow.widget
-        self.widget.background_color = colour(PANEL)
+        self.widget.background_color = color(PANEL)
         self.buttons: dict[str, gui.Widget] = {}
         transport = self._transport
         self._button("Start", "First frame (Home)", lambda: transport().seek(0))
@@ -73,7 +73,7 @@ class ControlsPanel:
         button.tooltip = tooltip
         button.vertical_padding_em = 0.05
         button.horizontal_padding_em = 0.55
-        button.background_color = colour(RAISED)
+        button.background_color = color(RAISED)
         button.set_on_clicked(lambda: self._did(action))
         self._add(key or text.lower(), button)
         return button

@@ -7,9 +7,9 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.keyboard import send_tab
-from gui.panels.picture import colour
-from gui.presenters.palette import ACCENT_DARK, DIM, RAISED
+from gui.panels.picture import color
+from gui.platform.keyboard import send_tab
+from gui.presenters.drawing.palette import ACCENT_DARK, DIM, RAISED
 
 TAB_DOWN, TAB_UP = 3, 5
 """How often a dialog with a line has been drawn when Tab is pressed and released."""
@@ -91,7 +91,7 @@ class Dialogs:
         """A button of the dialog that is being made."""
         button = gui.Button(label)
         button.vertical_padding_em = 0.2
-        button.background_color = colour(ACCENT_DARK if accent else RAISED)
+        button.background_color = color(ACCENT_DARK if accent else RAISED)
         button.set_on_clicked(action)
         self.widgets[key] = button
         return button
@@ -100,7 +100,7 @@ class Dialogs:
         """Words of the dialog that is being made."""
         label = gui.Label(text)
         if dim:
-            label.text_color = colour(DIM)
+            label.text_color = color(DIM)
         return label
 
     def laid_out(self) -> None:

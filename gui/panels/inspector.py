@@ -9,7 +9,9 @@ from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget
 from gui.presenters.evaluation import Evaluation
-from gui.presenters.inspector import (
+from gui.presenters.marks import Marks
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.run.inspector import (
     Block,
     figures_height,
     figures_picture,
@@ -18,9 +20,7 @@ from gui.presenters.inspector import (
     review_blocks,
     run_blocks,
 )
-from gui.presenters.marks import Marks
-from gui.presenters.player import PlayerPresenter
-from gui.presenters.workspace import Workspace
+from gui.presenters.run.workspace import Workspace
 
 PAUSE = 0.25
 """Seconds between two drawings of the figures while they change all the time."""

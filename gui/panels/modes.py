@@ -8,8 +8,8 @@ from functools import partial
 from open3d.visualization import gui
 
 from gui.panels.flow import Flow
-from gui.panels.picture import colour
-from gui.presenters.palette import ACCENT_DARK, GROUND, RAISED
+from gui.panels.picture import color
+from gui.presenters.drawing.palette import ACCENT_DARK, GROUND, RAISED
 
 Choice = tuple[str, str, str]
 """Key, label, tooltip. An empty key is a gap."""
@@ -39,13 +39,13 @@ class ModesPanel:
                 button.tooltip = tooltip
                 button.vertical_padding_em = 0.05
                 button.horizontal_padding_em = 0.7
-                button.background_color = colour(RAISED)
+                button.background_color = color(RAISED)
                 button.set_on_clicked(partial(chosen, stage, key))
                 row.add(button, before)
                 before = 0.0
                 self.buttons[stage, key] = button
                 self._on[stage, key] = False
-            row.widget.background_color = colour(GROUND)
+            row.widget.background_color = color(GROUND)
             row.widget.visible = False
             self.rows[stage] = row
 
@@ -65,6 +65,6 @@ class ModesPanel:
         for (name, key), button in self.buttons.items():
             if name == stage and self._on[name, key] != (key in on):
                 self._on[name, key] = key in on
-                button.background_color = colour(ACCENT_DARK if key in on else RAISED)
+                button.background_color = color(ACCENT_DARK if key in on else RAISED)
                 changed = True
         return changed

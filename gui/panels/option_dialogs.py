@@ -11,8 +11,8 @@ from open3d.visualization import gui
 
 from gui.panels.dialogs import Dialogs
 from gui.panels.folder_dialog import ask_path
-from gui.presenters.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportWish
 from gui.presenters.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
+from gui.presenters.run.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, MOVIES, ExportRequest
 
 
 def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferences], None]) -> None:
@@ -36,46 +36,48 @@ def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferen
     dialogs.widgets |= form.widgets
 
 
-def ask_export(dialogs: Dialogs, wish: ExportWish, sources: Sequence[str], start: Callable[[ExportWish], None]) -> None:
+def ask_export(
+    dialogs: Dialogs, wanted: ExportRequest, sources: Sequence[str], start: Callable[[ExportRequest], None]
+) -> None:
     """What of, where to, and a movie's options.
 
     Args:
         dialogs: where it is shown.
-        wish: the defaults; changed while the dialog is open.
+        wanted: the defaults; changed while the dialog is open.
         sources: what a take has of "decoded" and "trained"; none for a bare stream.
         start: called at "Export", once the dialog is closed.
     """
     dialogs.widgets = {}
-    form = _Form(dialogs, wish)
+    form = _Form(dialogs, wanted)
     target = gui.TextEdit()
     if sources:
 
         def renamed() -> None:
-            target.text_value = wish.target
+            target.text_value = wanted.target
 
         form.choice("of", "Of the splats", sources, renamed)
-    if wish.kind in MOVIES:
-        if wish.kind == "turntable":
+    if wanted.kind in MOVIES:
+        if wanted.kind == "turntable":
             form.line("seconds", "Seconds")
         form.choice("size", "Size", MOVIE_SIZES)
         form.choice("background", "Background", list(MOVIE_BACKGROUNDS))
 
     def browse() -> None:
         def done(folder: str) -> None:
-            wish.move_to(Path(folder))
+            wanted.move_to(Path(folder))
             again()
 
         def again() -> None:
-            ask_export(dialogs, wish, sources, start)
+            ask_export(dialogs, wanted, sources, start)
 
-        ask_path(dialogs, "Folder to write to", Path(wish.target).parent, "folder", done, again)
+        ask_path(dialogs, "Folder to write to", Path(wanted.target).parent, "folder", done, again)
 
     def go() -> None:
         dialogs.close()
-        start(wish)
+        start(wanted)
 
-    target.text_value = wish.target
-    target.set_on_text_changed(wish.set_target)
+    target.text_value = wanted.target
+    target.set_on_text_changed(wanted.set_target)
     row = gui.Horiz(0.4 * dialogs.em)
     row.add_child(dialogs.label("Write to"))
     row.add_child(target)
@@ -89,12 +91,12 @@ def ask_export(dialogs: Dialogs, wish: ExportWish, sources: Sequence[str], start
     }["of" if sources else "stream"]
     parts: list[gui.Widget] = [form.grid, dialogs.label(words), row, dialogs.label("Nothing is overwritten.")]
     answers = [("save", "Export", go), ("close", "Cancel", dialogs.close)]
-    dialogs.show("export", f"Export: {FORMATS[wish.kind][0]}", parts, answers, 90, go)
+    dialogs.show("export", f"Export: {FORMATS[wanted.kind][0]}", parts, answers, 90, go)
     dialogs.widgets |= {**form.widgets, "line": target}
 
 
 class _Form:
-    """Labelled fields, each bound to an attribute of an object."""
+    """Labeled fields, each bound to an attribute of an object."""
 
     def __init__(self, dialogs: Dialogs, target: Any) -> None:
         self._dialogs, self._target = dialogs, target

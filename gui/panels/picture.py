@@ -9,7 +9,7 @@ import numpy as np
 import open3d as o3d
 from open3d.visualization import gui
 
-from gui.presenters.palette import GROUND, RGB
+from gui.presenters.drawing.palette import GROUND, RGB
 
 _marks = itertools.count(1)
 
@@ -19,15 +19,15 @@ def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
     return o3d.geometry.Image(np.ascontiguousarray(pixels))
 
 
-def colour(value: RGB) -> gui.Color:
+def color(value: RGB) -> gui.Color:
     """For widgets."""
     return gui.Color(value[0] / 255, value[1] / 255, value[2] / 255)
 
 
-def plain_label(text_colour: RGB, ground: RGB) -> gui.Label:
+def plain_label(text_color: RGB, ground: RGB) -> gui.Label:
     """An empty label that covers what lies below it."""
     label = gui.Label("")
-    label.text_color, label.background_color = colour(text_colour), colour(ground)
+    label.text_color, label.background_color = color(text_color), color(ground)
     return label
 
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from open3d.visualization import gui
 
-from gui.panels.picture import colour
-from gui.presenters.palette import ACCENT, DIM, PANEL
-from gui.presenters.settings import SettingField, fields_of, matching
+from gui.panels.picture import color
+from gui.presenters.drawing.palette import ACCENT, DIM, PANEL
+from gui.presenters.run.settings import SettingField, fields_of, matching
 from pipelines.config import Config
 
 
@@ -33,13 +33,13 @@ class SettingsList:
         self._words: str | None = None
         self._typed = ""
         self.widget = gui.Widget()
-        self.widget.background_color = colour(PANEL)
+        self.widget.background_color = color(PANEL)
         self.filter = gui.TextEdit()
         self.filter.placeholder_text = "filter the settings"
         self.filter.tooltip = "Shows the settings in whose name, heading or documentation these words occur"
         self.filter.set_on_text_changed(self._type)
         self._scroll = gui.ScrollableVert(0, gui.Margins(0.6 * em, 0.2 * em, 1.2 * em, 0.4 * em))
-        self._scroll.background_color = colour(PANEL)
+        self._scroll.background_color = color(PANEL)
         self._content = gui.WidgetProxy()
         self._scroll.add_child(self._content)
         self.widget.add_child(self.filter)
@@ -72,12 +72,12 @@ class SettingsList:
             if field.heading != heading:
                 heading = field.heading
                 title = gui.Label(heading)
-                title.text_color = colour(ACCENT)
+                title.text_color = color(ACCENT)
                 grid.add_child(title)
                 grid.add_child(gui.Label(""))
             label = gui.Label(field.label)
             label.tooltip = _broken(field.documentation)
-            label.text_color = colour(DIM)
+            label.text_color = color(DIM)
             grid.add_child(label)
             editor = self._editor(field)
             editor.tooltip = _broken(field.documentation)

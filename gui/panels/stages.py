@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 from open3d.visualization import gui
 
-from gui.panels.picture import PictureWidget, colour
+from gui.panels.picture import PictureWidget, color
 from gui.panels.settings import SettingsList
-from gui.presenters import stage_list
-from gui.presenters.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
-from gui.presenters.settings import SettingField
-from gui.presenters.stage_rows import TITLES
-from gui.presenters.workspace import Workspace
+from gui.presenters.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
+from gui.presenters.run.settings import SettingField
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages import stage_list
+from gui.presenters.stages.stage_rows import TITLES
 from pipelines.config import Config
 
 _PAUSE = {
@@ -46,13 +46,13 @@ class StagesPanel:
         self._drawn: object = None
         self.list = PictureWidget(self._on_mouse)
         self.ground = gui.Vert()  # behind what has no background of its own
-        self.ground.background_color = colour(PANEL)
+        self.ground.background_color = color(PANEL)
         self.detail = gui.Label("")
-        self.detail.text_color = colour(DIM)
-        self.detail.background_color = colour(PANEL)
+        self.detail.text_color = color(DIM)
+        self.detail.background_color = color(PANEL)
         self.buttons: dict[str, gui.Button] = {}
         self.row = gui.Horiz(0.4 * em)
-        self.row.background_color = colour(PANEL)
+        self.row.background_color = color(PANEL)
         self._button("run", "Run", "Do what is needed until this stage is done", self._run_clicked)
         self._button("all", "Run all", "Bring every stage up to date", lambda: run("all", False))
         self._button("pause", "Pause", _PAUSE["Pause"], workspace.pause)
@@ -60,8 +60,8 @@ class StagesPanel:
         self._button("cancel", "Cancel", words, workspace.cancel)
         self.row.add_stretch()
         self.error = gui.Label("")
-        self.error.text_color = colour(BAD)
-        self.error.background_color = colour(PANEL)
+        self.error.text_color = color(BAD)
+        self.error.background_color = color(PANEL)
         self.settings = {stage: SettingsList(stage, em, self._set, changed) for stage in TITLES}
         for widget in (self.detail, self.error, *(panel.widget for panel in self.settings.values())):
             widget.visible = False  # until there is something to show
@@ -83,7 +83,7 @@ class StagesPanel:
         button.tooltip = tooltip
         button.vertical_padding_em = 0.1
         button.horizontal_padding_em = 0.7
-        button.background_color = colour(RAISED if key != "run" else ACCENT_DARK)
+        button.background_color = color(RAISED if key != "run" else ACCENT_DARK)
 
         def clicked() -> None:
             action()

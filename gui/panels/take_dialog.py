@@ -9,9 +9,9 @@ from open3d.visualization import gui
 
 from gui.panels.dialogs import Dialogs, broken
 from gui.panels.folder_dialog import ask_path
-from gui.panels.picture import colour
-from gui.presenters.new_take import NewTake
-from gui.presenters.palette import BAD
+from gui.panels.picture import color
+from gui.presenters.drawing.palette import BAD
+from gui.presenters.run.new_take import NewTake
 
 FOUND_LINES = 8
 
@@ -73,7 +73,7 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
     parts: list[gui.Widget] = [grid, found]
     if error:
         wrong = dialogs.label(broken(error))
-        wrong.text_color = colour(BAD)
+        wrong.text_color = color(BAD)
         parts.append(wrong)
     answers = [("create", "Make the take", lambda: create(new)), ("close", "Cancel", dialogs.close)]
     dialogs.show("new take", "New take from footage", parts, answers, 110)

@@ -8,8 +8,8 @@ import numpy as np
 from open3d.visualization import gui
 
 from gui.panels.picture import PictureWidget
-from gui.presenters.player import PlayerPresenter
-from gui.presenters.strips import Strip, StripBoard
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.timeline_plots import Plot, TimelinePlots
 
 
 class TimelinePanel:
@@ -29,27 +29,27 @@ class TimelinePanel:
         self._base: np.ndarray | None = None
         self._resume = False
         self._down = False
-        self.strips: Sequence[Strip] = ()
+        self.plots: Sequence[Plot] = ()
         self.marks: tuple[int, ...] = ()
         self.picture = PictureWidget(self._on_mouse)
 
     @property
-    def board(self) -> StripBoard:
+    def plots_view(self) -> TimelinePlots:
         """Pixels and frames as they are now."""
         transport = self._player.transport
-        return StripBoard(*self.picture.size, self._em, transport.frame_count, transport.group_starts)
+        return TimelinePlots(*self.picture.size, self._em, transport.frame_count, transport.group_starts)
 
     def update(self) -> bool:
         """Draw again where something changed; returns whether it did."""
         transport = self._player.transport
         frame = transport.frame if self._player.opened is not None else None
-        below = (self.picture.size, transport.frame_count, transport.group_starts, id(self.strips), self.marks)
+        below = (self.picture.size, transport.frame_count, transport.group_starts, id(self.plots), self.marks)
         if (below, frame) == self._drawn:
             return False
         if self._base is None or self._drawn is None or self._drawn[0] != below:
-            self._base = self.board.base(self.strips, self.marks)
+            self._base = self.plots_view.base(self.plots, self.marks)
         self._drawn = (below, frame)
-        self.picture.show(self.board.with_head(self._base, frame, self.strips))
+        self.picture.show(self.plots_view.with_head(self._base, frame, self.plots))
         return True
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
@@ -67,6 +67,6 @@ class TimelinePanel:
                 self._resume = transport.playing
                 transport.pause()
             if self._down:
-                transport.seek(self.board.frame_at(x))
+                transport.seek(self.plots_view.frame_at(x))
         self._changed()
         return True

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipelines.files import read_json
-from pipelines.take import Take
+from pipelines.takes.atomic_files import read_json
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")

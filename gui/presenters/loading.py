@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from gui.presenters.sources import FrameSource, Opened, open_path
-from gui.presenters.stream_source import LeftOut
+from gui.presenters.playback.sources import FrameSource, Opened, open_path
+from gui.presenters.playback.stream_source import LeftOut
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipelines.marks import read_marks, write_marks
+from pipelines.takes.marks import read_marks, write_marks
 from studio.errors import StudioError
 
 

@@ -8,7 +8,7 @@ import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from pipelines.files import write_text
+from pipelines.takes.atomic_files import write_text
 
 RECENT = 10
 

@@ -22,10 +22,10 @@ class BoardSection(Section):
     """Rows of squares."""
 
     square: float = Field(default=0.06, gt=0, lt=10)
-    """Side of a square in metres, measured on the print."""
+    """Side of a square in meters, measured on the print."""
 
     marker: float = Field(default=0.045, gt=0, lt=10)
-    """Side of a marker in metres; ChArUco only."""
+    """Side of a marker in meters; ChArUco only."""
 
     dictionary: str = "DICT_4X4_50"
     """OpenCV's name of the markers' dictionary; ChArUco only."""
@@ -45,8 +45,8 @@ class CalibrateSection(Section):
         "board_frames": "Finding the board",
         "tie_points": "From points by hand",
         "frame": "From the footage",
-        "lens": "Lenses",
-        "known": "Known cameras",
+        "camera_model": "Lenses",
+        "known_cameras": "Known cameras",
         "scale_between": "Scale and floor",
         "focal_factor": "Solver",
     }
@@ -55,7 +55,7 @@ class CalibrateSection(Section):
     """Pattern of synchronized footage in which a board is moved about before the cameras, as in board/{camera}.mp4;
     the cameras then come from the board. "" takes them from the capture's own footage."""
 
-    lens_images: str = ""
+    intrinsics_images: str = ""
     """Pattern of pictures of the board of each camera on its own, for the lenses: lenses/{camera}/*_{frame}.jpg."""
 
     board: BoardSection = BoardSection()
@@ -66,9 +66,9 @@ class CalibrateSection(Section):
 
     board_origin: int | None = None
     """Frame of board_images whose board gives the origin, x along its columns, and up; null takes the point that the
-    cameras look at, and the cameras' up. Metres in any case."""
+    cameras look at, and the cameras' up. Meters in any case."""
 
-    board_stands: bool = False
+    board_upright: bool = False
     """In board_origin's frame the board stands upright, instead of lying on the floor."""
 
     tie_points: str = ""
@@ -79,7 +79,7 @@ class CalibrateSection(Section):
     """How exactly tie points were marked, in pixels."""
 
     tie_world_accuracy: float = Field(default=0.01, gt=0, le=10)
-    """How exactly places in the world of tie points were measured, in metres."""
+    """How exactly places in the world of tie points were measured, in meters."""
 
     frame: int | None = None
     """Frame to calibrate from, in the numbers that the files have; null is the first that is used."""
@@ -91,33 +91,36 @@ class CalibrateSection(Section):
     look_at: Literal["everything", "room", "performer"] = "everything"
     """Where features are looked for: room leaves the performer out, performer leaves the room out; both need masks."""
 
-    lens: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"] = "SIMPLE_RADIAL"
+    camera_model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"] = (
+        "SIMPLE_RADIAL"
+    )
     """COLMAP's model of the lenses: more terms follow stronger distortion and need more features."""
 
-    shared_lens: bool | None = None
+    shared_intrinsics: bool | None = None
     """All cameras have one lens in common (one camera carried about, or lenses locked alike); false: each has its own;
     null: the footage decides (one lens where it fits as well as a lens each; the report says so)."""
 
-    lens_groups: tuple[tuple[str, ...], ...] = ()
+    intrinsics_groups: tuple[tuple[str, ...], ...] = ()
     """Names of cameras that have one lens in common, a list a group, as in [[cam01, cam02], [cam03, cam04]]."""
 
-    known: str = ""
+    known_cameras: str = ""
     """Camera file whose lenses are known, relative to capture.root; with known_poses its cameras' places are, too."""
 
-    keep_known: bool = True
-    """Lenses of known (or of lens_images) are kept; false begins with them and refines them."""
+    fix_intrinsics: bool = True
+    """Lenses of known_cameras (or of intrinsics_images) are kept; false begins with them and refines them."""
 
     known_poses: bool = False
-    """known is an older solution of this rig: the new footage is put into it, which takes a fraction of the time."""
+    """known_cameras is an older solution of this rig: the new footage is put into it, which takes a fraction of the
+    time."""
 
-    keep_poses: bool = False
+    fix_poses: bool = False
     """With known_poses: the cameras stay where they are; false follows cameras that were touched since."""
 
     scale_between: tuple[str, ...] = ()
     """Two cameras whose distance is known, as in [cam01, cam05]; it gives the scale."""
 
     scale_distance: float | None = Field(default=None, gt=0)
-    """Metres between the centres of the two cameras of scale_between."""
+    """Meters between the centers of the two cameras of scale_between."""
 
     floor: bool = False
     """Look for the floor among the sparse points: it gives up, and the height 0. Needs a textured floor."""

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
-from pipelines.config.section import Colour, Section
+from pipelines.config.section import Color, Section
 
 _Deviation = Annotated[float, Field(gt=0, le=10)]
 
@@ -18,9 +18,9 @@ class CaptureSection(Section):
     headings: ClassVar[dict[str, str]] = {
         "root": "Files",
         "masks": "Masks",
-        "key_color": "Masks: coloured screen",
+        "key_color": "Masks: colored screen",
         "garbage_mattes": "Masks: model, garbage mattes",
-        "fps": "Rate and colour",
+        "fps": "Rate and color",
         "cameras": "Cameras",
         "scale": "Frames and sizes",
     }
@@ -42,7 +42,7 @@ class CaptureSection(Section):
         "auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model"
     ] = "auto"
     """How the performer is told from the room: the images' alpha channel, mask files, pictures of the empty room
-    (clean_plate), the footage's median over time as such a picture (median_background), a screen of one colour behind
+    (clean_plate), the footage's median over time as such a picture (median_background), a screen of one color behind
     him (chroma_key), pictures of him cut out before plain white or black (plain), a matting model (model), or not at
     all (none). auto takes the first of alpha, files, clean_plate, plain that the capture has, else the median of 10
     frames or more. docs/MASKS.md tells which to choose."""
@@ -68,9 +68,9 @@ class CaptureSection(Section):
     """Masks from plates, the median, a screen or a model: separate pieces of performer a camera may see, largest first;
     0 is any."""
 
-    key_color: Colour | Literal["auto"] = "auto"
-    """Masks from a screen: about its colour as the footage shows it, red green blue, 0 to 1. auto finds, for each
-    camera, the saturated colour that covers most of the picture."""
+    key_color: Color | Literal["auto"] = "auto"
+    """Masks from a screen: about its color as the footage shows it, red green blue, 0 to 1. auto finds, for each
+    camera, the saturated color that covers most of the picture."""
 
     despill: bool = True
     """Masks from a screen: take its light off the performer's outline, in the images that training and evaluation
@@ -88,7 +88,7 @@ class CaptureSection(Section):
     """Masks from a model: pixels of the longer side that pictures are resized to for it, a multiple of 32; 0 is the
     size that the file has fixed, else the pictures' own."""
 
-    mask_model_mean: Colour = (0.485, 0.456, 0.406)
+    mask_model_mean: Color = (0.485, 0.456, 0.406)
     """Masks from a model: subtracted from pictures of 0 to 1 before it sees them, red green blue. The default (of
     ImageNet) suits BiRefNet and U2-Net; MODNet and IS-Net want [0.5, 0.5, 0.5]."""
 
@@ -105,8 +105,8 @@ class CaptureSection(Section):
     color_matrix: Literal["auto", "bt601", "bt709"] = "auto"
     """YUV to RGB of videos: auto believes the file's tag and takes BT.601 where there is none."""
 
-    background: Colour = (0.0, 0.0, 0.0)
-    """Background colour behind the performer in evaluation and pictures, red green blue, 0 to 1."""
+    background: Color = (0.0, 0.0, 0.0)
+    """Background color behind the performer in evaluation and pictures, red green blue, 0 to 1."""
 
     cameras: tuple[str, ...] = ()
     """Names of the cameras to use; empty means all."""
@@ -143,7 +143,7 @@ class CaptureSection(Section):
 
     @field_validator("key_color", mode="wrap")
     @classmethod
-    def _colour_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+    def _color_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
         try:
             return check(value)
         except ValidationError:  # one sentence, not one for each of the two forms

@@ -11,8 +11,10 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from pipelines.config.renamed import first_tree, renamed, renamed_override, tell
 from pipelines.config.sections import Config
 from studio.errors import StudioError
+from studio.validation import need_utf8
 
 
 class _Loader(yaml.SafeLoader):
@@ -77,10 +79,13 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
     """
     values: dict[str, Any] = {}
     if path is not None:
-        values = read_yaml(path)
+        values, changes = renamed(read_yaml(path), str(path))
+        tell(str(path), changes)
         _anchor_root(values, path.parent, str(path))
     origin: dict[str, str] = {}
-    for name, value in overrides:
+    for given, given_value in overrides:
+        name, value, changes = renamed_override(given, given_value)
+        tell("the command line", changes)
         *sections, last = name.split(".")
         target = values
         for section in sections:
@@ -128,7 +133,17 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 def dump_config(config: Config) -> str:
     """YAML that `load_config` reads back to the same settings."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=120)
+    return dump_tree(config.model_dump(mode="json"))
+
+
+def digest_text(config: Config) -> str:
+    """The same with the names that settings had first: what stays the same when a setting is renamed."""
+    return dump_tree(first_tree(config.model_dump(mode="json")))
+
+
+def dump_tree(tree: dict[str, Any]) -> str:
+    """YAML of sections of settings."""
+    return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True, width=120)
 
 
 def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
@@ -137,11 +152,13 @@ def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
         try:
             root = Path(capture["root"]).expanduser()
-            capture["root"] = str(root if root.is_absolute() else (folder.absolute() / root).resolve())
+            root = root if root.is_absolute() else (folder.absolute() / root).resolve()
+            capture["root"] = str(root)
         except (ValueError, RuntimeError) as error:  # a NUL in it, a user that is not there
             raise StudioError(
                 f"{where}: capture.root = {capture['root']!r} can be no folder ({error}); give that of the footage."
             ) from None
+        need_utf8(root)
 
 
 def all_names(model: type[BaseModel] = Config, prefix: str = "") -> Iterator[str]:

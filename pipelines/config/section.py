@@ -18,6 +18,6 @@ class Section(BaseModel):
     """Heading over a setting and those after it, by the setting's name."""
 
 
-Colour = tuple[
+Color = tuple[
     Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]
 ]

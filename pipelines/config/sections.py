@@ -16,7 +16,7 @@ from pipelines.config.section import Section
 from pipelines.config.train_section import TrainSection
 
 
-class InitialiseSection(Section):
+class InitializeSection(Section):
     """Points for each group's keyframe, from the visual hull of the masks."""
 
     headings: ClassVar[dict[str, str]] = {
@@ -61,7 +61,7 @@ class BakeSection(Section):
     for each number of a splat."""
 
     qp: QP = 20
-    """Quantisation parameter: 0 is lossless, higher is smaller and coarser. In planes, above 22 colour, scale and
+    """Quantization parameter: 0 is lossless, higher is smaller and coarser. In planes, above 22 color, scale and
     rotation stay at 22 and the rest follows, as in the paper; the positions' high bytes are always lossless."""
 
     target_kb_per_frame: Annotated[float, Field(gt=0)] | None = None
@@ -156,7 +156,7 @@ class Config(Section):
 
     capture: CaptureSection = CaptureSection()
     calibrate: CalibrateSection = CalibrateSection()
-    initialise: InitialiseSection = InitialiseSection()
+    initialize: InitializeSection = InitializeSection()
     train: TrainSection = TrainSection()
     bake: BakeSection = BakeSection()
     evaluate: EvaluateSection = EvaluateSection()

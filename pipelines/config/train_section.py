@@ -22,10 +22,10 @@ class RatesSection(Section):
     """Positions while fine-tuning a later frame (finetune_means), times the scene's extent."""
 
     sh_dc: float = Field(default=2.5e-3, gt=0)
-    """Constant colour."""
+    """Constant color."""
 
     sh_rest: float = Field(default=1.25e-4, gt=0)
-    """View-dependent colour."""
+    """View-dependent color."""
 
     opacity: float = Field(default=0.05, gt=0)
     """Logit of the opacity."""
@@ -67,7 +67,7 @@ class TrainSection(Section):
     false meets such frames when they come up; a camera that does not see the performer is then left out of a frame."""
 
     sh_degree: int = Field(default=0, ge=0, le=3)
-    """Degree of the spherical harmonics: 0 is one colour a splat, 3 the most view-dependent."""
+    """Degree of the spherical harmonics: 0 is one color a splat, 3 the most view-dependent."""
 
     dssim_weight: float = Field(default=0.2, ge=0, le=1)
     """Weight of D-SSIM against L1, lambda of the paper's equation 7."""
@@ -98,12 +98,12 @@ class TrainSection(Section):
     keyframe_iterations: int = Field(default=12_000, ge=1)
     """Steps of the keyframe before pruning."""
 
-    density: Literal["gradient", "mcmc"] = "gradient"
-    """How splats find their places: gradient clones and splits as 3DGS does; mcmc moves dead splats to where they are
+    strategy: Literal["default", "mcmc"] = "default"
+    """How splats find their places: default clones and splits as 3DGS does; mcmc moves dead splats to where they are
     needed and grows to densify_max_splats."""
 
     mcmc_noise: float = Field(default=1.0, ge=0)
-    """Strength of the exploration noise of density mcmc; 1 as published."""
+    """Strength of the exploration noise of strategy mcmc; 1 as published."""
 
     densify_from: int = Field(default=500, ge=0)
     """First step at which splats are cloned and split."""
@@ -154,14 +154,14 @@ class TrainSection(Section):
     motion_velocity: bool = True
     """Start from the motion of the frame before and learn the rest."""
 
-    motion_velocity_neighbours: int = Field(default=24, ge=0, le=1000)
+    motion_velocity_neighbors: int = Field(default=24, ge=0, le=1000)
     """Take the motion of the frame before as the median over each splat and this many nearest ones, which drops the
     noise of single splats; 0: each its own."""
 
     motion_warm_start: bool = False
     """Begin with the network of the frame before (and without the velocity guess) instead of a fresh one."""
 
-    motion_neighbours: int = Field(default=0, ge=0, le=1000)
+    motion_neighbors: int = Field(default=0, ge=0, le=1000)
     """Each splat turns as the offsets to this many nearest splats do; 0: translation only, as in the paper."""
 
     hash_levels: int = Field(default=16, ge=1, le=32)
@@ -199,9 +199,9 @@ class TrainSection(Section):
     """Weight of the temporal loss, lambda_t of the paper's equation 13."""
 
     temporal_huber: float = Field(default=0.0, ge=0)
-    """0: the temporal loss is the paper's L1. Above 0: a Huber loss, quadratic up to this many quantisation steps."""
+    """0: the temporal loss is the paper's L1. Above 0: a Huber loss, quadratic up to this many quantization steps."""
 
-    simulate_quantisation: bool = False
+    simulate_quantization: bool = False
     """While fine-tuning, draw the attributes as the baker will round them."""
 
     rates: RatesSection = RatesSection()

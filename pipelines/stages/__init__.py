@@ -4,10 +4,10 @@ from pipelines.stages.bake import BakeStage
 from pipelines.stages.base import Stage
 from pipelines.stages.calibrate import CalibrateStage
 from pipelines.stages.evaluate import EvaluateStage
-from pipelines.stages.initialise import InitialiseStage
+from pipelines.stages.initialize import InitializeStage
 from pipelines.stages.train import TrainStage
 
-STAGES: tuple[Stage, ...] = (CalibrateStage(), InitialiseStage(), TrainStage(), BakeStage(), EvaluateStage())
+STAGES: tuple[Stage, ...] = (CalibrateStage(), InitializeStage(), TrainStage(), BakeStage(), EvaluateStage())
 
 
 def stage_named(name: str) -> Stage:

@@ -11,14 +11,14 @@ from pipelines.config import (
     BoardSection,
     CalibrateSection,
     CaptureSection,
-    InitialiseSection,
+    InitializeSection,
     RunSection,
     TrainSection,
 )
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from studio.calibration import Board, BoardSettings, SfmSettings, TieSettings
+    from studio.calibration import CalibrationTarget, SfmSettings, TargetSettings, TieSettings
     from studio.capture import CaptureSpec
     from studio.meshing import HullSettings
     from studio.stream import BakeSettings
@@ -50,22 +50,22 @@ def sfm_settings(section: CalibrateSection, run: RunSection) -> SfmSettings:
     return SfmSettings(**section.model_dump(include=names), threads=run.threads, seed=run.seed)
 
 
-def board(section: BoardSection) -> Board:
+def board(section: BoardSection) -> CalibrationTarget:
     """The board of the settings."""
-    from studio.calibration import Board
+    from studio.calibration import CalibrationTarget
 
-    return Board(**section.model_dump())
+    return CalibrationTarget(**section.model_dump())
 
 
-def board_settings(section: CalibrateSection, run: RunSection) -> BoardSettings:
+def board_settings(section: CalibrateSection, run: RunSection) -> TargetSettings:
     """How cameras are found from a board."""
-    from studio.calibration import BoardSettings
+    from studio.calibration import TargetSettings
 
-    return BoardSettings(
-        lens=section.lens,
+    return TargetSettings(
+        camera_model=section.camera_model,
         principal_point="refine" if section.refine_principal_point else "auto",
         origin=section.board_origin,
-        stands=section.board_stands,
+        upright=section.board_upright,
         threads=run.threads,
     )
 
@@ -76,13 +76,13 @@ def tie_settings(section: CalibrateSection, run: RunSection) -> TieSettings:
 
     return TieSettings(
         accuracy=Accuracy(mark=section.tie_accuracy, world=section.tie_world_accuracy),
-        shared_lens=section.shared_lens,
-        radial=section.lens not in ("SIMPLE_PINHOLE", "PINHOLE"),
+        shared_intrinsics=section.shared_intrinsics,
+        radial=section.camera_model not in ("SIMPLE_PINHOLE", "PINHOLE"),
         seed=run.seed,
     )
 
 
-def hull_settings(section: InitialiseSection) -> HullSettings:
+def hull_settings(section: InitializeSection) -> HullSettings:
     """How the hull is carved."""
     from studio.meshing import HullSettings
 

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.files import digest_of_file, link_or_copy, read_json, remove, write_json
-from pipelines.frame_files import read_frame
-from pipelines.groups import Group
-from pipelines.pictures import draw
+from pipelines.reports.pictures import draw
 from pipelines.stages.arguments import bake_settings
-from pipelines.stages.base import Context, Ingredients, StageReporter, key_of, settings_of
-from pipelines.take import group_name
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.params import Params, key_of, settings_of
+from pipelines.takes.atomic_files import digest_of_file, link_or_copy, read_json, remove, write_json
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.groups import Group
+from pipelines.takes.take import group_name
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -35,13 +36,13 @@ class BakeStage:
     title = "Baking"
     version = 2
     weight = 3.0
-    needs: tuple[str, ...] = ("train",)
+    dependencies: tuple[str, ...] = ("train",)
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """How frames become video, and what the manifest says beside them."""
         return {
             **settings_of(context.config, "bake", "capture.background", "capture.held_out", "capture.held_out_every"),
-            "frames a second": float(context.raw_footage.fps),
+            "frames a second": float(context.footage.raw.fps),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -80,7 +81,7 @@ class BakeStage:
         for path in new.iterdir():
             if path.name not in wanted:
                 remove(path)
-        manifest = write_manifest(new, entries, context.footage.fps, settings, self._metadata(context))
+        manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, self._metadata(context))
         self._put_in_place(context, new)
         for path in context.take.work(self.name).glob("group_*.json"):
             if path.stem not in wanted:
@@ -147,7 +148,7 @@ class BakeStage:
 
     def _metadata(self, context: Context) -> dict[str, Any]:
         """Nothing that changes from run to run: equal takes bake to equal bytes."""
-        footage = context.footage
+        footage = context.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         return {
             "suggested_camera": footage.rig[camera].to_dict(),
@@ -177,13 +178,13 @@ class DrawnError:
 
     def __init__(self, context: Context, group: Group) -> None:
         self._context, self._group = context, group
-        names = context.footage.train_cameras
+        names = context.footage.calibrated.train_cameras
         chosen = np.linspace(0, len(names), min(self.CAMERAS, len(names)), endpoint=False).astype(int)
-        self._cameras = [context.footage.rig[names[index]] for index in chosen]
+        self._cameras = [context.footage.calibrated.rig[names[index]] for index in chosen]
         self._trained: dict[int, list[np.ndarray]] = {}
 
     def __call__(self, index: int, decoded: Gaussians) -> float:
-        """Mean squared error over the cameras, colours in 0 to 1; `index` counts within the group."""
+        """Mean squared error over the cameras, colors in 0 to 1; `index` counts within the group."""
         if index not in self._trained:
             path = self._context.take.trained_frame(self._group.index, self._group.indices[index])
             self._trained[index] = self._draw(read_frame(path))

@@ -6,25 +6,24 @@ import os
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from pipelines.cancel import Cancellation
 from pipelines.config import Config
 from pipelines.events import Emit, Event, Log, Metrics, Preview, Progress, Warned
-from pipelines.files import digest_of
-from pipelines.groups import Group
-from pipelines.take import Take
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.arguments import choose_device
+from pipelines.stages.footage import TakeFootage
+from pipelines.stages.grouping import groups_of
+from pipelines.stages.params import Params
+from pipelines.takes.groups import Group
+from pipelines.takes.take import Take
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
-    from studio.capture import Footage
     from studio.perceptual import Lpips
-
-Ingredients = dict[str, Any]
-"""What a result is made from: settings by dotted name, digests of inputs and of other stages' results."""
 
 _LEAST_PAUSE = 0.2
 """Seconds between two progress events of a stage."""
@@ -42,47 +41,14 @@ class Context:
     """Seconds of work: a run's stands still while it is paused."""
 
     @cached_property
-    def raw_footage(self) -> Footage:
-        """The footage before calibration: names, frames, images as filmed.
-
-        Raises:
-            StudioError: it cannot be opened.
-        """
-        from studio.capture import open_footage
-
-        return open_footage(self._capture_spec(), None, cache_folder=self.take.footage_cache)
-
-    @cached_property
-    def footage(self) -> Footage:
-        """The footage with the take's cameras.
-
-        Raises:
-            StudioError: it cannot be opened, or there are no cameras yet.
-        """
-        from studio.camera_files import read_rig
-        from studio.capture import open_footage
-
-        return open_footage(self._capture_spec(), read_rig(self.take.rig), cache_folder=self.take.footage_cache)
-
-    def _capture_spec(self) -> Any:
-        from pipelines.stages.arguments import capture_spec
-
-        return capture_spec(self.config.capture, self.config.run)
-
-    @cached_property
-    def footage_digest(self) -> str:
-        """What the files are. All frames count, whichever are used: a longer take keeps what a shorter one made."""
-        from studio.capture import open_footage
-
-        spec = replace(self._capture_spec(), start=None, stop=None, step=1)
-        return open_footage(spec, None, strict=False).digest()
+    def footage(self) -> TakeFootage:
+        """The footage, opened when it is first asked for."""
+        return TakeFootage(self.take, self.config)
 
     @property
     def groups(self) -> tuple[Group, ...]:
         """The take's frames, cut into groups; see `pipelines.stages.grouping`."""
-        from pipelines.stages.grouping import groups_of
-
-        return groups_of(self)
+        return groups_of(self.footage)
 
     @property
     def threads(self) -> int:
@@ -92,8 +58,6 @@ class Context:
     @cached_property
     def device(self) -> str:
         """Where training and drawing run: "cpu", "cuda" or "cuda:1"."""
-        from pipelines.stages.arguments import choose_device
-
         return choose_device(self.config.run.device)
 
     @cached_property
@@ -108,10 +72,6 @@ class Context:
         from studio.perceptual import Lpips
 
         return Lpips(self.config.evaluate.lpips, self.device)
-
-    def forget_footage(self) -> None:
-        """Open the footage anew when it is next asked for (cameras have changed)."""
-        self.__dict__.pop("footage", None)
 
 
 @dataclass
@@ -224,7 +184,7 @@ class Stage(Protocol):
         title: what it does, for people.
         version: raised whenever its results change meaning or form; older results are then stale.
         weight: share of a run's time, roughly, before anything is measured.
-        needs: stages whose results it reads.
+        dependencies: stages whose results it reads.
     """
 
     @property
@@ -236,9 +196,9 @@ class Stage(Protocol):
     @property
     def weight(self) -> float: ...
     @property
-    def needs(self) -> tuple[str, ...]: ...
+    def dependencies(self) -> tuple[str, ...]: ...
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """Settings and inputs that the results are made from; other stages' results are added by the runner."""
         ...
 
@@ -258,42 +218,6 @@ class Stage(Protocol):
             Cancelled: the run was asked to stop.
         """
         ...
-
-
-def settings_of(config: Config, *names: str) -> Ingredients:
-    """Settings by dotted name; a section stands for all settings in it (`capture.root` never counts: a capture may
-    move, its files' digest tells whether it is the same)."""
-    tree = config.model_dump(mode="json")
-    found: Ingredients = {}
-
-    def collect(prefix: str, value: Any) -> None:
-        if isinstance(value, dict):
-            for key, item in value.items():
-                collect(f"{prefix}.{key}", item)
-        else:
-            found[prefix] = value
-
-    for name in names:
-        value: Any = tree
-        for part in name.split("."):
-            value = value[part]
-        collect(name, value)
-    return found
-
-
-def without(ingredients: Ingredients, *names: str) -> Ingredients:
-    """Ingredients without the named ones."""
-    return {name: value for name, value in ingredients.items() if name not in names}
-
-
-def key_of(stage: str, version: int, *parts: Any) -> str:
-    """Digest that names one unit's recipe."""
-    return digest_of([stage, version, *parts])
-
-
-def derived_seed(seed: int, *path: int | str) -> int:
-    """A seed for one unit of work, so that going on after a stop equals never having stopped."""
-    return int(digest_of([seed, *path])[:15], 16) % (2**31)
 
 
 def leftover(folder: Path, wanted: Sequence[Path], pattern: str) -> list[Path]:

@@ -13,13 +13,13 @@ from pipelines.stages.base import Context, StageReporter
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from studio.calibration import CalibrationResult, View
+    from studio.calibration import CalibrationResult, TargetObservation
     from studio.cameras import Camera
     from studio.capture import Footage
 
 BOARD_SETTINGS = (
-    "calibrate.board", "calibrate.board_images", "calibrate.lens_images", "calibrate.board_frames",
-    "calibrate.board_origin", "calibrate.board_stands", "calibrate.lens", "calibrate.refine_principal_point",
+    "calibrate.board", "calibrate.board_images", "calibrate.intrinsics_images", "calibrate.board_frames",
+    "calibrate.board_origin", "calibrate.board_upright", "calibrate.camera_model", "calibrate.refine_principal_point",
 )  # fmt: skip
 """Settings that the result of a board's calibration follows from."""
 
@@ -27,21 +27,23 @@ BOARD_SETTINGS = (
 def board_digest(context: Context) -> list[str]:
     """What the files with the board are."""
     section = context.config.calibrate
-    return [_open(context, pattern).digest() for pattern in (section.board_images, section.lens_images) if pattern]
+    return [
+        _open(context, pattern).digest() for pattern in (section.board_images, section.intrinsics_images) if pattern
+    ]
 
 
 def calibrate_with_boards(context: Context, reporter: StageReporter) -> CalibrationResult:
-    """Cameras from `calibrate.board_images`, their lenses from `calibrate.lens_images` too.
+    """Cameras from `calibrate.board_images`, their lenses from `calibrate.intrinsics_images` too.
 
     Raises:
         StudioError: the footage of the board lacks a camera, or does not fix the cameras.
     """
-    from studio.calibration import calibrate_from_boards
+    from studio.calibration import calibrate_from_target
 
     section = context.config.calibrate
-    views, sizes = _views(context, section.board_images, reporter, 0.0, 0.6 if section.lens_images else 0.8)
-    if section.lens_images:
-        own, own_sizes = _views(context, section.lens_images, reporter, 0.6, 0.8)
+    views, sizes = _views(context, section.board_images, reporter, 0.0, 0.6 if section.intrinsics_images else 0.8)
+    if section.intrinsics_images:
+        own, own_sizes = _views(context, section.intrinsics_images, reporter, 0.6, 0.8)
         for name, size in own_sizes.items():
             if sizes[name] != size:
                 raise StudioError(
@@ -49,10 +51,10 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
                     f"{sizes[name][0]}x{sizes[name][1]}; film both at one size."
                 )
         # moments that no other camera shares
-        alone = min([moment for moment, _ in views] or [0]) - 1
+        alone = min([sync_frame for sync_frame, _ in views] or [0]) - 1
         for number, ((_, name), view) in enumerate(own.items()):
             views[alone - number, name] = view
-    result = calibrate_from_boards(
+    result = calibrate_from_target(
         board(section.board),
         views,
         sizes,
@@ -71,7 +73,7 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
 def lenses_from_boards(
     context: Context, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[str, Camera], dict[str, Any]]:
-    """Lenses from `calibrate.lens_images`, and how well they fit.
+    """Lenses from `calibrate.intrinsics_images`, and how well they fit.
 
     Raises:
         StudioError: a camera sees the board too seldom.
@@ -79,7 +81,7 @@ def lenses_from_boards(
     from studio.calibration import calibrate_lenses
 
     section = context.config.calibrate
-    views, sizes = _views(context, section.lens_images, reporter, start, stop)
+    views, sizes = _views(context, section.intrinsics_images, reporter, start, stop)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
     return calibrate_lenses(board(section.board), own, sizes, board_settings(section, context.config.run))
 
@@ -96,11 +98,11 @@ def _open(context: Context, pattern: str) -> Footage:
 
 def _views(
     context: Context, pattern: str, reporter: StageReporter, start: float, stop: float
-) -> tuple[dict[tuple[int, str], View], dict[str, tuple[int, int]]]:
-    from studio.calibration import detect_boards
+) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
+    from studio.calibration import detect_target
 
     footage = _open(context, pattern)
-    names = context.raw_footage.camera_names
+    names = context.footage.raw.camera_names
     missing = [name for name in names if name not in footage.camera_names]
     if missing:
         raise StudioError(
@@ -111,14 +113,17 @@ def _views(
     # the same moments of all cameras
     frames = sorted({frame for name in names for frame in footage.frames_of(name)})
     chosen = {frames[int(index)] for index in np.linspace(0, len(frames) - 1, min(most, len(frames)))}
-    moments, readers = {}, {}
+    sync_frames, readers = {}, {}
     for name in names:
-        moments[name] = [frame for frame in footage.frames_of(name) if frame in chosen]
+        sync_frames[name] = [frame for frame in footage.frames_of(name) if frame in chosen]
         read: Callable[[int], np.ndarray] = partial(footage.raw_image, name)
         readers[name] = read
     try:
-        return detect_boards(
-            readers, moments, board(context.config.calibrate.board), reporter.part("looking for the board", start, stop)
+        return detect_target(
+            readers,
+            sync_frames,
+            board(context.config.calibrate.board),
+            reporter.part("looking for the board", start, stop),
         )
     finally:
         footage.close()

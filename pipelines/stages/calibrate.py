@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.calibration_report import (
+from pipelines.reports.calibration import (
     calibration_figures,
     calibration_lenses,
     calibration_warnings,
     render_calibration,
 )
-from pipelines.files import atomic_path, digest_of_file, write_json
-from pipelines.point_files import write_points
 from pipelines.stages.arguments import camera_file, sfm_settings, tie_settings
-from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
+from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.boards import BOARD_SETTINGS, board_digest, calibrate_with_boards, lenses_from_boards
 from pipelines.stages.known_cameras import (
     at_footage_size,
@@ -28,6 +26,9 @@ from pipelines.stages.known_cameras import (
     known_file,
     tie_file,
 )
+from pipelines.stages.params import Params, settings_of, without
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_json
+from pipelines.takes.point_files import write_points
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 TIE_SETTINGS = (
     "calibrate.tie_accuracy", "calibrate.tie_world_accuracy", "calibrate.board", "calibrate.board_frames",
-    "calibrate.lens", "calibrate.lens_images", "calibrate.shared_lens", "calibrate.scale_between",
+    "calibrate.camera_model", "calibrate.intrinsics_images", "calibrate.shared_intrinsics", "calibrate.scale_between",
     "calibrate.scale_distance", "calibrate.refine_principal_point", "capture.color_matrix", "capture.size_rule",
 )  # fmt: skip
 """Settings that cameras from tie points follow from."""
@@ -49,9 +50,9 @@ class CalibrateStage:
     title = "Cameras"
     version = 1
     weight = 1.0
-    needs: tuple[str, ...] = ()
+    dependencies: tuple[str, ...] = ()
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """A calibration file's content, or the footage and how it is calibrated."""
         given = _given(context)
         if given is not None:
@@ -64,7 +65,7 @@ class CalibrateStage:
         if context.config.calibrate.tie_points:
             return {
                 "tie points": _digest(tie_file(context)),
-                "sizes": {name: context.raw_footage.raw_size(name) for name in context.raw_footage.camera_names},
+                "sizes": {name: context.footage.raw.raw_size(name) for name in context.footage.raw.camera_names},
                 **settings_of(context.config, "capture.cameras", "run.seed", *TIE_SETTINGS),
                 **_lens_files(context),
             }
@@ -74,7 +75,7 @@ class CalibrateStage:
         if context.config.calibrate.look_at != "everything":
             capture |= without(settings_of(context.config, "capture"), *_NO_MATTER_FOR_MASKS)
         return {
-            "footage": context.footage_digest,
+            "footage": context.footage.digest,
             "frames": self._frames(context),
             **capture,
             **without(settings_of(context.config, "calibrate", "run.seed"), "calibrate.frame", "calibrate.frames"),
@@ -114,13 +115,13 @@ class CalibrateStage:
                 reporter.log(sentence)
             for sentence in calibration_warnings(report):
                 reporter.warn(sentence)
-        context.forget_footage()
+        context.footage.forget_cameras()
         reporter.progress(1.0, "cameras stand")
         figures = {"cameras": len(rig), "source": report["source"]}
         if "reprojection" in report:
             figures |= {"quality": report["quality"], "mean_error_px": report["reprojection"]["mean"]}
-        if "explained" in report:
-            figures["explained"] = report["explained"]
+        if "match_inlier_ratio" in report:
+            figures["match_inlier_ratio"] = report["match_inlier_ratio"]
         return figures
 
     def _from_file(self, context: Context, path: Path) -> tuple[Any, dict[str, Any]]:
@@ -128,7 +129,7 @@ class CalibrateStage:
         from studio.cameras import Rig
         from studio.capture import match_rig
 
-        names = context.raw_footage.camera_names
+        names = context.footage.raw.camera_names
         rig = read_rig(path)
         if context.config.capture.cameras:
             rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
@@ -137,7 +138,7 @@ class CalibrateStage:
         return rig, {"source": "file", "file": str(path)}
 
     def _frames(self, context: Context) -> list[int]:
-        frames = context.raw_footage.frames
+        frames = context.footage.raw.frames
         section = context.config.calibrate
         if section.frame is None:
             # the middles of equal parts: the ends of a take are often empty
@@ -165,7 +166,7 @@ class CalibrateStage:
     def _from_footage(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
         from studio.calibration import calibrate_from_images, floor_world
 
-        footage, section = context.raw_footage, context.config.calibrate
+        footage, section = context.footage.raw, context.config.calibrate
         frames = self._frames(context)
         names = footage.camera_names
         distance = known_distance(section, names)
@@ -199,7 +200,7 @@ class CalibrateStage:
             focal_lengths={} if lenses else focal_lengths(footage, frames[0]),
             settings=sfm_settings(section, context.config.run),
             distance=distance,
-            progress=reporter.part("structure from motion", 0.2 if section.lens_images else 0.0, 1.0),
+            progress=reporter.part("structure from motion", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         rig, points = result.rig, result.points
         if section.floor:
@@ -212,7 +213,7 @@ class CalibrateStage:
     def _from_tie_points(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
         from studio.calibration import calibrate_from_tie_points, read_tie_points
 
-        footage, section = context.raw_footage, context.config.calibrate
+        footage, section = context.footage.raw, context.config.calibrate
         names = footage.camera_names
         points = read_tie_points(tie_file(context))
         strange = sorted({camera for point in points for camera in point.pixels} - set(names))
@@ -229,7 +230,7 @@ class CalibrateStage:
             focal_lengths={} if lenses else focal_lengths(footage, footage.frames[0]),
             distance=known_distance(section, names),
             settings=tie_settings(section, context.config.run),
-            progress=reporter.part("placing the cameras", 0.2 if section.lens_images else 0.0, 1.0),
+            progress=reporter.part("placing the cameras", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         _keep_points(context, result.points, result.colors)
         return result.rig, {"source": "tie points", "file": str(tie_file(context)), **report, **result.report}
@@ -251,12 +252,12 @@ def _given(context: Context) -> Path | None:
     return None if ways and ways != ["capture.rig"] else camera_file(context.config.capture)
 
 
-def _lens_files(context: Context) -> Ingredients:
+def _lens_files(context: Context) -> Params:
     """What the lenses that are known beforehand are read from (see `_known_lenses`)."""
     section = context.config.calibrate
     return {
-        **({"known": _digest(known_file(context))} if section.known else {}),
-        **({"board footage": board_digest(context)} if section.lens_images else {}),
+        **({"known": _digest(known_file(context))} if section.known_cameras else {}),
+        **({"board footage": board_digest(context)} if section.intrinsics_images else {}),
     }
 
 
@@ -266,10 +267,10 @@ def _keep_points(context: Context, points: np.ndarray, colors: np.ndarray) -> No
 
 
 def _known_lenses(context: Context, reporter: StageReporter) -> tuple[dict[str, Camera], Rig | None, dict[str, Any]]:
-    """Lenses that are known beforehand at the footage's size, the cameras of calibrate.known, and what to report."""
+    """Lenses that are known beforehand at the footage's size, cameras of calibrate.known_cameras, what to report."""
     lenses: dict[str, Camera] = {}
     report: dict[str, Any] = {}
-    if context.config.calibrate.lens_images:
+    if context.config.calibrate.intrinsics_images:
         lenses, report["lenses"] = lenses_from_boards(context, reporter, 0.0, 0.2)
         lenses = {name: at_footage_size(context, name, camera) for name, camera in lenses.items()}
     before = known_cameras(context)

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.files import write_json, write_text
-from pipelines.frame_files import read_frame
-from pipelines.groups import Group
-from pipelines.pictures import draw
-from pipelines.stages.base import Context, Ingredients, StageReporter, settings_of, without
+from pipelines.reports.evaluation import Sample, render_report
+from pipelines.reports.pictures import draw
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.params import Params, settings_of, without
+from pipelines.takes.atomic_files import write_json, write_text
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.groups import Group
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -22,17 +24,6 @@ if TYPE_CHECKING:
 MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
 """What a row may hold; the last two only where evaluate.lpips asks for them."""
 _HIGHEST_PSNR = 100.0
-
-
-@dataclass(frozen=True)
-class Sample:
-    """Pictures of one view, cropped alike: (h, w, 3) float32 in 0 to 1."""
-
-    frame: int
-    camera: str
-    truth: np.ndarray
-    trained: np.ndarray
-    decoded: np.ndarray
 
 
 @dataclass
@@ -51,13 +42,13 @@ class EvaluateStage:
     title = "Evaluation"
     version = 1
     weight = 5.0
-    needs: tuple[str, ...] = ("calibrate", "train", "bake")
+    dependencies: tuple[str, ...] = ("calibrate", "train", "bake")
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """The footage and all that decides what is compared."""
         return {
-            "footage": context.footage_digest,
-            "frames": list(context.raw_footage.frames),
+            "footage": context.footage.digest,
+            "frames": list(context.footage.raw.frames),
             **without(settings_of(context.config, "capture"), "capture.root", "capture.rig", "capture.cache_megabytes"),
             **settings_of(context.config, "evaluate"),
         }
@@ -72,10 +63,9 @@ class EvaluateStage:
 
     def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
         """Decode, draw, compare, write evaluation.json and report.html."""
-        from pipelines.report import render_report
         from studio.stream import StreamReader
 
-        footage, lpips = context.footage, context.lpips
+        footage, lpips = context.footage.calibrated, context.lpips
         if lpips is not None and lpips.remark:
             reporter.warn(lpips.remark)
         held_out = bool(footage.held_out_cameras)
@@ -141,7 +131,10 @@ class EvaluateStage:
             "frames": measured.frames,
         }
         reporter.progress(0.97, "writing the report")
-        write_text(context.take.report, render_report(context, evaluation, measured.samples))
+        write_text(
+            context.take.report,
+            render_report(context.take, context.config, context.groups, evaluation, measured.samples),
+        )
         write_json(context.take.evaluation, evaluation)
         reporter.metrics(evaluation["summary"])
         reporter.progress(1.0, "measured")
@@ -153,7 +146,7 @@ class EvaluateStage:
         from studio.metrics import psnr, ssim
 
         measured = Measured()
-        total = len(context.raw_footage.frames)
+        total = len(context.footage.raw.frames)
         shown = set(np.linspace(0, total - 1, min(context.config.evaluate.report_frames, total)).round().astype(int))
         for group in context.groups:
             for index, frame in zip(group.indices, group.frames, strict=True):
@@ -209,7 +202,7 @@ class EvaluateStage:
         self, context: Context, camera: str, frame: int, trained: Gaussians, decoded: Gaussians
     ) -> Sample | None:
         """Pictures of one view; None where the camera does not see the performer."""
-        footage, settings = context.footage, context.config
+        footage, settings = context.footage.calibrated, context.config
         view = footage.view(camera, frame)
         matte = footage.evaluation_matte(camera, frame)
         box = padded_box(matte, settings.evaluate.crop_padding)

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def known_file(context: Context) -> Path:
-    """calibrate.known.
+    """calibrate.known_cameras.
 
     Raises:
         StudioError: it is not there.
     """
-    return _named(context, "known", "camera file")
+    return _named(context, "known_cameras", "camera file")
 
 
 def tie_file(context: Context) -> Path:
@@ -43,7 +43,7 @@ def _named(context: Context, setting: str, what: str) -> Path:
 
 
 def known_cameras(context: Context) -> Rig | None:
-    """The cameras of calibrate.known, at the footage's size and under its names; None where it is empty.
+    """The cameras of calibrate.known_cameras, at the footage's size and under its names; None where it is empty.
 
     Raises:
         StudioError: the file is unusable or lacks a camera, or known_poses without a file.
@@ -53,11 +53,11 @@ def known_cameras(context: Context) -> Rig | None:
     from studio.capture import match_rig
 
     section = context.config.calibrate
-    if not section.known:
+    if not section.known_cameras:
         if section.known_poses:
-            raise StudioError("calibrate.known_poses needs the older solution; name it in calibrate.known.")
+            raise StudioError("calibrate.known_poses needs the older solution; name it in calibrate.known_cameras.")
         return None
-    footage = context.raw_footage
+    footage = context.footage.raw
     found = match_rig(read_rig(known_file(context)), footage.camera_names)
     return Rig(tuple(at_footage_size(context, name, camera) for name, camera in found.items()))
 
@@ -70,7 +70,7 @@ def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
     """
     from studio.capture.warp import Warp, fit_size
 
-    footage = context.raw_footage
+    footage = context.footage.raw
     width, height = footage.raw_size(name)
     rule = context.config.capture.size_rule
     same_shape = width * camera.height == height * camera.width
@@ -107,7 +107,7 @@ def known_distance(section: CalibrateSection, names: Sequence[str]) -> tuple[str
         return None
     if len(section.scale_between) != 2 or section.scale_distance is None:
         raise StudioError(
-            "A known scale needs two cameras in calibrate.scale_between and their distance in metres in "
+            "A known scale needs two cameras in calibrate.scale_between and their distance in meters in "
             f"calibrate.scale_distance; given are {list(section.scale_between)} and {section.scale_distance}."
         )
     for name in section.scale_between:

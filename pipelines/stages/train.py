@@ -6,16 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipelines.files import read_json, remove
-from pipelines.frame_files import read_about
-from pipelines.groups import Group
-from pipelines.records import result_of
 from pipelines.stages.arguments import NOT_TRAINING
-from pipelines.stages.base import Context, Ingredients, StageReporter, key_of, leftover, settings_of, without
-from pipelines.stages.initialise import seen_by_training
-from pipelines.stages.lanes import groups_at_once, run_lanes, threads_by_group
+from pipelines.stages.base import Context, StageReporter, leftover
+from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
+from pipelines.stages.params import Params, key_of, settings_of, without
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
+from pipelines.takes.atomic_files import read_json, remove
+from pipelines.takes.frame_files import read_about
+from pipelines.takes.groups import Group
+from pipelines.takes.records import result_of
 from studio.errors import StudioError
 
 
@@ -32,14 +32,14 @@ class TrainStage:
     title = "Training"
     version = 2
     weight = 85.0
-    needs: tuple[str, ...] = ("calibrate", "initialise")
+    dependencies: tuple[str, ...] = ("calibrate", "initialize")
 
-    def ingredients(self, context: Context) -> Ingredients:
+    def params(self, context: Context) -> Params:
         """What training sees, how it trains, and which frames."""
         return {
             **self._recipe(context),
             **settings_of(context.config, "train.group_size"),
-            "frames": list(context.raw_footage.frames),
+            "frames": list(context.footage.raw.frames),
             **({} if context.config.train.grouping == "fixed" else {"groups": [one.first for one in context.groups]}),
         }
 
@@ -56,7 +56,7 @@ class TrainStage:
     def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
         """Train what is missing."""
         groups = context.groups
-        footage = context.footage
+        footage = context.footage.calibrated
         if not footage.train_cameras:
             raise StudioError("All cameras are held out, so there is none to train on; shorten capture.held_out.")
         finished = {group.index: self._finished(context, group) for group in groups}
@@ -73,7 +73,7 @@ class TrainStage:
                     f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are trained already"
                 )
                 jobs[group.index] = partial(work.train, group, finished[group.index], self._keys(context, group))
-        run_lanes(jobs, at_once, threads, work.stop)
+        run_groups(jobs, at_once, threads, work.stop)
         splats = []
         for group in groups:
             self._drop_leftovers(context, group)
@@ -93,20 +93,22 @@ class TrainStage:
         def tell(done: int, total: int, **figures: Any) -> None:
             reporter.progress(0.0, f"checking the footage, {done}/{total} images")
 
-        problems = context.footage.check(tell, frames=frames)
+        from studio.capture import check_footage
+
+        problems = check_footage(context.footage.calibrated, tell, frames=frames)
         if problems:
             raise StudioError("\n".join(problems))
 
-    def _recipe(self, context: Context) -> Ingredients:
+    def _recipe(self, context: Context) -> Params:
         """Of all frames."""
         settings = without(settings_of(context.config, "train"), *(f"train.{name}" for name in NOT_TRAINING))
-        return {**seen_by_training(context), **settings, **settings_of(context.config, "run.seed")}
+        return {**context.footage.seen_by_training(), **settings, **settings_of(context.config, "run.seed")}
 
     def _keys(self, context: Context, group: Group) -> list[str]:
         """Key of each frame of the group, in order."""
         from studio.training.settings import AFTER_KEYFRAME
 
-        points = context.take.initialise_group(group.index) / "report.json"
+        points = context.take.initialize_group(group.index) / "report.json"
         files = read_json(points).get("files") if points.is_file() else None
         recipe = self._recipe(context)
         later_names = [f"train.{name}" for name in AFTER_KEYFRAME]

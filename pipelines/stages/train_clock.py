@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from pipelines.config import TrainSection
-from pipelines.groups import Group
+from pipelines.takes.groups import Group
 
 
 class TrainClock:

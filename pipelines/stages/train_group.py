@@ -9,21 +9,22 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
-from pipelines.cancel import Cancellation
-from pipelines.files import read_json, remove, write_json
-from pipelines.frame_files import read_frame, read_tensors, write_frame, write_tensors
-from pipelines.groups import Group
-from pipelines.pictures import draw, write_picture
-from pipelines.point_files import read_points
+from pipelines.events.cancellation import Cancellation
+from pipelines.reports.pictures import draw, write_picture
 from pipelines.stages.arguments import train_settings
-from pipelines.stages.base import Context, StageReporter, derived_seed
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.params import derived_seed
 from pipelines.stages.train_clock import TrainClock
+from pipelines.takes.atomic_files import read_json, remove, write_json
+from pipelines.takes.frame_files import read_frame, read_tensors, write_frame, write_tensors
+from pipelines.takes.groups import Group
+from pipelines.takes.point_files import read_points
 from studio.errors import StudioError
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
-    from studio.training import TrainSettings, TrainView
+    from studio.training import TrainingView, TrainSettings
 
 
 _MANY_PIXELS, _GOOD_PIXELS = 600_000, 150_000
@@ -63,7 +64,7 @@ class GroupWork:
         before = read_frame(take.trained_frame(group.index, group.first + finished - 2)) if finished > 1 else None
         # one frame ahead: the next frame's images are decoded while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:
-            views: Future[list[TrainView]] = ahead.submit(self._views, group.frames[finished], tell=True)
+            views: Future[list[TrainingView]] = ahead.submit(self._views, group.frames[finished], tell=True)
             for position in range(finished, len(group.frames)):
                 current = views.result()
                 self._advise(current)
@@ -86,7 +87,7 @@ class GroupWork:
         position: int,
         previous: Gaussians | None,
         before: Gaussians | None,
-        views: list[TrainView],
+        views: list[TrainingView],
         keys: list[str],
     ) -> Gaussians:
         from studio.training import train_interframe
@@ -120,7 +121,7 @@ class GroupWork:
         return found.gaussians.detach().to("cpu")
 
     def _keyframe(
-        self, group: Group, views: list[TrainView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
+        self, group: Group, views: list[TrainingView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
     ) -> Gaussians:
         """From its checkpoint, where a run of the same recipe left one."""
         import torch
@@ -137,7 +138,7 @@ class GroupWork:
         resume = read_tensors(path, key)
         if resume is not None:
             self.reporter.log(f"group {group.index}: the keyframe goes on from step {int(resume['done'])}")
-        points, colors = read_points(take.initialise_group(group.index) / "points.ply")
+        points, colors = read_points(take.initialize_group(group.index) / "points.ply")
         gaussians = train_keyframe(
             views,
             torch.from_numpy(points).to(device),
@@ -179,11 +180,11 @@ class GroupWork:
 
         return tell
 
-    def _views(self, frame: int, tell: bool = False) -> list[TrainView]:
+    def _views(self, frame: int, tell: bool = False) -> list[TrainingView]:
         """What training sees of a frame; `tell`: nothing else goes on that would show progress."""
-        from studio.training import TrainView
+        from studio.training import TrainingView
 
-        footage, device = self.context.footage, self.context.device
+        footage, device = self.context.footage.calibrated, self.context.device
         views = []
         for number, camera in enumerate(footage.train_cameras):
             self.context.cancellation.check()
@@ -195,14 +196,14 @@ class GroupWork:
                 self.reporter.progress(fraction, label)
             view = footage.view(camera, frame)
             if (view.matte > 127).any():
-                views.append(TrainView.from_view(view, device, self.settings.crop_margin))
+                views.append(TrainingView.from_view(view, device, self.settings.crop_margin))
             else:
                 self.reporter.warn(f"{camera} does not see the performer in frame {frame}; left out there.")
         if not views:
             raise StudioError(f"No training camera sees the performer in frame {frame}; check the masks.")
         return views
 
-    def _advise(self, views: list[TrainView]) -> None:
+    def _advise(self, views: list[TrainingView]) -> None:
         """Without a GPU, say once what smaller pictures would do where they are larger than it can train on."""
         with self._lock:
             if self._advised or self.context.device != "cpu":
@@ -256,7 +257,7 @@ class GroupWork:
             if pause == 0 or time.monotonic() - self._last_preview < pause:
                 return
             self._last_preview = time.monotonic()
-        footage = self.context.footage
+        footage = self.context.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         frame = group.frames[position]
         picture = draw(

@@ -106,7 +106,7 @@ def rig_geometry(rig: Rig) -> dict[str, Any]:
     """How the cameras stand to each other.
 
     Returns:
-        `radius`, the mean distance of the cameras from the point they look at, and `neighbours`: of each camera the
+        `radius`, the mean distance of the cameras from the point they look at, and `neighbors`: of each camera the
         nearest other one, the distance to it, and the angle in degrees between them as seen from that point.
     """
     focus, centers = rig.focus, rig.centers
@@ -125,7 +125,7 @@ def rig_geometry(rig: Rig) -> dict[str, Any]:
             "distance": round(float(distances[other]), 6),
             "angle": round(float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), 2),
         }
-    return {"radius": round(float(lengths.mean()), 6), "neighbours": nearest}
+    return {"radius": round(float(lengths.mean()), 6), "neighbors": nearest}
 
 
 class _WidestAngles:

@@ -1,6 +1,6 @@
 """calibration.csv of ActorsHQ (HumanRF).
 
-A row a camera: name, w, h, rx ry rz (rotation vector, camera to world), tx ty tz (centre), fx fy px py in parts of the
+A row a camera: name, w, h, rx ry rz (rotation vector, camera to world), tx ty tz (center), fx fy px py in parts of the
 width and the height. OpenCV's axes. The principal point counts from the image corner, as in COLMAP, to which the data
 set's own exporter hands it unchanged. The images are undistorted.
 """
@@ -13,8 +13,8 @@ import numpy as np
 
 from studio.camera_files.common import naming, read_csv, rigid_inverse, write_atomic
 from studio.cameras import Camera, Rig
-from studio.checked import number
 from studio.errors import StudioError
+from studio.validation import number
 
 COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")
 

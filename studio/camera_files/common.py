@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.checked import array, check_finite
 from studio.errors import StudioError
+from studio.validation import array, check_finite
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 `names` lists the cameras; `K_<name>` (3 x 3), `dist_<name>` (OpenCV's order) stand in intri.yml, `R_<name>` (rotation
 vector), `Rot_<name>` (matrix) and `T_<name>` in extri.yml: x ~ K (R X + T) with OpenCV's axes. The pixel origin is
-OpenCV's, the centre of the first pixel. `H_<name>`, `W_<name>` are newer; older files have no image size.
+OpenCV's, the center of the first pixel. `H_<name>`, `W_<name>` are newer; older files have no image size.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from studio.camera_files.common import naming, read_text, write_atomic
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
-from studio.checked import check_finite, whole
 from studio.errors import StudioError
+from studio.validation import check_finite, whole
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 

@@ -2,7 +2,7 @@
 
 After the manual's appendix "Camera models" and files that the program writes: a camera's `transform` is camera to
 chunk, row by row, with OpenCV's axes; the component's `transform` (older files: the chunk's) is rotation, translation
-and scale to the world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f, with the upper left pixel's centre
+and scale to the world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f, with the upper left pixel's center
 at (0.5, 0.5), which is our origin. x' and y' follow Brown's model with p1 and p2 the other way round than in OpenCV.
 Cameras without a transform were not aligned and are left out. OpenCV has no k4 r^8: where it is used, OpenCV's rational
 model is fitted to it.
@@ -18,8 +18,8 @@ import numpy as np
 from studio.camera_files.common import camera_names, naming, rigid_inverse
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig
-from studio.checked import array, check_finite
 from studio.errors import StudioError
+from studio.validation import array, check_finite
 
 Element = ElementTree.Element
 _NOTICEABLE = 0.25  # pixels

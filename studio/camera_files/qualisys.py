@@ -1,11 +1,11 @@
 """Qualisys Track Manager calibrations (.qca.txt, XML).
 
 As found in files that the program and Pose2Sim write:
-- `transform` x y z is the camera's centre in millimetres; r11..r33 is a world-to-camera rotation whose axes are
+- `transform` x y z is the camera's center in millimeters; r11..r33 is a world-to-camera rotation whose axes are
   x right, y up, z back, so y and z are turned over for ours.
 - `intrinsic` counts pixels in 1/64: focal lengths and principal point are divided by 64. The principal point is
   relative to the sensor, of which `fov_video` (corners inclusive) is the part that was recorded, and has its origin at
-  the centre of the first pixel, as in OpenCV. Distortion is OpenCV's, without unit. (Pose2Sim divides distortion by
+  the center of the first pixel, as in OpenCV. Distortion is OpenCV's, without unit. (Pose2Sim divides distortion by
   64 as well; calibrating the lens from board pictures shows that the plain numbers are meant.)
 - Cameras that only track markers are left out where the file has video cameras.
 """
@@ -19,15 +19,15 @@ import numpy as np
 
 from studio.camera_files.common import naming
 from studio.cameras import Camera, Rig
-from studio.checked import number
 from studio.errors import StudioError
+from studio.validation import number
 
 _SUBPIXELS = 64.0
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def rig_from_qualisys(path: Path, root: ElementTree.Element) -> Rig:
-    """A rig from the file's root element <calibration>; positions become metres.
+    """A rig from the file's root element <calibration>; positions become meters.
 
     Raises:
         StudioError: an element or number is missing or unusable.

@@ -1,6 +1,6 @@
 """RealityScan's (RealityCapture's) export "Internal/External camera parameters" (CSV).
 
-A row an image: #name, x, y, alt (centre), heading, pitch, roll in degrees, f in millimetres on 36 mm for the longer
+A row an image: #name, x, y, alt (center), heading, pitch, roll in degrees, f in millimeters on 36 mm for the longer
 side, px, py (principal point from the image's middle, in longer sides), k1 to k4. Camera to world is
 Rz(-heading) Rx(pitch) Ry(roll) with x right, y up, z back, as the importers of other programs have it. The file has no
 image sizes: the images must lie beside it. The tangential terms t1, t2, whose order is published nowhere, must be 0
@@ -17,8 +17,8 @@ from studio.camera_files.common import camera_names, naming, read_csv, rigid_inv
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
-from studio.checked import number
 from studio.errors import StudioError
+from studio.validation import number
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 _FLIP = np.diag([1.0, -1.0, -1.0])

@@ -1,8 +1,8 @@
 """CamPose.inf and Intrinsic.inf of ReRF (and NHR).
 
-CamPose.inf has a line a camera of 12 numbers: the camera's z, x and y axis and its centre in the world (OpenCV's axes).
+CamPose.inf has a line a camera of 12 numbers: the camera's z, x and y axis and its center in the world (OpenCV's axes).
 Intrinsic.inf has, a camera each, a line with its number and three lines with K. Cameras are numbered from 0; videos are
-named 000.mp4, images img_0000.png. The lenses have no distortion. K counts from the centre of the first pixel, as in
+named 000.mp4, images img_0000.png. The lenses have no distortion. K counts from the center of the first pixel, as in
 OpenCV.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 from studio.camera_files.common import naming, read_text, rigid_inverse
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
-from studio.checked import array, check_finite
 from studio.errors import StudioError
+from studio.validation import array, check_finite
 
 POSES, INTRINSICS = "CamPose.inf", "Intrinsic.inf"
 

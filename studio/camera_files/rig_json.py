@@ -16,8 +16,8 @@ import numpy as np
 
 from studio.camera_files.common import matrix, naming, read_json, write_atomic
 from studio.cameras import Camera, Rig
-from studio.checked import array, check_finite, whole
 from studio.errors import StudioError
+from studio.validation import array, check_finite, whole
 
 FORMAT = "v3studio-rig"
 VERSION = 1

@@ -3,7 +3,7 @@
 Pose2Sim (Calib_*.toml): a table a camera with `name`, `size`, `matrix`, `distortions` (OpenCV's order), `rotation`
 (rotation vector) and `translation`; world to camera, OpenCV's axes; beside them [metadata]. Caliscope
 (camera_array.toml): the same below [cameras.<id>], with `cam_id` or `port`, `rotation` a matrix or a vector, and
-`ignore`; its older config.toml has [cam_<id>] tables among others. Pixel origin: OpenCV's, the first pixel's centre.
+`ignore`; its older config.toml has [cam_<id>] tables among others. Pixel origin: OpenCV's, the first pixel's center.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 
 from studio.camera_files.common import naming, read_text, write_atomic
 from studio.cameras import Camera, Rig
-from studio.checked import array, check_finite
 from studio.errors import StudioError
+from studio.validation import array, check_finite
 
 
 def read_toml(path: Path) -> Rig:

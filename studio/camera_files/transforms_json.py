@@ -17,8 +17,8 @@ import numpy as np
 
 from studio.camera_files.common import camera_names, matrix, naming, read_json, rigid_inverse, write_atomic
 from studio.cameras import Camera, Rig
-from studio.checked import number
 from studio.errors import StudioError
+from studio.validation import number
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")

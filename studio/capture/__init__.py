@@ -1,18 +1,20 @@
 """Footage: frames x cameras in files -> image, matte and camera of a view."""
 
-from studio.capture.footage import Footage, View
-from studio.capture.masks import Matter
-from studio.capture.matting import FunctionMatter, MattingFunction
-from studio.capture.opening import match_rig, open_footage, refuse_unknown_cameras
+from studio.capture.checks import check_footage
+from studio.capture.footage import Footage, FootageView
+from studio.capture.mattes.matte_source import MatteSource
+from studio.capture.mattes.matting_function import FunctionMatteSource, MattingFunction
+from studio.capture.open_footage import match_rig, open_footage, refuse_unknown_cameras
 from studio.capture.spec import CaptureSpec
 
 __all__ = [
     "CaptureSpec",
     "Footage",
-    "FunctionMatter",
-    "Matter",
+    "FootageView",
+    "FunctionMatteSource",
+    "MatteSource",
     "MattingFunction",
-    "View",
+    "check_footage",
     "match_rig",
     "open_footage",
     "refuse_unknown_cameras",

@@ -16,7 +16,7 @@ _FEWEST = 16
 
 
 def look(image: np.ndarray, matte: np.ndarray, side: int = LOOK_SIDE) -> np.ndarray | None:
-    """A small picture of the performer, centred and scaled to his size.
+    """A small picture of the performer, centered and scaled to his size.
 
     Args:
         image: (H, W, 3) uint8 RGB.
@@ -24,7 +24,7 @@ def look(image: np.ndarray, matte: np.ndarray, side: int = LOOK_SIDE) -> np.ndar
         side: of the result, pixels.
 
     Returns:
-        (side, side, 4) float32 in 0 to 1, colour times matte, and matte; None where he is not seen.
+        (side, side, 4) float32 in 0 to 1, color times matte, and matte; None where he is not seen.
     """
     inside = matte > 127
     if int(inside.sum()) < _FEWEST:

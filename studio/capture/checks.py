@@ -6,14 +6,11 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
-from studio.capture.masks import FullMatter
+from studio.capture.footage import Footage
+from studio.capture.mattes.matte_source import FullMatteSource
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
-
-if TYPE_CHECKING:
-    from studio.capture.footage import Footage
 
 _EMPTY = 2e-5  # of the image: 20 pixels of a megapixel
 _FULL = 0.999
@@ -46,14 +43,20 @@ def number_ranges(numbers: list[int]) -> str:
 def check_footage(
     footage: Footage, progress: ProgressFn = no_progress, frames: tuple[int, ...] | None = None
 ) -> list[str]:
-    """Decode every frame and matte, several cameras side by side; see `Footage.check`.
+    """Decode every frame and matte, several cameras side by side; and tell what is wrong.
+
+    Args:
+        footage: what is read.
+        progress: called with images read, of all.
+        frames: only these; None is all.
 
     Returns:
+        An empty list where the footage is sound; else `Footage.problems`, and then
         One sentence a problem, those of one kind and camera together.
     """
     frames = footage.frames if frames is None else frames
     total = len(frames) * len(footage.camera_names)
-    masked = not isinstance(footage.matter, FullMatter)
+    masked = not isinstance(footage.matte_source, FullMatteSource)
     lock, stop = threading.Lock(), threading.Event()
     done = 0
 
@@ -96,7 +99,7 @@ def check_footage(
             stop.set()
             raise
     progress(total, total)
-    problems: list[str] = []
+    problems = list(footage.problems)
     for camera, found in zip(footage.camera_names, results, strict=True):
         problems += list(dict.fromkeys(found.broken))[:3]
         if found.empty:

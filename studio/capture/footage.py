@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from studio.cameras import Camera, Rig
-from studio.capture.masks import Matter, PlateMatter, Recolors
-from studio.capture.memory import ByteCache
-from studio.capture.sources import DecoderPool, FrameSource
+from studio.capture.digest import digest_files
+from studio.capture.frame_sources import DecoderPool, FrameSource
+from studio.capture.lru_cache import ByteCache
+from studio.capture.mattes.matte_source import MatteSource, PlateMatteSource, Recolors
 from studio.capture.spec import CaptureSpec
 from studio.capture.warp import Warp
 from studio.errors import StudioError
-from studio.progress import ProgressFn, no_progress
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class FootageView:
     """What one camera saw at one moment.
 
     Attributes:
@@ -57,8 +57,8 @@ class Footage:
         frames: tuple[int, ...],
         held_out: tuple[str, ...],
         fps: float,
-        matter: Matter,
-        exact_matter: Matter | None,
+        matte_source: MatteSource,
+        exact_matte_source: MatteSource | None,
         warps: Mapping[str, Warp] | None,
         pool: DecoderPool,
         cache: ByteCache,
@@ -74,8 +74,8 @@ class Footage:
         self.description = description
         self.problems = problems
         self._sources = dict(sources)
-        self._matter = matter
-        self._exact_matter = exact_matter
+        self._matte_source = matte_source
+        self._exact_matte_source = exact_matte_source
         self._warps = dict(warps) if warps is not None else None
         self._pool = pool
         self._cache = cache
@@ -97,12 +97,12 @@ class Footage:
     @property
     def has_evaluation_mattes(self) -> bool:
         """Whether the capture ships exact mattes."""
-        return self._exact_matter is not None
+        return self._exact_matte_source is not None
 
     @property
-    def matter(self) -> Matter:
+    def matte_source(self) -> MatteSource:
         """Where the mattes come from."""
-        return self._matter
+        return self._matte_source
 
     def raw_size(self, camera: str) -> tuple[int, int]:
         """(width, height) of the camera's frames in the files."""
@@ -131,7 +131,7 @@ class Footage:
         return self._raw_matte(camera, frame).copy()
 
     def image(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W, 3) uint8 RGB, undistorted and scaled; without a coloured screen's light where the masks take it off.
+        """(H, W, 3) uint8 RGB, undistorted and scaled; without a colored screen's light where the masks take it off.
         The array is the caller's own.
 
         Raises:
@@ -145,22 +145,22 @@ class Footage:
         Raises:
             StudioError: as `image`; or the mask file is missing or does not fit.
         """
-        return self._matte(camera, frame, self._matter, "matte").copy()
+        return self._matte(camera, frame, self._matte_source, "matte").copy()
 
     def evaluation_matte(self, camera: str, frame: int) -> np.ndarray:
         """The exact matte where the capture ships one (`spec.evaluation_mattes`), else `matte`."""
-        if self._exact_matter is None:
+        if self._exact_matte_source is None:
             return self.matte(camera, frame)
-        return self._matte(camera, frame, self._exact_matter, "exact").copy()
+        return self._matte(camera, frame, self._exact_matte_source, "exact").copy()
 
-    def view(self, camera: str, frame: int) -> View:
+    def view(self, camera: str, frame: int) -> FootageView:
         """Camera, image and matte together; the frame is decoded once."""
         image, matte = self.image(camera, frame), self.matte(camera, frame)
-        return View(self.rig[camera], image, matte, frame, self.plate(camera))
+        return FootageView(self.rig[camera], image, matte, frame, self.plate(camera))
 
     def plate(self, camera: str) -> np.ndarray | None:
         """(H, W, 3) uint8 RGB: the clean plate, undistorted and scaled like the images; None where there is none."""
-        raw = self._matter.plate(camera) if isinstance(self._matter, PlateMatter) else None
+        raw = self._matte_source.plate(camera) if isinstance(self._matte_source, PlateMatteSource) else None
         if raw is None:
             return None
         warp = self._warp(camera)
@@ -173,20 +173,8 @@ class Footage:
             self._cache.put(key, *kept)
         return kept[0].copy()
 
-    def check(self, progress: ProgressFn = no_progress, *, frames: tuple[int, ...] | None = None) -> list[str]:
-        """Read everything once and tell what is wrong; an empty list means the footage is sound.
-
-        Args:
-            frames: only these; None is all.
-        """
-        from studio.capture.checks import check_footage
-
-        return list(self.problems) + check_footage(self, progress, frames)
-
     def digest(self) -> str:
         """Hexadecimal digest of the files behind the footage: names, sizes and contents (see `digest_files`)."""
-        from studio.capture.digest import digest_files
-
         if self._digest is None:
             self._digest = digest_files(self.spec.root, self.files())
         return self._digest
@@ -194,20 +182,21 @@ class Footage:
     def files(self) -> list[Path]:
         """All files that images and mattes are made from."""
         paths = [path for source in self._sources.values() for path in source.files(self.frames)]
-        paths += self._matter.files()
-        if self._exact_matter is not None:
-            paths += self._exact_matter.files()
+        paths += self._matte_source.files()
+        if self._exact_matte_source is not None:
+            paths += self._exact_matte_source.files()
         return paths
 
     def close(self) -> None:
         """Close all video decoders. Reading opens them again."""
         self._pool.close()
 
-    def with_matter(self, matter: Matter) -> Footage:
+    def with_matte_source(self, matte_source: MatteSource) -> Footage:
         """The same footage with mattes from elsewhere (a matting model, say)."""
         return Footage(
-            self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, matter, self._exact_matter,
-            self._warps, self._pool, ByteCache(self._cache.limit), self.description, self.problems,
+            self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, matte_source,
+            self._exact_matte_source, self._warps, self._pool, ByteCache(self._cache.limit), self.description,
+            self.problems,
         )  # fmt: skip
 
     def where(self, camera: str, frame: int) -> str:
@@ -231,14 +220,14 @@ class Footage:
 
     def _image(self, camera: str, frame: int) -> np.ndarray:
         warp = self._warp(camera)
-        if warp.is_identity and not isinstance(self._matter, Recolors):
+        if warp.is_identity and not isinstance(self._matte_source, Recolors):
             return np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
         key = ("image", camera, frame)
         kept = self._cache.get(key)
         if kept is None:
             image = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
-            if isinstance(self._matter, Recolors):
-                image = self._matter.recolored(camera, image, self._raw_matte(camera, frame))
+            if isinstance(self._matte_source, Recolors):
+                image = self._matte_source.recolored(camera, image, self._raw_matte(camera, frame))
             if not warp.is_identity:
                 image = warp.apply(image, self._maps(camera, warp), smooth=True)
             kept = (image,)
@@ -251,20 +240,20 @@ class Footage:
         key = ("raw matte", camera, frame)
         kept = self._cache.get(key)
         if kept is None:
-            kept = (self._matter.matte(camera, frame, self._raw(camera, frame)),)
-            if isinstance(self._matter, Recolors):
+            kept = (self._matte_source.matte(camera, frame, self._raw(camera, frame)),)
+            if isinstance(self._matte_source, Recolors):
                 self._cache.put(key, *kept)
         return kept[0]
 
-    def _matte(self, camera: str, frame: int, matter: Matter, kind: str) -> np.ndarray:
+    def _matte(self, camera: str, frame: int, matte_source: MatteSource, kind: str) -> np.ndarray:
         key = (kind, camera, frame)
         kept = self._cache.get(key)
         if kept is None:
             warp = self._warp(camera)
-            if matter is self._matter:
+            if matte_source is self._matte_source:
                 raw = self._raw_matte(camera, frame)
             else:
-                raw = matter.matte(camera, frame, self._raw(camera, frame))
+                raw = matte_source.matte(camera, frame, self._raw(camera, frame))
             matte = raw if warp.is_identity else warp.apply(raw, self._maps(camera, warp), smooth=False)
             kept = (matte,)
             self._cache.put(key, *kept)
@@ -274,7 +263,7 @@ class Footage:
     def _release(self, camera: str, frame: int) -> None:
         """Forget the frame as it was decoded once all that is made of it is kept: 81 cameras at 4K would push all of
         that out."""
-        exact = self._exact_matter is not None and camera in self.held_out_cameras
+        exact = self._exact_matte_source is not None and camera in self.held_out_cameras
         if all(self._cache.holds((kind, camera, frame)) for kind in ("image", "matte", *(("exact",) if exact else ()))):
             for kind in ("raw", "raw matte"):
                 self._cache.drop((kind, camera, frame))

@@ -44,7 +44,7 @@ def read_image(path: Path) -> np.ndarray:
     on stored pixels.
 
     Returns:
-        (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8. Grey images come back with three equal channels;
+        (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8. Gray images come back with three equal channels;
         16-bit images are rounded to 8 bits.
 
     Raises:
@@ -57,8 +57,8 @@ def read_image(path: Path) -> np.ndarray:
                 values = np.asarray(image, dtype=np.float64)
                 if image.mode != "F":
                     values = values / 257.0
-                grey = np.clip(np.rint(values), 0, 255).astype(np.uint8)
-                return np.repeat(grey[:, :, None], 3, axis=2)
+                gray = np.clip(np.rint(values), 0, 255).astype(np.uint8)
+                return np.repeat(gray[:, :, None], 3, axis=2)
             alpha = image.mode in ("RGBA", "LA", "PA", "RGBa", "La") or "transparency" in image.info
             return np.array(image.convert("RGBA" if alpha else "RGB"))
         except (OSError, ValueError, SyntaxError) as error:

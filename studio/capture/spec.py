@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from studio.capture.screen import saturated
+from studio.capture.mattes.screen_color import saturated
 from studio.errors import StudioError
 
 MASK_KINDS = ("auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model")
@@ -27,22 +27,22 @@ class CaptureSpec:
         masks: where the foreground comes from. "none": everything is foreground. "alpha": the images' alpha channel.
             "files": separate images or videos, white is foreground. "clean_plate": difference to a picture of the empty
             set. "median_background": difference to the set as recovered from the footage itself over time, for footage
-            without a plate (the cameras must stand still). "chroma_key": what has not the colour of the screen behind.
-            "plain": the pictures show the performer cut out before one colour, white or black. "model": a matting
+            without a plate (the cameras must stand still). "chroma_key": what has not the color of the screen behind.
+            "plain": the pictures show the performer cut out before one color, white or black. "model": a matting
             model. "auto": the first of alpha, files, clean plates that the capture has, else plain where pictures have
-            one colour all around, else the recovered set where there are at least 10 frames, else none.
+            one color all around, else the recovered set where there are at least 10 frames, else none.
         mask_files: pattern of the mask files; they may have another extension than the images. "auto" looks in folders
             named mask, masks, matte, mattes or alpha.
         clean_plates: pattern of the clean plates, one image (or video, of which the median is taken) a camera. "auto"
             looks in folders named clean_plates, clean_plate, bg, background or backgrounds.
         evaluation_mattes: pattern of exact mattes, used for measuring only; "" where there are none.
         mask_sensitivity: how far from the background a pixel must be to become foreground, relative to the noise of
-            the footage: above 1 finds more foreground, below 1 less. Clean plates, median and coloured screens only.
+            the footage: above 1 finds more foreground, below 1 less. Clean plates, median and colored screens only.
         mask_components: how many separate foreground pieces a camera may see at most, largest first; 0 is any number
-            above the size of noise. Clean plates, median, coloured screens and models only.
+            above the size of noise. Clean plates, median, colored screens and models only.
         mask_shadows: take pixels that look like the background under less light for shadows, not for the performer.
-            Clean plates, median and coloured screens only.
-        key_color: about the colour of the screen, (r, g, b) in 0..1, or "auto": found for each camera. "chroma_key"
+            Clean plates, median and colored screens only.
+        key_color: about the color of the screen, (r, g, b) in 0..1, or "auto": found for each camera. "chroma_key"
             only.
         despill: take the screen's light off the performer's outline in the images handed out. "chroma_key" only.
         garbage_mattes: pattern of pictures that are black where the performer never is (the studio's ceiling, stands),
@@ -132,7 +132,7 @@ class CaptureSpec:
                 raise StudioError(f"Capture: key_color is {key!r}; it must be auto or three numbers in 0..1.")
             if not saturated(key):
                 raise StudioError(
-                    f"Capture: key_color is {list(key)}, which is grey or black; give a saturated colour, as "
+                    f"Capture: key_color is {list(key)}, which is gray or black; give a saturated color, as "
                     "[0.2, 0.6, 0.3], or auto."
                 )
         if self.mask_model_size < 0 or self.mask_model_size % 32:

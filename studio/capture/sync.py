@@ -54,7 +54,7 @@ class SyncReport:
             )
         for name in self.unsure:
             found.append(
-                f"The {self.method} of camera '{name}' is like no other camera's; its synchronisation is unknown."
+                f"The {self.method} of camera '{name}' is like no other camera's; its synchronization is unknown."
             )
         return found
 
@@ -150,11 +150,11 @@ def check_sync(
         raise StudioError(f"Offsets of up to {seconds:g} s cannot be looked for; give seconds above 0, as in 1.")
     names = footage.camera_names
     if len(names) < 2:
-        raise StudioError("Synchronisation is between cameras; there is only one.")
+        raise StudioError("Synchronization is between cameras; there is only one.")
     sounds = _sounds(footage) if method in ("auto", "sound") else {}
     if method == "sound" and len(sounds) < len(names):
         silent = next(name for name in names if name not in sounds)
-        raise StudioError(f"Camera '{silent}' has no sound; check the synchronisation by motion.")
+        raise StudioError(f"Camera '{silent}' has no sound; check the synchronization by motion.")
     if sounds and len(sounds) == len(names):
         lags, best = offsets_of(sounds, round(seconds * SOUND_RATE))
         lags = {name: lag / SOUND_RATE * footage.fps for name, lag in lags.items()}
@@ -175,7 +175,7 @@ def check_sync(
 
 
 def motion_signals(footage: Footage, progress: ProgressFn = no_progress) -> dict[str, np.ndarray]:
-    """Of each camera how much changes from frame to frame: (frames - 1,), in grey levels of a small picture."""
+    """Of each camera how much changes from frame to frame: (frames - 1,), in gray levels of a small picture."""
     import cv2
 
     found = {}
@@ -187,12 +187,12 @@ def motion_signals(footage: Footage, progress: ProgressFn = no_progress) -> dict
             image = footage.raw_image(name, frame)
             factor = min(1.0, 240 / max(image.shape[:2]))
             small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-            grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
+            gray = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
             if before is not None:
-                change = np.abs(grey - before)
+                change = np.abs(gray - before)
                 # what sensors and encoders change everywhere is no motion
                 values.append(float(np.maximum(change - 2 * np.median(change) - 2, 0).mean()))
-            before = grey
+            before = gray
         found[name] = np.sqrt(np.array(values))
     return found
 

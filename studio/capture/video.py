@@ -12,7 +12,7 @@ import numpy as np
 from studio.errors import StudioError
 
 # swscale: bicubic, chroma interpolated horizontally too, exact rounding. The default repeats chroma samples, which
-# shows at silhouettes and costs about 1 dB of colour accuracy in 4:2:0 footage.
+# shows at silhouettes and costs about 1 dB of color accuracy in 4:2:0 footage.
 _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
 
@@ -99,7 +99,7 @@ class VideoReader:
 
     def _to_rgb(self, frame: Any) -> np.ndarray:
         if frame.format.name == "gray":
-            # Stored grey values are the values: no range conversion.
+            # Stored gray values are the values: no range conversion.
             return np.repeat(frame.to_ndarray()[:, :, None], 3, axis=2)
         options: dict[str, Any] = {"interpolation": _SWS_FLAGS}
         if self._matrix != "auto" and not frame.format.is_rgb:

@@ -2,8 +2,8 @@
 
 from studio.export.camera_path import CameraPath, Key, path_to_json, read_path_keys, turntable
 from studio.export.movie import render_movie
+from studio.export.rigid_motion import turned, upright
 from studio.export.sequence import axes_of, export_frame, export_sequence
-from studio.export.turning import turned, upright
 from studio.export.videogs import export_videogs
 
 __all__ = [

@@ -171,7 +171,7 @@ def path_to_json(keys: Sequence[Key]) -> dict[str, Any]:
 
 
 def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:
-    """Centre (3,) and radius of the sphere that the visible subject moves in: of a few frames, splats that are half
+    """Center (3,) and radius of the sphere that the visible subject moves in: of a few frames, splats that are half
     transparent or more and the outermost 2 % left out, so that strays do not count."""
     points = []
     for index in np.unique(np.linspace(0, video.frame_count - 1, _SAMPLED_FRAMES).round().astype(int)):
@@ -213,7 +213,7 @@ def turntable(
     if not 1 <= field_of_view <= 150:
         raise StudioError(f"The turntable's field of view is {field_of_view}; give degrees from 1 to 150.")
     center, radius = subject_sphere(video)
-    from studio.export.turning import upright
+    from studio.export.rigid_motion import upright
 
     right, up, front = upright(video)
     focal = min(width, height) / 2 / math.tan(math.radians(field_of_view) / 2)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.export.placing import new_file, new_folder
-from studio.export.turning import turned, upright
+from studio.export.rigid_motion import turned, upright
 from studio.progress import ProgressFn, no_progress
 from studio.splat_files import UP, write_splats
 from studio.splat_video import SplatVideo

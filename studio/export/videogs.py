@@ -27,7 +27,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
 from studio.stream.layout import component_frames, plane_side
 from studio.stream.morton import morton_order
-from studio.stream.quantise import quantise
+from studio.stream.quantize import quantize
 from studio.stream.settings import QP_KNEE
 from studio.stream.video import PlaneEncoder
 
@@ -35,7 +35,7 @@ POSITIONS, NORMALS = 3, 3
 
 
 def attribute_count(sh_degree: int) -> int:
-    """A: 3 positions, 3 normals, harmonics of three colours, opacity, 3 scales, 4 of rotation."""
+    """A: 3 positions, 3 normals, harmonics of three colors, opacity, 3 scales, 4 of rotation."""
     return 14 + 3 * (sh_degree + 1) ** 2
 
 
@@ -49,7 +49,7 @@ def export_videogs(
 ) -> None:
     """Write the layout; see the module.
 
-    QPs follow the paper: high bytes of positions lossless; above 22 colour, scale and rotation stay at 22.
+    QPs follow the paper: high bytes of positions lossless; above 22 color, scale and rotation stay at 22.
 
     Args:
         video: what to write; its groups become the layout's.
@@ -95,7 +95,7 @@ def export_videogs(
 
 
 def _attributes(video: SplatVideo, group: range) -> Iterator[np.ndarray]:
-    """(A, N) float32 a frame, activated, in Morton order of the group's first frame (neighbours compress)."""
+    """(A, N) float32 a frame, activated, in Morton order of the group's first frame (neighbors compress)."""
 
     def frames() -> Iterator[Gaussians]:
         for index in group:
@@ -131,8 +131,8 @@ def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) ->
 
     for row in range(len(values)):
         if row < POSITIONS:
-            codes = quantise(values[row], low[row], high[row], 65535)
+            codes = quantize(values[row], low[row], high[row], 65535)
             yield picture(codes & 255)
             yield picture(codes >> 8)
         else:
-            yield picture(quantise(values[row], low[row], high[row], 255))
+            yield picture(quantize(values[row], low[row], high[row], 255))

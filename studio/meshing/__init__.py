@@ -1,7 +1,7 @@
-"""Geometry from masks: visual hull, its surface, coloured points on it."""
+"""Geometry from masks: visual hull, its surface, colored points on it."""
 
 from studio.meshing.hull import Hull, HullSettings
-from studio.meshing.initialise import InitResult, initialise_points
+from studio.meshing.initialize import InitResult, initialize_points
 from studio.meshing.sampling import sample_surface
 from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.surface import Mesh
@@ -16,7 +16,7 @@ __all__ = [
     "Mesh",
     "Silhouettes",
     "ViewLike",
-    "initialise_points",
+    "initialize_points",
     "sample_surface",
     "visual_hull",
 ]

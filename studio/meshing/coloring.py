@@ -1,4 +1,4 @@
-"""Colours of surface points from the views that see them."""
+"""Colors of surface points from the views that see them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Samples (N, ...) float32 of an image at pixels (N, 2), origin at the image corner."""
     import cv2
 
-    at = (pixels - 0.5).astype(np.float32)  # cv2 counts from the centre of the first pixel
+    at = (pixels - 0.5).astype(np.float32)  # cv2 counts from the center of the first pixel
     row = 16384
     rows = -(-len(at) // row)  # cv2.remap takes no wider destination than 32766
     padded = np.zeros((rows * row, 2), np.float32)
@@ -36,7 +36,7 @@ def color_points(
     max_pixels: int = 300_000,
     progress: ProgressFn = no_progress,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Colour every point with the median of the views that see it best.
+    """Color every point with the median of the views that see it best.
 
     A view sees a point that projects into its image and its matte, faces it, and is not hidden by the mesh
     (a depth map cast at a reduced size decides). Views are ranked by how squarely and how closely they look at it.
@@ -50,7 +50,7 @@ def color_points(
 
     Returns:
         colors (N, 3) float32 in 0..1, and seen (N,) int: how many views saw each point. A point that none saw has
-        the colour of the nearest one that was; if none was seen at all, grey.
+        the color of the nearest one that was; if none was seen at all, gray.
     """
     count = len(points)
     scores = np.zeros((best, count), np.float32)

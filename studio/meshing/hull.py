@@ -6,7 +6,7 @@ voxel grid, on which the signed distance to the hull is evaluated in a band abou
 units, orientation or size of the scene.
 
 One bad mask must not carve a limb away, and yet demanding less than agreement of all cameras makes every hull fatter.
-So the hull is carved strictly and afterwards voted on (`studio.meshing.vote`).
+So the hull is carved strictly and afterwards voted on (`studio.meshing.outlier_masks`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from studio.errors import StudioError
-from studio.meshing.blame import raise_disagreement
+from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.silhouettes import Silhouettes
 
 _CHUNK = 1 << 18
@@ -72,7 +72,7 @@ class Hull:
 
     Attributes:
         field: (Z, Y, X) float32, world units, positive inside, cut off at +-`band`; border voxels are outside.
-        origin: (3,) float64 world position of the centre of voxel [0, 0, 0].
+        origin: (3,) float64 world position of the center of voxel [0, 0, 0].
         voxel: edge length of a voxel in world units.
         band: distance at which the field is cut off.
         min_views: cameras that had to see a point.
@@ -112,20 +112,20 @@ class Hull:
 
 
 def _cells(parents: torch.Tensor, size: float, split: int) -> torch.Tensor:
-    """Centres (N * split^3, 3) of the cells that cubes with centres (N, 3) and edge `size` are cut into."""
+    """Centers (N * split^3, 3) of the cells that cubes with centers (N, 3) and edge `size` are cut into."""
     steps = ((torch.arange(split, dtype=torch.float32) + 0.5) / split - 0.5) * size
     offsets = torch.cartesian_prod(steps, steps, steps)
     return (parents[:, None] + offsets[None]).reshape(-1, 3)
 
 
 def _keep(
-    shapes: Silhouettes, centres: torch.Tensor, size: float, allowed: int, min_views: int, tick: Tick = no_tick
+    shapes: Silhouettes, centers: torch.Tensor, size: float, allowed: int, min_views: int, tick: Tick = no_tick
 ) -> torch.Tensor:
     """(N,) bool: cells that may hold a part of the hull."""
-    kept = torch.empty(len(centres), dtype=torch.bool)
+    kept = torch.empty(len(centers), dtype=torch.bool)
     radius = size * math.sqrt(3) / 2
-    for start in range(0, len(centres), _CHUNK):
-        part = centres[start : start + _CHUNK]
+    for start in range(0, len(centers), _CHUNK):
+        part = centers[start : start + _CHUNK]
         tick()
         alive = torch.arange(len(part))
         refusals = torch.zeros(len(part), dtype=torch.int16)
@@ -143,7 +143,7 @@ def _keep(
 
 
 def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
-    """Centre and edge of a cube that holds everything the cameras could look at."""
+    """Center and edge of a cube that holds everything the cameras could look at."""
     origins, directions = [], []
     for camera, box in zip(shapes.cameras, shapes.boxes, strict=True):
         if box is None:
@@ -157,16 +157,16 @@ def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
     spread = np.linalg.norm(everyone - everyone.mean(0), axis=1).max()
     # Robust nearest point to all rays: least squares, weights against a mask whose middle is far off.
     weights = np.ones(len(at))
-    centre = everyone.mean(0)
+    center = everyone.mean(0)
     for _ in range(10):
         projectors = weights[:, None, None] * (np.eye(3)[None] - to[:, :, None] * to[:, None, :])
         matrix, right = projectors.sum(0), np.einsum("cij,cj->i", projectors, at)
-        centre = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
-        away = centre - at
+        center = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+        away = center - at
         error = np.linalg.norm(away - (away * to).sum(1, keepdims=True) * to, axis=1)
         weights = 1 / np.maximum(error, 1e-3 * max(spread, 1e-12))
-    reach = np.linalg.norm(everyone - centre, axis=1).max()
-    return centre, 2.0 * float(max(reach, spread, 1e-9))
+    reach = np.linalg.norm(everyone - center, axis=1).max()
+    return center, 2.0 * float(max(reach, spread, 1e-9))
 
 
 def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarray, np.ndarray]:
@@ -183,8 +183,8 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
     Raises:
         StudioError: nothing is left; says which cameras' masks disagree.
     """
-    centre, edge = _start(shapes)
-    cells = torch.from_numpy(centre[None].astype(np.float32))
+    center, edge = _start(shapes)
+    cells = torch.from_numpy(center[None].astype(np.float32))
     split, before = 16, math.inf
     for _ in range(16):
         candidates = _cells(cells, edge, split)
@@ -208,7 +208,7 @@ def _evaluate(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Strict field values (N,) cut off at +-band, and (N,) bool: refused by no more cameras than allowed."""
     strict, tolerated = torch.empty(len(points)), torch.empty(len(points), dtype=torch.bool)
-    # Neighbouring cameras say much the same: ask by turns around the rig, so that what is outside is lost early.
+    # Neighboring cameras say much the same: ask by turns around the rig, so that what is outside is lost early.
     stride = max(1, round(len(shapes) * 0.382))
     while math.gcd(stride, len(shapes)) > 1:
         stride += 1
@@ -280,16 +280,16 @@ def carve(
     # A cell is kept while some part of it, or of the band about it, may be inside.
     band = 3.0 * voxel
     while True:
-        centres = base + (blocks.float() + 0.5) * (size * voxel)
-        blocks = blocks[_keep(shapes, centres, size * voxel + band / 2, allowed, min_views, tick)]
+        centers = base + (blocks.float() + 0.5) * (size * voxel)
+        blocks = blocks[_keep(shapes, centers, size * voxel + band / 2, allowed, min_views, tick)]
         if size == 4:
             break
         size //= 2
         blocks = _voxels(blocks, 2)
     # Cells wholly within need no look at their voxels.
-    centres = base + (blocks.float() + 0.5) * (size * voxel)
+    centers = base + (blocks.float() + 0.5) * (size * voxel)
     reach = 1.2 * (size * voxel * math.sqrt(3) / 2 + band)
-    whole = _evaluate(shapes, centres, allowed, min_views, reach, tick)[0] >= reach
+    whole = _evaluate(shapes, centers, allowed, min_views, reach, tick)[0] >= reach
     strict, tolerated = _evaluate(
         shapes, base + (_voxels(blocks[~whole], size).float() + 0.5) * voxel, allowed, min_views, band, tick
     )

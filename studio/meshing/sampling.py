@@ -12,7 +12,7 @@ def sample_surface(mesh: Mesh, count: int, *, seed: int = 0) -> tuple[np.ndarray
     """Sample points by area.
 
     The total area is cut into `count` equal shares along the list of faces and one point is drawn from each
-    (stratified sampling), which spreads points more evenly than independent draws and needs no neighbour search.
+    (stratified sampling), which spreads points more evenly than independent draws and needs no neighbor search.
 
     Args:
         mesh: not empty.

@@ -21,7 +21,7 @@ from studio.views import ViewLike
 
 
 def signed_distance(matte: np.ndarray) -> np.ndarray:
-    """Signed distance of every pixel centre to the outline of a matte.
+    """Signed distance of every pixel center to the outline of a matte.
 
     Args:
         matte: (H, W) uint8, 0 = background, 255 = foreground; the outline is where it passes one half.
@@ -38,7 +38,7 @@ def signed_distance(matte: np.ndarray) -> np.ndarray:
         return np.full(matte.shape, -diagonal, np.float32)
     if inside.all():
         return np.full(matte.shape, diagonal, np.float32)
-    # distanceTransform measures to the nearest pixel centre of the other kind; the outline lies half a pixel before.
+    # distanceTransform measures to the nearest pixel center of the other kind; the outline lies half a pixel before.
     within = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)
     beyond = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_5)
     distance = np.where(inside > 0, within - 0.5, 0.5 - beyond).astype(np.float32)
@@ -150,7 +150,7 @@ class Silhouettes:
 
         Args:
             index: the camera.
-            points: (N, 3) float32 centres.
+            points: (N, 3) float32 centers.
             radius: of the balls, world units.
 
         Returns:

@@ -193,7 +193,7 @@ class MeshViews:
         )
 
     def depth(self, camera: Camera) -> np.ndarray:
-        """(H, W) float32: depth along the viewing axis at every pixel centre, infinity where the mesh is not hit."""
+        """(H, W) float32: depth along the viewing axis at every pixel center, infinity where the mesh is not hit."""
         o3d = open3d()
 
         columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 
 from studio.errors import StudioError
-from studio.meshing.blame import raise_disagreement
+from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.hull import Hull, HullSettings, Tick, carve, locate
+from studio.meshing.outlier_masks import restore
 from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews, extract_surface
-from studio.meshing.vote import restore
 from studio.progress import ProgressFn, no_progress
 from studio.views import ViewLike
 

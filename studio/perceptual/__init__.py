@@ -1,9 +1,9 @@
-"""LPIPS: how different two images look to a network whose features were weighted by people's judgements.
+"""LPIPS: how different two images look to a network whose features were weighted by people's judgments.
 
 Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", 2018; version 0.1 of the metric,
 as its authors' package `lpips` computes it. That package is not used, because it needs torchvision, whose releases fit
 one release and build of torch each. What it computes is short and will not change; its fitted weights (10 kB) lie
-beside this file under their own licence. The network's weights are the file that torchvision publishes.
+beside this file under their own license. The network's weights are the file that torchvision publishes.
 """
 
 from __future__ import annotations

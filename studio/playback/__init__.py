@@ -1,4 +1,4 @@
-"""Playing a stream: threads for fetching, decoding and dequantising, and a clock. It knows no window.
+"""Playing a stream: threads for fetching, decoding and dequantizing, and a clock. It knows no window.
 
 `Player` serves a viewport, `play_headless` a command line.
 """

@@ -1,4 +1,4 @@
-"""The threads of a player: fetch -> decode -> dequantise, with bounded lanes between them.
+"""The threads of a player: fetch -> decode -> dequantize, with bounded lanes between them.
 
 A `Run` delivers frames in order from one start frame. Seeking ends the run and begins another; what both can use
 (files that were fetched, the open decoder) lies in `Shared`. Frames are numbered by *ticks*, which go on rising when
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.playback.lane import Lane
+from studio.playback.bounded_queue import BoundedQueue
 from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats
 from studio.stream import DecodedFrame, GroupEntry, SourceUnavailable
@@ -88,9 +88,9 @@ class Run:
         self._start = start_tick
         self._loop = loop
         self._due = due
-        self._fetched: Lane[_Fetched] = Lane(FETCHED_GROUPS)
-        self._decoded: Lane[_Decoded] = Lane(DECODED_FRAMES)
-        self.ready: Lane[PlayedFrame] = Lane(READY_FRAMES)
+        self._fetched: BoundedQueue[_Fetched] = BoundedQueue(FETCHED_GROUPS)
+        self._decoded: BoundedQueue[_Decoded] = BoundedQueue(DECODED_FRAMES)
+        self.ready: BoundedQueue[PlayedFrame] = BoundedQueue(READY_FRAMES)
         self.error: BaseException | None = None
         self._fetching: tuple[int, float] | None = None  # tick from which frames are waited for, and since when
         self._unavailable = 0  # groups in a row that the server did not give
@@ -101,11 +101,11 @@ class Run:
         stages = (
             ("fetch", self._fetch, self._fetched),
             ("decode", self._decode, self._decoded),
-            ("dequantise", self._dequantise, self.ready),
+            ("dequantize", self._dequantize, self.ready),
         )
         self._threads = [
-            threading.Thread(target=self._guarded, args=(work, lane), name=f"playback-{name}", daemon=True)
-            for name, work, lane in stages
+            threading.Thread(target=self._guarded, args=(work, queue), name=f"playback-{name}", daemon=True)
+            for name, work, queue in stages
         ]
         for thread in self._threads:
             thread.start()
@@ -128,8 +128,8 @@ class Run:
 
     def stop(self) -> None:
         """End the run soon; does not wait."""
-        for lane in (self._fetched, self._decoded, self.ready):
-            lane.abort()
+        for queue in (self._fetched, self._decoded, self.ready):
+            queue.abort()
 
     def join(self) -> None:
         """Wait until the threads have ended (after `stop`); a fetch that hangs in the network is not waited for."""
@@ -146,7 +146,7 @@ class Run:
             return None
         return fetching[0]
 
-    def _guarded(self, work: Callable[[], None], lane: Lane) -> None:
+    def _guarded(self, work: Callable[[], None], queue: BoundedQueue) -> None:
         """Run one stage; whatever it raises ends the run, after the frames that were made before it."""
         try:
             work()
@@ -154,7 +154,7 @@ class Run:
             if self.error is None:
                 self.error = error
         finally:
-            lane.finish()
+            queue.finish()
 
     def _late(self, tick: int) -> bool:
         """True if `tick` is due already, so that whatever comes before it need not be shown."""
@@ -259,7 +259,7 @@ class Run:
             raise
         return True
 
-    def _dequantise(self) -> None:
+    def _dequantize(self) -> None:
         count = self._manifest.frame_count
         while (decoded := self._decoded.get()) is not None:
             following = self._decoded.peek()

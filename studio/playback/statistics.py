@@ -17,7 +17,7 @@ class FrameStats:
         bytes: its share of the group's files (files are fetched whole, a group at a time).
         fetch_ms: its share of reading the group's files and checking their SHA-256.
         decode_ms: video to planes; a keyframe's includes opening the group's files.
-        dequantise_ms: planes to float attribute arrays.
+        dequantize_ms: planes to float attribute arrays.
         render_ms: drawing it; None where nobody drew.
     """
 
@@ -26,7 +26,7 @@ class FrameStats:
     bytes: float
     fetch_ms: float
     decode_ms: float
-    dequantise_ms: float
+    dequantize_ms: float
     render_ms: float | None = None
 
 
@@ -100,7 +100,7 @@ class PlaybackReport:
         return self.shown / self.seconds if self.seconds > 0 else 0.0
 
     def spread(self, figure: str) -> Spread:
-        """Of one field of `FrameStats`: bytes, fetch_ms, decode_ms, dequantise_ms or render_ms."""
+        """Of one field of `FrameStats`: bytes, fetch_ms, decode_ms, dequantize_ms or render_ms."""
         values = [getattr(stats, figure) for stats in self.frames]
         return Spread.of([value for value in values if value is not None])
 

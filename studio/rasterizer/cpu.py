@@ -50,7 +50,7 @@ def kernel_threads() -> int:
 
 
 def camera_numbers(pinhole: Pinhole) -> np.ndarray:
-    """(23,) float64: rotation, translation, centre, fx fy cx cy, limits, in the order that the kernels read."""
+    """(23,) float64: rotation, translation, center, fx fy cx cy, limits, in the order that the kernels read."""
     intrinsics = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *pinhole.limits]
     return np.concatenate([pinhole.rotation.reshape(-1), pinhole.translation, pinhole.center, intrinsics])
 

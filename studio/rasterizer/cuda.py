@@ -101,7 +101,7 @@ def rasterize_cuda(
     pose = torch.eye(4)
     pose[:3, :3] = torch.as_tensor(pinhole.rotation)
     pose[:3, 3] = torch.as_tensor(pinhole.translation)
-    # gsplat linearises within the image and 0.15 of its size around it. An image of another size and principal point
+    # gsplat linearizes within the image and 0.15 of its size around it. An image of another size and principal point
     # puts that bound where `Pinhole.limits` has it; the shift back to the real image comes after the projection.
     left, right, top, bottom = pinhole.limits
     wide, high = (round((right - left) * pinhole.fx / 1.3), round((bottom - top) * pinhole.fy / 1.3))

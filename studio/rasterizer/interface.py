@@ -94,7 +94,7 @@ def rasterize(
         backend: "reference", "cpu", "cuda", or "auto": cuda for splats on a GPU, else cpu.
         screen_offsets: (N, 2) pixels, added to the projected means. Zeros that require a gradient receive the
             screen-space gradient (loss per pixel of shift), which densification needs.
-        near: splats whose centre is nearer than this along the viewing axis are not drawn; world units, above 0.
+        near: splats whose center is nearer than this along the viewing axis are not drawn; world units, above 0.
         alpha_max: upper clamp of a splat's alpha at a pixel. None: what the backend draws with by itself, 0.99 as in
             3DGS (reference, cpu) or 0.999 as in gsplat 1.5.3 (cuda).
         checked: look for values that are not finite first and name them; without it such splats are left out.
@@ -119,7 +119,7 @@ def rasterize(
     if background is not None:
         background = torch.as_tensor(background, dtype=means.dtype, device=means.device)
         if background.shape != (3,):
-            raise StudioError(f"The background must be one RGB colour of shape (3,), found {tuple(background.shape)}.")
+            raise StudioError(f"The background must be one RGB color of shape (3,), found {tuple(background.shape)}.")
     if screen_offsets is not None and screen_offsets.shape != (len(gaussians), 2):
         raise StudioError(f"screen_offsets must be ({len(gaussians)}, 2), found {tuple(screen_offsets.shape)}.")
     if not near > 0:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
-from studio.rasterizer.harmonics import sh_colors
+from studio.rasterizer.spherical_harmonics import sh_colors
 from studio.rasterizer.types import ALPHA_MIN, DILATION, TRANSMITTANCE_MIN, Pinhole, Render
 
 TILE = 16
@@ -91,7 +91,7 @@ def blend(
     """Blend splats, nearest first, over pixels.
 
     Args:
-        pixels: (P, 2) pixel centres.
+        pixels: (P, 2) pixel centers.
         means2d, conics, opacities, features: (S, 2), (S, 3) inverse covariance xx xy yy, (S,), (S, F).
         alpha_max: upper clamp of alpha.
 

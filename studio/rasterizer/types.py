@@ -27,7 +27,7 @@ ALPHA_MAX = 0.99
 """Alpha's upper clamp in 3DGS. gsplat 1.5.3 has 0.999 compiled in."""
 
 FIELD = 2.0
-"""The projection of a splat is linearised at its centre, but at most this far (x / z, y / z) off the viewing axis.
+"""The projection of a splat is linearized at its center, but at most this far (x / z, y / z) off the viewing axis.
 
 A bound keeps splats close beside the camera from growing over the whole image. 3DGS and gsplat put it a little outside
 the image, which makes a cropped view differ from a part of the whole one; a fixed 63 degrees does not.
@@ -42,7 +42,7 @@ class Render:
     """One drawn view.
 
     Attributes:
-        image: (H, W, 3) RGB over the background, linear in the colours of the splats (not clamped above 1).
+        image: (H, W, 3) RGB over the background, linear in the colors of the splats (not clamped above 1).
         alpha: (H, W) in 0 to 1: one minus the transmittance that is left.
         depth: (H, W) expected depth along the viewing axis, world units: sum of weight times depth over sum of
             weights; 0 where nothing was drawn.
@@ -64,7 +64,7 @@ class Pinhole:
     Attributes:
         rotation: (3, 3) float64 world to camera; translation, center: (3,) float64.
         fx, fy, cx, cy: pixels; the principal point may lie anywhere.
-        limits: (4,) lowest and highest x / z, lowest and highest y / z at which the projection is linearised.
+        limits: (4,) lowest and highest x / z, lowest and highest y / z at which the projection is linearized.
     """
 
     width: int

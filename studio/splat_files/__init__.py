@@ -1,7 +1,7 @@
 """One frame's splats in the files of other programs: PLY of 3DGS, SPZ, GLB with KHR_gaussian_splatting.
 
 Values are never turned or moved here: a file gets, and gives, the axes that its splats have. `UP` says which way is
-up by each format's own convention; `studio.export.turning` turns splats to it.
+up by each format's own convention; `studio.export.rigid_motion` turns splats to it.
 """
 
 from __future__ import annotations

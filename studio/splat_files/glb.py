@@ -35,7 +35,7 @@ def write_glb(path: Path, gaussians: Gaussians) -> None:
     sh = arrays["sh"]
     attributes: dict[str, np.ndarray] = {
         "POSITION": arrays["means"],
-        "COLOR_0": _fallback_colour(sh[:, 0], opacities),
+        "COLOR_0": _fallback_color(sh[:, 0], opacities),
         f"{NAME}:ROTATION": arrays["quats"][:, [1, 2, 3, 0]],
         f"{NAME}:SCALE": np.exp(arrays["log_scales"]),
         f"{NAME}:OPACITY": opacities[:, None].astype(np.float32),
@@ -101,7 +101,7 @@ def write_glb(path: Path, gaussians: Gaussians) -> None:
             file.write(chunk)
 
 
-def _fallback_colour(sh0: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+def _fallback_color(sh0: np.ndarray, opacities: np.ndarray) -> np.ndarray:
     """(N, 4) uint8 RGBA."""
     rgba = np.concatenate([SH_C0 * sh0 + 0.5, opacities[:, None]], axis=1)
     return np.rint(np.clip(rgba, 0, 1) * 255).astype(np.uint8)

@@ -1,7 +1,7 @@
 """SPZ, Niantic's compressed splats: written as version 3, read as versions 2 and 3, plain or gzipped.
 
 Source: README and published source of github.com/nianticlabs/spz. A 16-byte head, then attribute after attribute, all
-gzipped: positions (24-bit fixed point), opacities (8 bits), colours (8 bits over a wider range than 0 to 1), log scales
+gzipped: positions (24-bit fixed point), opacities (8 bits), colors (8 bits over a wider range than 0 to 1), log scales
 (8 bits, a 16th each), rotations (version 2: x y z in 8 bits each; 3: the three smallest of four in 10 bits each) and
 harmonics (8 bits, of which degree 1 uses 5 and the others 4).
 """
@@ -180,7 +180,7 @@ def read_spz(path: Path) -> Gaussians:
     fixed = packed[..., 0] | packed[..., 1] << 8 | packed[..., 2] << 16
     means = np.where(fixed & 0x800000, fixed - (1 << 24), fixed) / (1 << bits)
     opacities = take(1)[:, 0] / 255
-    colours = (take(3) / 255 - 0.5) / _COLOR_SCALE
+    colors = (take(3) / 255 - 0.5) / _COLOR_SCALE
     log_scales = take(3) / 16 - 10
     if version == 3:
         quats = _unpack_quats(take(4).copy().view("<u4")[:, 0])
@@ -188,7 +188,7 @@ def read_spz(path: Path) -> Gaussians:
         xyz = take(3) / 127.5 - 1
         quats = np.column_stack([np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1))), xyz])
     rest = (degree + 1) ** 2 - 1
-    sh = np.concatenate([colours[:, None], (take(3 * rest).reshape(count, rest, 3) - 128.0) / 128], axis=1)
+    sh = np.concatenate([colors[:, None], (take(3 * rest).reshape(count, rest, 3) - 128.0) / 128], axis=1)
     with np.errstate(divide="ignore"):
         logits = np.log(opacities) - np.log1p(-opacities)
     arrays = {"means": means, "quats": quats, "log_scales": log_scales, "logit_opacities": logits, "sh": sh}

@@ -2,8 +2,8 @@
 
 from studio.stream.bake import bake_group, group_folder_name, write_manifest
 from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
-from studio.stream.entries import GroupEntry
 from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
+from studio.stream.manifest_models import GroupEntry
 from studio.stream.reader import StreamReader, fetch_group
 from studio.stream.search import QualityFn
 from studio.stream.settings import BakeSettings

@@ -13,8 +13,8 @@ from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.stream.bake_motion import MotionBake
 from studio.stream.bake_planes import PlanesBake
-from studio.stream.entries import MAX_SPLATS, GroupEntry
 from studio.stream.manifest import MANIFEST_NAME, PROFILES, Codec, Manifest, seal
+from studio.stream.manifest_models import MAX_SPLATS, GroupEntry
 from studio.stream.search import QualityFn, measured_psnr, search_qp
 from studio.stream.settings import BakeSettings
 

@@ -13,11 +13,11 @@ import numpy as np
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
-from studio.stream.blocks import Blocks, find_blocks
-from studio.stream.entries import BlockTable, Box, ChannelEntry, Lattice, MotionGroup, SideEntry, VideoEntry
 from studio.stream.files import describe
 from studio.stream.layout import channels, component_frames, scale_floor, tile_grid, tile_side, typical_size
+from studio.stream.manifest_models import BlockTable, Box, ChannelEntry, Lattice, MotionGroup, SideEntry, VideoEntry
 from studio.stream.morton import deinterleave, interleave, square_scan
+from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
 from studio.stream.rotation import conjugate, multiply, nearest_form, to_mrp
 from studio.stream.settings import BakeSettings
@@ -45,7 +45,7 @@ _STEPS_A_SIDE = 127  # a residual's codes reach this far to either side
 
 
 class MotionBake:
-    """One group, held in memory and analysed once; `write` can then be called for any QP.
+    """One group, held in memory and analyzed once; `write` can then be called for any QP.
 
     Args:
         frames: the group's frames, keyframe first.
@@ -105,11 +105,11 @@ class MotionBake:
         scales = np.take_along_axis(values[:, -7:-4], axes.T[None], axis=1)
         np.maximum(scales, np.float32(self._floor), out=scales)
         red, green, blue = values[:, 3:-8:3], values[:, 4:-8:3], values[:, 5:-8:3]
-        colours = np.empty((self._count, values.shape[1] - 11, self._splats), dtype=np.float32)
-        colours[:, 0::3] = (red + 2 * green + blue) / 4
-        colours[:, 1::3] = (red - blue) / 2
-        colours[:, 2::3] = (2 * green - red - blue) / 4
-        return np.concatenate([scales, values[:, -8:-7], colours], axis=1), quats
+        colors = np.empty((self._count, values.shape[1] - 11, self._splats), dtype=np.float32)
+        colors[:, 0::3] = (red + 2 * green + blue) / 4
+        colors[:, 1::3] = (red - blue) / 2
+        colors[:, 2::3] = (2 * green - red - blue) / 4
+        return np.concatenate([scales, values[:, -8:-7], colors], axis=1), quats
 
     def write(
         self, folder: Path, name: str, group: int, first_frame: int, settings: BakeSettings, progress: ProgressFn

@@ -13,7 +13,6 @@ import numpy as np
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
-from studio.stream.entries import Box, ComponentEntry, Part, PlaneEntry, PlanesGroup
 from studio.stream.files import describe
 from studio.stream.layout import (
     Component,
@@ -24,8 +23,9 @@ from studio.stream.layout import (
     to_plane,
     typical_size,
 )
+from studio.stream.manifest_models import Box, ComponentEntry, Part, PlaneEntry, PlanesGroup
 from studio.stream.morton import morton_order
-from studio.stream.quantise import quantise, split_bytes
+from studio.stream.quantize import quantize, split_bytes
 from studio.stream.settings import BakeSettings
 from studio.stream.video import PlaneEncoder
 
@@ -33,7 +33,7 @@ from studio.stream.video import PlaneEncoder
 class PlanesBake:
     """One group, read through once for its ranges; `write` can then be called for any QP.
 
-    The splats are put into Morton order of the keyframe for the whole group, each component is quantised with rounding
+    The splats are put into Morton order of the keyframe for the whole group, each component is quantized with rounding
     over its range in the whole group, and the planes are encoded on all cores.
 
     Args:
@@ -120,7 +120,7 @@ def _encode(
 
     def encode(index: int, frame: np.ndarray) -> None:
         row, component, part, _ = planes[index]
-        codes = quantise(frame[row], low[row], high[row], component.levels)
+        codes = quantize(frame[row], low[row], high[row], component.levels)
         if part != "all":
             codes = split_bytes(codes, mirrored=part == "low_mirrored")[0 if part == "high" else 1]
         encoders[index].add(to_plane(codes, plane_side(frame.shape[1])))

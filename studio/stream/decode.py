@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from studio.stream.decode_motion import MotionDecoder
 from studio.stream.decode_planes import PlanesDecoder
 from studio.stream.decoder import DecodedFrame, GroupDecoder
-from studio.stream.entries import GroupEntry, MotionGroup, PlanesGroup
+from studio.stream.manifest_models import GroupEntry, MotionGroup, PlanesGroup
 
 __all__ = ["DecodedFrame", "GroupDecoder", "open_decoder"]
 

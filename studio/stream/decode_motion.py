@@ -10,7 +10,7 @@ import torch
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decoder import DecodedFrame, GroupDecoder
-from studio.stream.entries import MotionGroup
+from studio.stream.manifest_models import MotionGroup
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
 from studio.stream.rotation import from_mrp, multiply

@@ -10,9 +10,9 @@ import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.stream.decoder import DecodedFrame, GroupDecoder
-from studio.stream.entries import PlanesGroup
 from studio.stream.layout import ComponentArrays
-from studio.stream.quantise import LEVELS_8, LEVELS_16, dequantise, join_bytes
+from studio.stream.manifest_models import PlanesGroup
+from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes
 from studio.stream.video import PlaneDecoder
 
 
@@ -36,10 +36,10 @@ class PlanesFrame(DecodedFrame):
         index = 0
         for row, entry in zip(arrays.rows, group.components, strict=True):
             if len(entry.planes) == 1:
-                row[:] = dequantise(flat[index], entry.min, entry.max, LEVELS_8)
+                row[:] = dequantize(flat[index], entry.min, entry.max, LEVELS_8)
             else:
                 codes = join_bytes(flat[index], flat[index + 1], mirrored=entry.planes[1].part == "low_mirrored")
-                row[:] = dequantise(codes, entry.min, entry.max, LEVELS_16)
+                row[:] = dequantize(codes, entry.min, entry.max, LEVELS_16)
             index += len(entry.planes)
         return arrays.gaussians()
 

@@ -6,11 +6,11 @@ from abc import ABC, abstractmethod
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.entries import GroupEntry
+from studio.stream.manifest_models import GroupEntry
 
 
 class DecodedFrame(ABC):
-    """One frame as its group's files have it, decoded and not yet dequantised."""
+    """One frame as its group's files have it, decoded and not yet dequantized."""
 
     @abstractmethod
     def gaussians(self) -> Gaussians:

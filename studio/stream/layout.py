@@ -100,9 +100,9 @@ def to_plane(codes: np.ndarray, side: int) -> np.ndarray:
 
 
 def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = None) -> Iterator[np.ndarray]:
-    """What is quantised, frame by frame of one group.
+    """What is quantized, frame by frame of one group.
 
-    Quaternions are normalised, their sign chosen (w >= 0 in the keyframe, then nearest to the frame before, since q and
+    Quaternions are normalized, their sign chosen (w >= 0 in the keyframe, then nearest to the frame before, since q and
     -q are the same rotation), so that they do not jump in time. Opacity is linear, scale logarithmic.
 
     Args:
@@ -182,17 +182,17 @@ class ComponentArrays:
         self._opacities = np.empty(splats, dtype=np.float32)
         self._log_scales = np.empty((splats, 3), dtype=np.float32)
         self._quats = np.empty((splats, 4), dtype=np.float32)
-        colours = self._sh.reshape(splats, -1)
+        colors = self._sh.reshape(splats, -1)
         self.rows: list[np.ndarray] = [
             *self._means.T,
-            *colours.T,
+            *colors.T,
             self._opacities,
             *self._log_scales.T,
             *self._quats.T,
         ]
 
     def gaussians(self) -> Gaussians:
-        """Gaussians over the same memory. Quaternions are as stored: near unit length, not normalised again."""
+        """Gaussians over the same memory. Quaternions are as stored: near unit length, not normalized again."""
         opacities = np.clip(self._opacities, 1e-6, 1 - 1e-6)
         return Gaussians(
             means=torch.from_numpy(self._means),

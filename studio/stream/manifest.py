@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from studio.errors import StudioError
-from studio.stream.entries import (
+from studio.stream.manifest_models import (
     MAX_FRAMES,
     MAX_GROUPS,
     Box,

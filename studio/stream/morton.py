@@ -1,4 +1,4 @@
-"""Morton order: splats near each other in space become neighbours on the planes (paper, "Morton Sort")."""
+"""Morton order: splats near each other in space become neighbors on the planes (paper, "Morton Sort")."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def deinterleave(codes: np.ndarray) -> np.ndarray:
 
 
 def square_scan(side: int, count: int) -> np.ndarray:
-    """Where splats lie in a square picture along the Morton curve of its pixels, so that neighbours in the order stay
-    neighbours in the picture.
+    """Where splats lie in a square picture along the Morton curve of its pixels, so that neighbors in the order stay
+    neighbors in the picture.
 
     The pixels of a side x side square, sorted by the number whose bit 2i is bit i of the column and bit 2i + 1 bit i of
     the row; where the side is no power of two the curve leaves pixels out.

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.stream.blocks import Blocks
-from studio.stream.entries import MAX_VALUE, BlockTable, Lattice, MotionGroup
+from studio.stream.manifest_models import MAX_VALUE, BlockTable, Lattice, MotionGroup
 from studio.stream.morton import deinterleave
+from studio.stream.motion_blocks import Blocks
 from studio.stream.octree import decode_octree, encode_octree
 from studio.stream.rotation import from_mrp
 from studio.stream.sidefile import Cursor, deflate, inflate, split

@@ -13,9 +13,10 @@ from types import TracebackType
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decode import GroupDecoder, open_decoder
-from studio.stream.entries import MAX_MANIFEST_BYTES, GroupEntry
 from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_manifest
-from studio.stream.source import Source, close_source, open_source, read_files
+from studio.stream.manifest_models import MAX_MANIFEST_BYTES, GroupEntry
+from studio.stream.open_source import open_source
+from studio.stream.source import Source, close_source, read_files
 
 
 def fetch_group(source: Source, group: GroupEntry) -> dict[str, bytes]:

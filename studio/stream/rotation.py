@@ -66,7 +66,7 @@ CUBE_QUATS, CUBE_AXES = _cube()
 
 
 def nearest_form(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which relabelling of a splat's axes brings its rotation nearest to none.
+    """Which relabeling of a splat's axes brings its rotation nearest to none.
 
     A Gaussian does not change if its axes are named differently: with any c of the 24 rotations of the cube, rotation
     q c and the scales in the order `axes` are the same splat. The nearest form is at most 63 degrees away from no

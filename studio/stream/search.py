@@ -10,11 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decode import open_decoder
-from studio.stream.entries import GroupEntry
+from studio.stream.manifest_models import GroupEntry
 from studio.stream.settings import QP_MAX
 
 QualityFn = Callable[[int, Gaussians], float]
-"""`quality(index, decoded)`: mean squared error, colours in 0 to 1, of the decoded frame `index` (0-based within its
+"""`quality(index, decoded)`: mean squared error, colors in 0 to 1, of the decoded frame `index` (0-based within its
 group) as drawn, against the same frame as trained."""
 
 QP_BEST = 1

@@ -10,7 +10,7 @@ from typing import Any
 from studio.errors import StudioError
 
 QP_KNEE = 22
-"""Above this QP the paper keeps colour, scale and rotation at it ("Compression QP Setting")."""
+"""Above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")."""
 
 QP_MAX = 51
 PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow")
@@ -26,8 +26,8 @@ class BakeSettings:
 
     Attributes:
         profile: "motion" (blocks' motions beside one video of what is left: small) or "planes" (the paper's).
-        qp: quantisation parameter, 0 (lossless) to 51. In `planes`, up to 22 it holds for every plane but the
-            positions' high bytes, which are always lossless; above 22 colour, scale and rotation stay at 22 (paper's
+        qp: quantization parameter, 0 (lossless) to 51. In `planes`, up to 22 it holds for every plane but the
+            positions' high bytes, which are always lossless; above 22 color, scale and rotation stay at 22 (paper's
             rule). In `motion` it holds for the whole picture.
         attribute_qps: QPs that replace the rule, by attribute: means_low (positions: their low bytes in `planes`, what
             motion leaves of them in `motion`), opacities, scales, quats, sh.

@@ -71,25 +71,6 @@ def is_address(place: object) -> bool:
     return isinstance(place, str) and place.lower().startswith(_WEB)
 
 
-def open_source(place: Path | str | Source) -> Source:
-    """The source at a folder or an http(s) address; another source is given back as it is.
-
-    Raises:
-        StudioError: there is no such folder, or an address of another kind.
-    """
-    if not isinstance(place, str | Path):
-        return place
-    if isinstance(place, str) and is_address(place):
-        from studio.stream.http_source import HttpSource
-
-        return HttpSource(place)
-    if isinstance(place, str) and "://" in place:
-        raise StudioError(f"{place}: streams are read from folders and from http:// or https:// addresses only.")
-    if not Path(place).is_dir():
-        raise StudioError(f"{place}: there is no such folder; give the folder of a baked stream.")
-    return FolderSource(place)
-
-
 def close_source(source: Source) -> None:
     """End what the source has under way, where it has anything; reading from it afterwards raises StudioError."""
     close = getattr(source, "close", None)

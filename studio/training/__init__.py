@@ -3,13 +3,13 @@
 from studio.training.interframe import InterframeResult, interframe_steps, train_interframe
 from studio.training.keyframe import keyframe_steps, train_keyframe
 from studio.training.settings import LearningRates, TrainSettings
-from studio.training.views import TrainView
+from studio.training.views import TrainingView
 
 __all__ = [
     "InterframeResult",
     "LearningRates",
     "TrainSettings",
-    "TrainView",
+    "TrainingView",
     "interframe_steps",
     "keyframe_steps",
     "train_interframe",

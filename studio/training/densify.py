@@ -9,7 +9,7 @@ from studio.gaussians import Gaussians
 from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.turning import rotate
+from studio.training.splat_rotation import rotate
 
 _DENSE_SHARE = 0.01
 """Splats larger than this share of the extent are split, smaller ones cloned (3DGS's percent_dense)."""
@@ -22,8 +22,8 @@ _HUGE_SHARE = 0.1
 def density_control(
     count: int, extent: float, settings: TrainSettings, device: torch.device
 ) -> DensityControl | Relocation:
-    """What `settings.density` names; arguments as of `DensityControl`."""
-    return Relocation(settings) if settings.density == "mcmc" else DensityControl(count, extent, settings, device)
+    """What `settings.strategy` names; arguments as of `DensityControl`."""
+    return Relocation(settings) if settings.strategy == "mcmc" else DensityControl(count, extent, settings, device)
 
 
 class DensityControl:

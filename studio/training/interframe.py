@@ -14,12 +14,12 @@ from studio.progress import ProgressFn, no_progress
 from studio.stream.layout import plane_side
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
-from studio.training.regularisers import ResidualEntropy, as_baked, baked_values, quantisation_steps, temporal_loss
+from studio.training.regularizers import ResidualEntropy, as_baked, baked_values, quantization_steps, temporal_loss
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
+from studio.training.splat_rotation import local_median, local_rotations, multiply, neighbors
 from studio.training.step import SnapshotFn, Step, Stepper, check_finite
-from studio.training.turning import local_median, local_rotations, multiply, neighbours
-from studio.training.views import TrainView
+from studio.training.views import TrainingView
 
 _FIGURES_EVERY = 20
 _ENTROPY_RATE = 0.01
@@ -50,7 +50,7 @@ def interframe_steps(settings: TrainSettings, first: bool = False) -> int:
 
 def train_interframe(
     previous: Gaussians,
-    views: Sequence[TrainView],
+    views: Sequence[TrainingView],
     settings: TrainSettings,
     *,
     before_previous: Gaussians | None = None,
@@ -109,22 +109,22 @@ def _move(
     previous: Gaussians,
     before_previous: Gaussians | None,
     warm_start: dict[str, Tensor] | None,
-    views: Sequence[TrainView],
+    views: Sequence[TrainingView],
     settings: TrainSettings,
     iterations: int,
     generator: torch.Generator,
     progress: ProgressFn,
     snapshot: SnapshotFn | None,
 ) -> tuple[Gaussians, dict[str, Tensor]]:
-    """Stage 1: only the motion field learns; scale, opacity and colour stay as they were, rotations follow it.
+    """Stage 1: only the motion field learns; scale, opacity and color stay as they were, rotations follow it.
 
     Also gives the network's weights.
     """
     start = previous.means
     if settings.motion_velocity and before_previous is not None:
         velocity = previous.means - before_previous.means
-        if settings.motion_velocity_neighbours:
-            velocity = local_median(velocity, neighbours(previous.means, settings.motion_velocity_neighbours))
+        if settings.motion_velocity_neighbors:
+            velocity = local_median(velocity, neighbors(previous.means, settings.motion_velocity_neighbors))
         start = previous.means + velocity
     if iterations == 0:
         return replace(previous, means=start.clone()), {}
@@ -136,7 +136,7 @@ def _move(
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step / iterations))
     corners = field.corners(previous.means)
     stepper = Stepper(views, settings, generator)
-    near = neighbours(previous.means, settings.motion_neighbours) if settings.motion_neighbours else None
+    near = neighbors(previous.means, settings.motion_neighbors) if settings.motion_neighbors else None
 
     def turned(means: Tensor) -> Tensor:
         if near is None:
@@ -171,7 +171,7 @@ def _rate(fraction: float) -> float:
 def _fine_tune(
     previous: Gaussians,
     warped: Gaussians,
-    views: Sequence[TrainView],
+    views: Sequence[TrainingView],
     settings: TrainSettings,
     generator: torch.Generator,
     progress: ProgressFn,
@@ -184,20 +184,20 @@ def _fine_tune(
     stepper = Stepper(views, settings, generator)
     reference = previous.unit_quats
     before = baked_values(previous, reference).detach()
-    steps, low = quantisation_steps(before), before.amin(0)
+    steps, low = quantization_steps(before), before.amin(0)
     entropy = ResidualEntropy(before, steps, previous.sh_degree)
     entropy_adam = torch.optim.Adam(entropy.parameters(), lr=_ENTROPY_RATE, fused=True)
     plane = plane_side(len(previous)) ** 2
-    regularised = bool(settings.entropy_weight or settings.temporal_weight or settings.simulate_quantisation)
+    regularized = bool(settings.entropy_weight or settings.temporal_weight or settings.simulate_quantization)
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians
         figures: dict[str, float] = {}
-        if regularised:
+        if regularized:
             now = baked_values(gaussians, reference)
-        drawn = as_baked(gaussians, now, low, steps) if settings.simulate_quantisation else gaussians
+        drawn = as_baked(gaussians, now, low, steps) if settings.simulate_quantization else gaussians
         step = stepper(drawn, dropout=True)
         loss = step.loss
-        if regularised:
+        if regularized:
             if settings.entropy_weight:
                 bits = entropy(now, generator)
                 loss = loss + settings.entropy_weight * bits

@@ -15,7 +15,7 @@ from studio.training.densify import density_control
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import SnapshotFn, Stepper, check_finite
-from studio.training.views import TrainView
+from studio.training.views import TrainingView
 
 Checkpoint = dict[str, Tensor]
 """All that a keyframe in training knows, by name; for safetensors."""
@@ -42,7 +42,7 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int) -> Gaussia
     if len(points) < 4:
         raise StudioError(f"Only {len(points)} initial points were given; a keyframe needs at least 4.")
     if not bool(torch.isfinite(points).all()):
-        raise StudioError("An initial point has a coordinate that is not finite; run the initialise stage again.")
+        raise StudioError("An initial point has a coordinate that is not finite; run the initialize stage again.")
     array = points.cpu().double().numpy()
     distance = cKDTree(array).query(array, k=4)[0][:, 1:].mean(1)
     floor = 1e-6 * max(float(np.ptp(array, axis=0).max()), 1e-9)
@@ -79,7 +79,7 @@ def prune_rounds(settings: TrainSettings, splats: int) -> int:
 
 
 def train_keyframe(
-    views: Sequence[TrainView],
+    views: Sequence[TrainingView],
     points: Tensor,
     colors: Tensor,
     settings: TrainSettings,
@@ -128,7 +128,7 @@ class _Run:
 
     def __init__(
         self,
-        views: Sequence[TrainView],
+        views: Sequence[TrainingView],
         points: Tensor,
         colors: Tensor,
         settings: TrainSettings,

@@ -16,7 +16,7 @@ _BOX_PADDING = 0.05
 class MotionField(nn.Module):
     """Translation of each splat from frame t-1 to frame t: x_t = x_{t-1} + MLP(h(x_{t-1})).
 
-    Positions are normalised by the performer's bounding box, so neither the grid nor the network sees the scale of
+    Positions are normalized by the performer's bounding box, so neither the grid nor the network sees the scale of
     the world; the network's output is in units of the box's longest side. The last layer starts at zero: before
     training nothing moves.
 
@@ -66,7 +66,7 @@ class MotionField(nn.Module):
         return self.mlp(self.grid(corners)) * self._side
 
     def weights(self) -> dict[str, Tensor]:
-        """Copies of what was learnt, by name; the box is not among them."""
+        """Copies of what was learned, by name; the box is not among them."""
         return {name: value.detach().clone() for name, value in self.named_parameters()}
 
     def load_weights(self, weights: dict[str, Tensor]) -> None:

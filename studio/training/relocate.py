@@ -10,7 +10,7 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.turning import rotate
+from studio.training.splat_rotation import rotate
 
 _DEAD = 0.005
 """Opacity under which a splat is dead."""

@@ -16,7 +16,7 @@ class LearningRates:
             keyframe. 3DGS's 1.6e-4 is relative to the spread of the cameras, which is two to four times that.
         means_final: last step of that decay, times the scene extent.
         means_finetune: positions while fine-tuning a later frame (`TrainSettings.finetune_means`), times the extent.
-        sh_dc: constant colour; `sh_rest` for the higher coefficients.
+        sh_dc: constant color; `sh_rest` for the higher coefficients.
         opacity, scale, rotation: logit opacity, log scale, quaternion.
     """
 
@@ -41,21 +41,21 @@ class TrainSettings:
         opacity_reg: keyframe: weight of the mean opacity (Kheradmand et al. 2024, section 4.4): what no picture needs
             fades and is pruned, so that fewer phantoms stand in views that were never trained on.
         scale_reg: keyframe: weight of the mean scale, relative to the scene extent (there too).
-        background: what shows behind the performer while training: "random" (a new colour each step, so that
-            coverage is learnt), "black" or "white".
+        background: what shows behind the performer while training: "random" (a new color each step, so that
+            coverage is learned), "black" or "white".
         dropout: share of the splats that each step of the keyframe and of fine-tuning leaves out.
         use_plates: where the capture has clean plates, compare the picture as filmed with the splats drawn over the
             plate, instead of cutting the performer out by his matte.
         crop_margin: the loss is computed in the performer's box, padded by this share of its size (and 16 px).
         keyframe_iterations: 3DGS steps of the keyframe, before pruning.
-        density: how the keyframe's splats find their places: "gradient" is 3DGS's rule, "mcmc" relocates dead splats
+        strategy: how the keyframe's splats find their places: "default" is 3DGS's rule, "mcmc" relocates dead splats
             and grows to `densify_max_splats` (Kheradmand et al. 2024).
         mcmc_noise: strength of MCMC's exploration noise, 1 as published; only for "mcmc".
         densify_from, densify_until, densify_every: densification, in steps.
         densify_gradient: mean screen gradient (NDC) above which a splat is cloned or split.
         densify_max_splats: no densification beyond this count (before pruning).
         opacity_reset_every: 3DGS's opacity reset, in steps; none in the last quarter of densification.
-        sh_degree_every: one more SH degree is optimised after this many steps.
+        sh_degree_every: one more SH degree is optimized after this many steps.
         prune_ratio: share with the lowest opacity that one pruning round removes (section 4.1: 30 %).
         prune_rounds: pruning rounds at least; more follow until `max_splats` holds.
         max_splats: cap after pruning.
@@ -67,12 +67,12 @@ class TrainSettings:
         motion_views: cameras that each step of the motion network looks at; drawing is cheap beside the network, and
             several views make each step surer.
         motion_velocity: start from the constant-velocity guess x_{t-1} + (x_{t-1} - x_{t-2}) and learn the rest.
-        motion_velocity_neighbours: of the velocity take the median over each splat and this many nearest ones, which
+        motion_velocity_neighbors: of the velocity take the median over each splat and this many nearest ones, which
             drops what single splats were moved by noise and the smooth motion field could not put right; 0: each its
             own.
         motion_warm_start: begin with the network of the frame before instead of a fresh one; the velocity guess is then
             left out, because that network knows it.
-        motion_neighbours: each splat turns as the offsets to this many nearest splats do; 0: motion is a translation
+        motion_neighbors: each splat turns as the offsets to this many nearest splats do; 0: motion is a translation
             only, as in the paper.
         hash_levels, hash_features, hash_log2_size, hash_base_resolution, hash_growth: the multiresolution grid.
         mlp_width, mlp_layers: hidden layers of the motion MLP.
@@ -80,9 +80,9 @@ class TrainSettings:
         finetune_means: tune positions as well (the paper tunes "other attributes" only).
         entropy_weight: lambda_e of equation 13; the paper takes 1e-4, which measured worse (docs/TRAINING.md).
         temporal_weight: lambda_t of equation 13.
-        temporal_huber: equation 12 is an L1; above 0 it is a Huber loss instead, quadratic up to this many quantisation
+        temporal_huber: equation 12 is an L1; above 0 it is a Huber loss instead, quadratic up to this many quantization
             steps, so that what rounding hides anyway is not pressed to zero.
-        simulate_quantisation: fine-tuning draws the attributes as the baker will round them (straight-through).
+        simulate_quantization: fine-tuning draws the attributes as the baker will round them (straight-through).
         rates: learning rates of the splats.
         snapshot_every: steps between calls of the `snapshot` callback.
         checkpoint_every: keyframe: steps between calls of the `checkpoint` callback; 0 never.
@@ -98,7 +98,7 @@ class TrainSettings:
     use_plates: bool = True
     crop_margin: float = 0.15
     keyframe_iterations: int = 12_000
-    density: str = "gradient"
+    strategy: str = "default"
     mcmc_noise: float = 1.0
     densify_from: int = 500
     densify_until: int = 9_000
@@ -116,9 +116,9 @@ class TrainSettings:
     motion_learning_rate: float = 1e-3
     motion_views: int = 4
     motion_velocity: bool = True
-    motion_velocity_neighbours: int = 24
+    motion_velocity_neighbors: int = 24
     motion_warm_start: bool = False
-    motion_neighbours: int = 0
+    motion_neighbors: int = 0
     hash_levels: int = 16
     hash_features: int = 4
     hash_log2_size: int = 15
@@ -131,7 +131,7 @@ class TrainSettings:
     entropy_weight: float = 1e-5
     temporal_weight: float = 1e-3
     temporal_huber: float = 0.0
-    simulate_quantisation: bool = False
+    simulate_quantization: bool = False
     rates: LearningRates = LearningRates()
     snapshot_every: int = 500
     checkpoint_every: int = 500
@@ -148,8 +148,8 @@ class TrainSettings:
             raise StudioError(f"sh_degree is {self.sh_degree}; it must be 0, 1, 2 or 3.")
         if self.background not in ("random", "black", "white"):
             raise StudioError(f"background is '{self.background}'; it must be random, black or white.")
-        if self.density not in ("gradient", "mcmc"):
-            raise StudioError(f"density is '{self.density}'; it must be gradient or mcmc.")
+        if self.strategy not in ("default", "mcmc"):
+            raise StudioError(f"strategy is '{self.strategy}'; it must be default or mcmc.")
         if not 0 <= self.dropout < 1:
             raise StudioError(f"dropout is {self.dropout}; it must be at least 0 and below 1.")
         if not 0 < self.prune_ratio < 1:
@@ -160,9 +160,9 @@ class TrainSettings:
 
 AFTER_KEYFRAME = (
     "motion_iterations", "motion_first_iterations", "motion_learning_rate", "motion_views", "motion_velocity",
-    "motion_velocity_neighbours", "motion_warm_start", "motion_neighbours", "hash_levels", "hash_features",
+    "motion_velocity_neighbors", "motion_warm_start", "motion_neighbors", "hash_levels", "hash_features",
     "hash_log2_size", "hash_base_resolution", "hash_growth", "mlp_width", "mlp_layers", "finetune_iterations",
-    "finetune_means", "entropy_weight", "temporal_weight", "temporal_huber", "simulate_quantisation",
+    "finetune_means", "entropy_weight", "temporal_weight", "temporal_huber", "simulate_quantization",
     "rates.means_finetune",
 )  # fmt: skip
 """Settings that only the frames after the keyframe are trained by: changing them leaves keyframes as they are."""

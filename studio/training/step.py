@@ -12,10 +12,11 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.metrics import psnr
 from studio.rasterizer import Render, rasterize
-from studio.training.dropout import dropped
 from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
-from studio.training.views import Shuffled, TrainView, backgrounds
+from studio.training.views import Shuffled, TrainingView, backgrounds
+
+_MAX_OPACITY = 0.995
 
 SnapshotFn = Callable[[int, Gaussians], None]
 """`snapshot(iteration, gaussians)`: called now and then with detached splats, for previews."""
@@ -35,7 +36,7 @@ class Step:
     loss: Tensor
     target: Tensor
     render: Render
-    view: TrainView
+    view: TrainingView
 
     @property
     def psnr(self) -> float:
@@ -46,7 +47,7 @@ class Step:
 class Stepper:
     """Draws views and backgrounds in a random order fixed by the generator and computes equation 7."""
 
-    def __init__(self, views: Sequence[TrainView], settings: TrainSettings, generator: torch.Generator) -> None:
+    def __init__(self, views: Sequence[TrainingView], settings: TrainSettings, generator: torch.Generator) -> None:
         self._settings = settings
         self._generator = generator
         self._views = Shuffled(views, generator)
@@ -80,6 +81,27 @@ class Stepper:
     def restore(self, state: dict[str, Tensor]) -> None:
         """Go on from `state`."""
         self._views.restore(state["views"])
+
+
+def dropped(gaussians: Gaussians, share: float, generator: torch.Generator) -> tuple[Gaussians, Tensor]:
+    """A random 1 - `share` of the splats, their opacities divided by 1 - `share` so that the picture stays as dense.
+
+    With few cameras splats learn to be right together only in the training views: one hides the other's error. Leaving
+    a random share of them out at each step makes each right by itself, which shows in views that were never trained on
+    (DropGaussian, Park et al. 2025, equation 6).
+
+    Args:
+        gaussians: N splats.
+        share: above 0 and below 1.
+        generator: draws which ones.
+
+    Returns:
+        The M splats that are left, and their (M,) indices.
+    """
+    kept = (torch.rand(len(gaussians), generator=generator) >= share).nonzero()[:, 0].to(gaussians.device)
+    left = gaussians[kept]
+    opacities = (left.opacities / (1 - share)).clamp(1e-6, _MAX_OPACITY)
+    return Gaussians(left.means, left.quats, left.log_scales, torch.logit(opacities), left.sh), kept
 
 
 def check_finite(loss: Tensor, what: str) -> None:

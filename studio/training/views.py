@@ -17,7 +17,7 @@ KEPT_PIXELS = 400_000
 pixel."""
 
 
-class TrainView:
+class TrainingView:
     """One camera's picture of one moment.
 
     Large pictures are kept as they come, and made floats when they are asked for: 81 cameras at 4K take 2 GiB as bytes
@@ -73,7 +73,7 @@ class TrainView:
         device: torch.device | str = "cpu",
         crop_margin: float | None = None,
         use_plate: bool = True,
-    ) -> TrainView:
+    ) -> TrainingView:
         """Cropped to the matte's box padded by `crop_margin` of its size and 16 px; None keeps the whole picture.
 
         Raises:
@@ -97,15 +97,15 @@ class TrainView:
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3): what a drawn picture is compared with.
 
-        Without a plate the performer over the plain (3,) background colour, by the matte; with one the picture as
-        filmed on and around the performer, and the plain colour elsewhere.
+        Without a plate the performer over the plain (3,) background color, by the matte; with one the picture as
+        filmed on and around the performer, and the plain color elsewhere.
         """
         image, rest, _ = self._kept or self._parts()
         return torch.addcmul(image, rest, background)
 
     def backdrop(self, background: Tensor) -> Tensor | None:
         """(H, W, 3): what stands behind the splats when they are compared with `composited`: the plate on and around
-        the performer, the plain colour elsewhere. None without a plate: then it is the plain colour."""
+        the performer, the plain color elsewhere. None without a plate: then it is the plain color."""
         if self._plate is None:
             return None
         _, rest, plate = self._kept or self._parts()
@@ -163,16 +163,16 @@ class Shuffled:
         StudioError: there is no view.
     """
 
-    def __init__(self, views: Sequence[TrainView], generator: torch.Generator) -> None:
+    def __init__(self, views: Sequence[TrainingView], generator: torch.Generator) -> None:
         if not views:
             raise StudioError("There is no view to train on; at least one training camera is needed.")
         self._views, self._generator = views, generator
         self._left: list[int] = []
 
-    def __iter__(self) -> Iterator[TrainView]:
+    def __iter__(self) -> Iterator[TrainingView]:
         return self
 
-    def __next__(self) -> TrainView:
+    def __next__(self) -> TrainingView:
         if not self._left:
             self._left = torch.randperm(len(self._views), generator=self._generator).tolist()
         return self._views[self._left.pop(0)]
@@ -187,7 +187,7 @@ class Shuffled:
 
 
 def backgrounds(kind: str, generator: torch.Generator, device: torch.device) -> Iterator[Tensor]:
-    """(3,) background colours without end: "random", "black" or "white"."""
+    """(3,) background colors without end: "random", "black" or "white"."""
     while True:
         if kind == "random":
             yield torch.rand(3, generator=generator).to(device)

@@ -26,17 +26,17 @@ GROUPS = ((0, 8), (8, 4))  # first frame, frames
 
 
 def body(frame: int, splats: int = 600) -> Gaussians:
-    """An upright ellipsoid shell that walks along x; its colour tells direction."""
+    """An upright ellipsoid shell that walks along x; its color tells direction."""
     generator = torch.Generator().manual_seed(5)
     shell = torch.nn.functional.normalize(torch.randn(splats, 3, generator=generator), dim=1)
     means = shell * torch.tensor([0.3, 0.25, 0.8]) + torch.tensor([0.15 * math.sin(0.4 * frame), 0.0, 0.9])
-    colour = 0.5 + 0.4 * shell
+    color = 0.5 + 0.4 * shell
     return Gaussians.from_activated(
         means=means,
         quats=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(splats, 1),
         scales=torch.full((splats, 3), 0.045),
         opacities=torch.full((splats,), 0.95),
-        sh=((colour - 0.5) / SH_C0)[:, None, :],
+        sh=((color - 0.5) / SH_C0)[:, None, :],
     )
 
 
@@ -217,7 +217,7 @@ class RunningWindow:
 
     def stage(self, name: str) -> None:
         """Click a stage in the list."""
-        names = ["capture", "calibrate", "initialise", "train", "bake", "review"]
+        names = ["capture", "calibrate", "initialize", "train", "bake", "review"]
         self.click("stages", 0.3, (names.index(name) + 0.5) / len(names))
         at = self.wait_for(name, lambda s: s["stage"] == name)["pictures"]
         # while it plays there is always another picture to make
@@ -330,8 +330,8 @@ def open_window(display: str, tmp_path: Path) -> Iterator[Callable[..., RunningW
 
 
 @pytest.fixture(scope="session")
-def artefacts() -> Path:
+def artifacts() -> Path:
     """Folder for screenshots to look at; git ignores it."""
-    folder = Path(__file__).parents[2] / "test-artefacts"
+    folder = Path(__file__).parents[2] / "test-artifacts"
     folder.mkdir(exist_ok=True)
     return folder

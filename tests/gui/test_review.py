@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gui.presenters.drawing.palette import ACCENT
 from gui.presenters.evaluation import Evaluation
-from gui.presenters.inspector import figures_picture, log_lines, review_blocks
-from gui.presenters.lens import Lens
 from gui.presenters.marks import Marks
-from gui.presenters.palette import ACCENT
-from gui.presenters.player import PlayerPresenter
-from gui.presenters.strips import StripBoard, strips_of
+from gui.presenters.playback.image_zoom import ImageZoom
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.timeline_plots import TimelinePlots, plots_of
+from gui.presenters.run.inspector import figures_picture, log_lines, review_blocks
 from pipelines.config import load_config
-from pipelines.frame_files import read_frame
-from pipelines.pictures import draw
+from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
-from pipelines.take import Take
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 
@@ -60,7 +60,7 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     assert player.context is not None
     assert player.opened is not None
     assert player.opened.take is not None
-    footage = player.context.footage
+    footage = player.context.footage.calibrated
     filmed = footage.image("cam4", footage.frames[0]).astype(float) * (
         footage.matte("cam4", footage.frames[0])[..., None] / 255
     )
@@ -90,7 +90,7 @@ def test_comparing_without_a_camera_compares_decoded_with_trained(player: Player
     left, right = picture[:, :126].astype(float), picture[:, 130:].astype(float)
     assert np.abs(left[40:] - right[40:]).mean() < 4.0  # below the labels: nearly the same
     player.look_through("cam2")
-    assert player.lens != Lens(), "the performer is brought near"
+    assert player.image_zoom != ImageZoom(), "the performer is brought near"
     player.drag_orbit(10, 0)
     assert player.camera == "", "turning leaves the camera"
 
@@ -98,12 +98,12 @@ def test_comparing_without_a_camera_compares_decoded_with_trained(player: Player
 def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> None:
     player.look_through("cam1")
     player.wheel(5)
-    assert player.lens.zoom == pytest.approx(0.9**-5)
+    assert player.image_zoom.zoom == pytest.approx(0.9**-5)
     player.drag_pan(20, 0)
-    assert player.lens.u < 0.5
+    assert player.image_zoom.u < 0.5
     assert player.camera == "cam1"
     player.reset_view()
-    assert player.lens == Lens()
+    assert player.image_zoom == ImageZoom()
 
 
 def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished_project: Path) -> None:
@@ -157,18 +157,18 @@ def test_marks_stay_in_the_take(tmp_path: Path) -> None:
 
 
 def test_strips_show_the_frame_and_clicks_find_it() -> None:
-    board = StripBoard(640, 120, 16.0, 20, (0, 10))
+    plots_view = TimelinePlots(640, 120, 16.0, 20, (0, 10))
     series: dict[str, list[float | None]] = {"psnr_trained": [30.0] * 20, "psnr_decoded": [20.0 + n for n in range(20)]}
-    strips = strips_of({**series, "bytes": []})
-    picture = board.picture(7, strips, marks=(3,))
+    plots = plots_of({**series, "bytes": []})
+    picture = plots_view.picture(7, plots, marks=(3,))
     assert picture.shape == (120, 640, 3)
-    first, last = board.timeline.span(7)
-    assert board.frame_at(board.left + (first + last) / 2) == 7
-    assert board.frame_at(0) == 0
-    assert board.frame_at(10_000) == 19
+    first, last = plots_view.timeline.span(7)
+    assert plots_view.frame_at(plots_view.left + (first + last) / 2) == 7
+    assert plots_view.frame_at(0) == 0
+    assert plots_view.frame_at(10_000) == 19
     # higher values stand higher: count the accent's pixels of the decoded strip at the last frame and the first
-    high = board.picture(19, strips)[:, board.left + board.timeline.span(19)[0] + 1]
-    low = board.picture(0, strips)[:, board.left + 1]
+    high = plots_view.picture(19, plots)[:, plots_view.left + plots_view.timeline.span(19)[0] + 1]
+    low = plots_view.picture(0, plots)[:, plots_view.left + 1]
     rows = slice(37, 66)
     assert (high[rows] == ACCENT).all(axis=1).sum() > (low[rows] == ACCENT).all(axis=1).sum() > 0
 

@@ -18,7 +18,7 @@ def _pixels(path: Path) -> np.ndarray:
 
 
 def test_plays_seeks_turns_and_closes(
-    open_window: Callable, stream_folder: Path, tmp_path: Path, artefacts: Path
+    open_window: Callable, stream_folder: Path, tmp_path: Path, artifacts: Path
 ) -> None:
     window = open_window(str(stream_folder), "--size", "1000x640")
     first = window.wait_for("a picture, playing", lambda s: s["shown"] is not None and s["playing"])
@@ -44,15 +44,15 @@ def test_plays_seeks_turns_and_closes(
     window.drag("timeline", (window.across_frame(1), 0.3), (window.across_frame(10), 0.3))
     window.wait_for("frame 10 by a drag", lambda s: s["frame"] == 10 and s["shown"] == 10)
 
-    # what is on the screen shows the colours of the body, and turning changes them
+    # what is on the screen shows the colors of the body, and turning changes them
     shot = tmp_path / "before.png"
-    _wait_until(lambda: _coloured(_pixels(window.screenshot(shot))) > 5000)
+    _wait_until(lambda: _colored(_pixels(window.screenshot(shot))) > 5000)
     one = _pixels(shot)
     window.drag("viewport", (0.4, 0.5), (0.6, 0.4))
     turned = window.wait_for("another view", lambda s: s["orbit"] != before["orbit"] and s["settled"])
     assert turned["orbit"][0] != before["orbit"][0]
     _wait_until(lambda: np.abs(_pixels(window.screenshot(shot)).astype(int) - one).mean() > 1.0)
-    window.screenshot(artefacts / "window_playing.png")
+    window.screenshot(artifacts / "window_playing.png")
     window.drag("viewport", (0.5, 0.5), (0.6, 0.5), button=3)
     window.wait_for("a moved target", lambda s: s["orbit"][3:] != turned["orbit"][3:])
     window.key("r")
@@ -60,18 +60,18 @@ def test_plays_seeks_turns_and_closes(
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 
-def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path: Path, artefacts: Path) -> None:
+def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path: Path, artifacts: Path) -> None:
     window = open_window(str(tmp_path))
     state = window.wait_for("a message", lambda s: "neither a take" in s["message"])
     assert state["shown"] is None
-    shot = artefacts / "window_message.png"
+    shot = artifacts / "window_message.png"
     left, top, right, bottom = *window.point("viewport", 0.0, 0.0), *window.point("viewport", 1.0, 1.0)
     _wait_until(lambda: int((_pixels(window.screenshot(shot))[top:bottom, left:right].min(-1) > 150).sum()) > 300)
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 
-def _coloured(pixels: np.ndarray) -> int:
-    """How many pixels are no grey."""
+def _colored(pixels: np.ndarray) -> int:
+    """How many pixels are no gray."""
     return int(((pixels.max(-1).astype(int) - pixels.min(-1)) > 60).sum())
 
 

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-STAGES = ("capture", "calibrate", "initialise", "train", "bake", "review")
+STAGES = ("capture", "calibrate", "initialize", "train", "bake", "review")
 
 
 def done(state: dict[str, Any]) -> bool:
     return all(state["stages"][stage][0] == "done" for stage in STAGES)
 
 
-def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tmp_path: Path, artefacts: Path) -> None:
+def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tmp_path: Path, artifacts: Path) -> None:
     window = open_window()
     window.wait_for("an empty window", lambda s: "New take" in s["message"] or "new take" in s["message"])
     time.sleep(1.0)
@@ -33,12 +33,12 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.type(str(tmp_path / "take"))
     window.key("Return")
     time.sleep(1.0)
-    window.screenshot(artefacts / "workstation_1_new_take.png")
+    window.screenshot(artifacts / "workstation_1_new_take.png")
     window.click("dialog create")
     window.wait_for("the footage", lambda s: s["stages"]["capture"][0] == "done" and s["stage"] == "capture")
     assert (tmp_path / "take" / "config.yaml").is_file()
     window.wait_for("thumbnails", lambda s: s["settled"])
-    window.screenshot(artefacts / "workstation_2_capture.png")
+    window.screenshot(artifacts / "workstation_2_capture.png")
 
     # a setting that is refused, and one that is taken; letters typed into a field are no shortcuts
     window.stage("bake")
@@ -57,7 +57,7 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     for stage in STAGES[1:5]:
         window.stage(stage)
         time.sleep(1.5)
-        window.screenshot(artefacts / f"workstation_{3 + STAGES.index(stage)}_{stage}.png")
+        window.screenshot(artifacts / f"workstation_{3 + STAGES.index(stage)}_{stage}.png")
 
     window.key("3")  # to the review
     window.wait_for("the decoded stream", lambda s: s["stage"] == "review" and s["what"] == "decoded")
@@ -69,11 +69,11 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.drag("viewport", (before["wipe"], 0.6), (0.3, 0.6))
     moved = window.wait_for("a moved line", lambda s: abs(s["wipe"] - 0.3) < 0.05 and s["settled"])
     assert moved["camera"] == "cam4", "dragging the line does not turn the view"
-    window.screenshot(artefacts / "workstation_8_wipe.png")
+    window.screenshot(artifacts / "workstation_8_wipe.png")
     window.key("d")
     window.wait_for("the difference", lambda s: s["compare"] == "difference" and s["settled"])
     time.sleep(1.0)
-    window.screenshot(artefacts / "workstation_9_difference.png")
+    window.screenshot(artifacts / "workstation_9_difference.png")
 
     # a mark with a note
     window.key("m")
@@ -94,14 +94,14 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.key("question")
     window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
     time.sleep(2.5)
-    window.screenshot(artefacts / "workstation_10_shortcuts.png")
+    window.screenshot(artifacts / "workstation_10_shortcuts.png")
     assert window.close() == 0, window.stderr.read_text()[-2000:]
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (1000, 640), (820, 640)])
 def test_nothing_overlaps_and_nothing_is_cut_off(
-    open_window: Callable, finished_project: Path, artefacts: Path, size: tuple[int, int]
+    open_window: Callable, finished_project: Path, artifacts: Path, size: tuple[int, int]
 ) -> None:
     """No two widgets of the layout share a place, and all lie in the window."""
     width, height = size
@@ -117,7 +117,7 @@ def test_nothing_overlaps_and_nothing_is_cut_off(
     state = window.press_until("i", "the other state", lambda s: s["figures"] == (width <= 960))
     state = window.wait_for("its panels", lambda s: ("inspector" in s["widgets"]) == (width <= 960) and s["settled"])
     _check_frames(state, width, height)
-    window.screenshot(artefacts / f"workstation_0_review_{width}.png")
+    window.screenshot(artifacts / f"workstation_0_review_{width}.png")
     assert window.close() == 0
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
 

@@ -27,7 +27,7 @@ capture:
   masks: alpha
   held_out: [cam4]
   fps: 25
-initialise: {points: 400, resolution: 32}
+initialize: {points: 400, resolution: 32}
 train:
   group_size: 3
   keyframe_iterations: 25
@@ -57,7 +57,7 @@ def look_at(eye: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def ball(K: np.ndarray, R: np.ndarray, t: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """(H, W, 4) uint8 RGBA: the ball by ray casting, coloured by its own surface coordinates."""
+    """(H, W, 4) uint8 RGBA: the ball by ray casting, colored by its own surface coordinates."""
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
     rays = np.stack([(columns - K[0, 2]) / K[0, 0], (rows - K[1, 2]) / K[1, 1], np.ones_like(rows)], -1) @ R
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -66,9 +66,9 @@ def ball(K: np.ndarray, R: np.ndarray, t: np.ndarray, center: np.ndarray) -> np.
     inside = RADIUS**2 - (np.linalg.norm(center - eye) ** 2 - along**2)
     hit = inside > 0
     surface = (eye + rays * (along - np.sqrt(np.maximum(inside, 0)))[..., None] - center) / RADIUS
-    colour = 0.5 + 0.4 * np.sin(surface * [4.0, 5.0, 6.0] + [0.0, 1.0, 2.0])
+    color = 0.5 + 0.4 * np.sin(surface * [4.0, 5.0, 6.0] + [0.0, 1.0, 2.0])
     image = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
-    image[hit, :3] = colour[hit] * 255
+    image[hit, :3] = color[hit] * 255
     image[hit, 3] = 255
     return image
 
@@ -106,6 +106,15 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = v3studio("run", folder / "ball.yaml", "--take", folder / "take")
     assert done.returncode == 0, done.stderr
     return folder
+
+
+@pytest.fixture(scope="session")
+def long_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Settings of footage that is long enough to estimate offsets from."""
+    folder = tmp_path_factory.mktemp("long")
+    write_capture(folder / "capture", frames=12)
+    (folder / "ball.yaml").write_text(SETTINGS)
+    return folder / "ball.yaml"
 
 
 def command(*arguments: object) -> list[str]:

@@ -26,7 +26,7 @@ def test_every_command_explains_itself(cli):
     for name in (
         "run",
         "calibrate",
-        "initialise",
+        "initialize",
         "train",
         "bake",
         "evaluate",
@@ -103,7 +103,7 @@ def test_status_of_a_new_and_of_a_finished_take(cli, project, finished):
     assert done.returncode == 0, done.stderr
     states = json.loads(cli("status", project / "take", "--json").stdout)["stages"]
     assert {name: state["state"] for name, state in states.items()} == {
-        "calibrate": "done", "initialise": "missing", "train": "missing", "bake": "missing", "evaluate": "missing"
+        "calibrate": "done", "initialize": "missing", "train": "missing", "bake": "missing", "evaluate": "missing"
     }  # fmt: skip
     text = cli("status", finished / "take").stdout
     assert text.count("done") == 5
@@ -137,7 +137,7 @@ def test_play_prints_a_row_a_frame_for_a_take_and_for_a_stream(cli, finished):
 def test_the_last_lines_of_a_run_are_the_table(cli, finished, tmp_path):
     shutil.copytree(finished, tmp_path / "copy")
     text = cli("run", tmp_path / "copy" / "ball.yaml", "--take", tmp_path / "copy" / "take").stdout
-    assert "up to date: calibrate, initialise, train, bake, evaluate" in text
+    assert "up to date: calibrate, initialize, train, bake, evaluate" in text
     assert "PSNR trained" in text
     assert "held-out cameras cam4" in text
 

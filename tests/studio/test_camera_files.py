@@ -87,7 +87,7 @@ def test_transforms_json_by_hand(tmp_path: Path) -> None:
 
 
 def test_transforms_json_with_opencv_axes_and_matrix(rig: Rig, tmp_path: Path) -> None:
-    """NeuS2's flavour: from_na, and an intrinsic matrix in each frame."""
+    """NeuS2's flavor: from_na, and an intrinsic matrix in each frame."""
     camera = rig["cam00"]
     matrix = np.eye(4)
     matrix[:3, :3] = camera.K
@@ -175,7 +175,7 @@ def test_names_from_folders(tmp_path: Path) -> None:
 
 
 def qualisys(rig: Rig) -> str:
-    """What Qualisys Track Manager writes for a rig: millimetres, y up and z back, pixels in 1/64, inclusive corners."""
+    """What Qualisys Track Manager writes for a rig: millimeters, y up and z back, pixels in 1/64, inclusive corners."""
     cameras = []
     for camera in rig:
         r = np.diag([1.0, -1.0, -1.0]) @ camera.rotation

@@ -77,15 +77,15 @@ template <typename T, bool GRADIENT>
 VS_INLINE void sh_basis(int coefficients, Vec<T> x, Vec<T> y, Vec<T> z, Vec<T>* f, Vec<T>* fx, Vec<T>* fy, Vec<T>* fz) {
     using V = Vec<T>;
     const V zero{};
-    f[0] = all<T>(T(0.28209479177387814));
+    f[0] = broadcast<T>(T(0.28209479177387814));
     if (GRADIENT) fx[0] = fy[0] = fz[0] = zero;
     if (coefficients < 4) return;
     const T c1 = T(0.4886025119029199);
     f[1] = -c1 * y, f[2] = c1 * z, f[3] = -c1 * x;
     if (GRADIENT) {
         fx[1] = fz[1] = fx[2] = fy[2] = fy[3] = fz[3] = zero;
-        fy[1] = fx[3] = all<T>(-c1);
-        fz[2] = all<T>(c1);
+        fy[1] = fx[3] = broadcast<T>(-c1);
+        fz[2] = broadcast<T>(c1);
     }
     if (coefficients < 9) return;
     const T c2 = T(1.0925484305920792), c20 = T(0.31539156525252005), c22 = T(0.5462742152960396);

@@ -3,30 +3,30 @@
 // Sums over the pixels of a tile that a splat's slot holds. q is dLoss/d(ln alpha).
 enum Slot { S_Q, S_QU, S_QUU, S_QV, S_QUV, S_QVV, S_RED, S_GREEN, S_BLUE, S_DEPTH };
 
-// Pass D for one tile. With S the sum of what lies behind a splat at a pixel (colour times gradient), blended,
+// Pass D for one tile. With S the sum of what lies behind a splat at a pixel (color times gradient), blended,
 // dLoss/dalpha = T (color . g) - S / (1 - alpha); S starts as the whole pixel and shrinks front to back.
 template <typename T, bool EXTRA>
-struct Undone {
-    Vec<T> through, behind, red, green, blue;  // the colours are gradients
+struct BackwardPixel {
+    Vec<T> transmittance, behind, red, green, blue;  // the colors are gradients
 };
 template <typename T>
-struct Undone<T, true> {
-    Vec<T> through, behind, red, green, blue, alpha, depth, mean_depth;
+struct BackwardPixel<T, true> {
+    Vec<T> transmittance, behind, red, green, blue, alpha, depth, mean_depth;
 };
 
 template <typename T, bool EXTRA>
-static void backward_tile(const Frame<T>& frame, const TileBox& box, const Entry<T>* list, std::uint32_t count,
+static void backward_tile(const Frame<T>& frame, const TileBox& box, const Intersection<T>* list, std::uint32_t count,
                           const Gradients<T>& grad, T* slots, int tile) {
     using V = Vec<T>;
     using M = Mask<T>;
     const Camera& camera = frame.camera;
     const Projected<T>* projected = frame.projected.get();
-    Undone<T, EXTRA> pixels[BLOCKS];
+    BackwardPixel<T, EXTRA> pixels[BLOCKS];
     Grid<T> grid;
     Grid<T>::fill(grid);
     Blocks alive = clear_tile<T>(box, grid, pixels);
     if (box.width < TILE || box.height < TILE)
-        for (Undone<T, EXTRA>& at : pixels) {
+        for (BackwardPixel<T, EXTRA>& at : pixels) {
             at.behind = at.red = at.green = at.blue = V{};
             if constexpr (EXTRA) at.alpha = at.depth = at.mean_depth = V{};
         }
@@ -35,7 +35,7 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Entry
         for (int x = 0; x < box.width; x++) {
             const int i = (y / BLOCK_H) * BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H * BLOCK_W + x % BLOCK_W;
             const std::int64_t here = row + x;
-            Undone<T, EXTRA>& at = pixels[i];
+            BackwardPixel<T, EXTRA>& at = pixels[i];
             T gr = 0, gg = 0, gb = 0;
             if (grad.d_image != nullptr)
                 gr = grad.d_image[3 * here], gg = grad.d_image[3 * here + 1], gb = grad.d_image[3 * here + 2];
@@ -52,8 +52,8 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Entry
             at.behind[lane] = rest;
         }
     }
-    const V cut = all<T>(T(ALPHA_MIN_LOG2)), alpha_max = all<T>(T(camera.alpha_max)),
-            least = all<T>(T(TRANSMITTANCE_MIN));
+    const V cut = broadcast<T>(T(ALPHA_MIN_LOG2)), alpha_max = broadcast<T>(T(camera.alpha_max)),
+            least = broadcast<T>(T(TRANSMITTANCE_MIN));
     const int tile_x = tile % frame.tiles_x, tile_y = tile / frame.tiles_x;
     auto slot_of = [&](const Projected<T>& p) {
         const int across = p.right / TILE - p.left / TILE + 1;
@@ -74,27 +74,27 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Entry
             const Blocks reach = batch.reach[k];
             T* slot = slot_of(p);
             const Shape<T> shape = Shape<T>::of(p, box);
-            const V r = all<T>(p.color[0]), g = all<T>(p.color[1]), b = all<T>(p.color[2]), z = all<T>(p.depth);
+            const V r = broadcast<T>(p.color[0]), g = broadcast<T>(p.color[1]), b = broadcast<T>(p.color[2]), z = broadcast<T>(p.depth);
             V s_q{}, s_qu{}, s_quu{}, s_qv{}, s_quv{}, s_qvv{}, s_red{}, s_green{}, s_blue{}, s_depth{};
             for (int h = 0; h < 2; h++)
                 for (std::uint64_t left = reach.half[h] & alive.half[h]; left != 0; left &= left - 1) {
                     const int i = __builtin_ctzll(left) + 64 * h;
                     V u, v, e = shape.exponent(grid, i, u, v);
-                    Undone<T, EXTRA>& at = pixels[i];
-                    V before = at.through;
+                    BackwardPixel<T, EXTRA>& at = pixels[i];
+                    V before = at.transmittance;
                     M hit = ge<T>(e, cut) & gt<T>(before, V{});
                     V raw = vexp2(e);
-                    V alpha = keep<T>(hit, vmin<T>(raw, alpha_max));
+                    V alpha = zero_unless<T>(hit, vmin<T>(raw, alpha_max));
                     V weight = alpha * before;
                     V after = before - weight;
                     M stop = hit & le<T>(after, least);
                     if (__builtin_expect(any(stop), 0)) {
-                        weight = keep<T>(~stop, weight);
-                        alpha = keep<T>(~stop, alpha);
+                        weight = zero_unless<T>(~stop, weight);
+                        alpha = zero_unless<T>(~stop, alpha);
                         after = select<T>(stop, -before, after);
                         if (!any(gt<T>(after, V{}))) alive.half[h] &= ~(std::uint64_t(1) << (i % 64));
                     }
-                    at.through = after;
+                    at.transmittance = after;
                     const V gr = at.red, gg = at.green, gb = at.blue;
                     V product = r * gr + g * gg + b * gb;
                     if constexpr (EXTRA) product += at.alpha + (z - at.mean_depth) * at.depth;
@@ -103,7 +103,7 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Entry
                     at.behind = rest;
                     V q = here - rest * alpha / (T(1) - alpha);
                     // Where alpha is at its upper clamp, it does not follow the splat.
-                    q = keep<T>(le<T>(raw, alpha_max) & hit, q);
+                    q = zero_unless<T>(le<T>(raw, alpha_max) & hit, q);
                     V qu = q * u, qv = q * v;
                     s_q += q;
                     s_qu += qu;
@@ -172,9 +172,9 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
     const T root = T(1.1774100225154747), k = root * root;  // k = 2 ln 2 undoes the scale for base 2
     const V l_a = root * a, l_b = root * b, l_c = root * c;
     const V d_x = root * l_a * qu, d_y = root * (l_b * qu + l_c * qv);
-    V d_logit = keep<T>(drawn, g.one_minus_opacity * q);
+    V d_logit = zero_unless<T>(drawn, g.one_minus_opacity * q);
 
-    // colour
+    // color
     V d_color[3], basis[16], bx[16], by[16], bz[16], sh[48];
     for (int ch = 0; ch < 3; ch++) d_color[ch] = load<T>(lanes[S_RED + ch]) * load<T>(open[ch]);
     sh_basis<T, true>(splats.coefficients, g.direction[0], g.direction[1], g.direction[2], basis, bx, by, bz);
@@ -189,7 +189,7 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
         }
     }
     for (int j = 0; j < splats.coefficients; j++) {
-        V f = keep<T>(drawn, basis[j]);
+        V f = zero_unless<T>(drawn, basis[j]);
         for (int ch = 0; ch < 3; ch++) sh[3 * j + ch] = f * d_color[ch];
     }
     scatter_long<T>(grad.d_sh, floats, first, valid, sh);
@@ -211,7 +211,7 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
     V square[3], d_log_scale[3];
     for (int i = 0; i < 3; i++) {
         square[i] = g.scale[i] * g.scale[i];
-        d_log_scale[i] = keep<T>(drawn, square[i] * (e_q[i] * e[i] + f_q[i] * f[i]));
+        d_log_scale[i] = zero_unless<T>(drawn, square[i] * (e_q[i] * e[i] + f_q[i] * f[i]));
     }
     // A turn about the splat's own axis l mixes the columns i and j.
     V turn[3];
@@ -222,7 +222,7 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
     const V* n = g.quat;
     V d_quat[4] = {-n[1] * turn[0] - n[2] * turn[1] - n[3] * turn[2], n[0] * turn[0] - n[3] * turn[1] + n[2] * turn[2],
                    n[3] * turn[0] + n[0] * turn[1] - n[1] * turn[2], -n[2] * turn[0] + n[1] * turn[1] + n[0] * turn[2]};
-    for (int j = 0; j < 4; j++) d_quat[j] = keep<T>(drawn, d_quat[j]);
+    for (int j = 0; j < 4; j++) d_quat[j] = zero_unless<T>(drawn, d_quat[j]);
 
     // plane_u = fx / z (w0 - x_lim w2), plane_v = fy / z (w1 - y_lim w2)
     T w[9];
@@ -236,19 +236,19 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
     }
     // 1 / z scales all of F, as the three scales together do
     V d_inverse = (d_log_scale[0] + d_log_scale[1] + d_log_scale[2]) * g.depth;
-    Mask<T> free_x = ge<T>(g.x_z, all<T>(T(camera.limits[0]))) & le<T>(g.x_z, all<T>(T(camera.limits[1])));
-    Mask<T> free_y = ge<T>(g.y_z, all<T>(T(camera.limits[2]))) & le<T>(g.y_z, all<T>(T(camera.limits[3])));
-    V d_x_z = fx * d_x - keep<T>(free_x, fx * g.inverse_depth * pu_w2);
-    V d_y_z = fy * d_y - keep<T>(free_y, fy * g.inverse_depth * pv_w2);
+    Mask<T> free_x = ge<T>(g.x_z, broadcast<T>(T(camera.limits[0]))) & le<T>(g.x_z, broadcast<T>(T(camera.limits[1])));
+    Mask<T> free_y = ge<T>(g.y_z, broadcast<T>(T(camera.limits[2]))) & le<T>(g.y_z, broadcast<T>(T(camera.limits[3])));
+    V d_x_z = fx * d_x - zero_unless<T>(free_x, fx * g.inverse_depth * pu_w2);
+    V d_y_z = fy * d_y - zero_unless<T>(free_y, fy * g.inverse_depth * pv_w2);
     V local_x = d_x_z * g.inverse_depth, local_y = d_y_z * g.inverse_depth;
     // x_z = x / z
     V local_z =
         load<T>(lanes[S_DEPTH]) - g.inverse_depth * (g.inverse_depth * d_inverse + g.x_z * d_x_z + g.y_z * d_y_z);
 
     V inward = g.direction[0] * d_dir[0] + g.direction[1] * d_dir[1] + g.direction[2] * d_dir[2];
-    V inverse_distance = T(1) / vmax<T>(g.distance, all<T>(T(1e-12))), d_mean[3];
+    V inverse_distance = T(1) / vmax<T>(g.distance, broadcast<T>(T(1e-12))), d_mean[3];
     for (int j = 0; j < 3; j++)
-        d_mean[j] = keep<T>(drawn, w[j] * local_x + w[3 + j] * local_y + w[6 + j] * local_z +
+        d_mean[j] = zero_unless<T>(drawn, w[j] * local_x + w[3 + j] * local_y + w[6 + j] * local_z +
                                        (d_dir[j] - g.direction[j] * inward) * inverse_distance);
 
     scatter<T>(grad.d_means, 3, first, valid, d_mean);
@@ -256,7 +256,7 @@ VS_INLINE void backward_group(const Splats<T>& splats, const Frame<T>& frame, co
     scatter<T>(grad.d_log_scales, 3, first, valid, d_log_scale);
     scatter<T>(grad.d_logits, 1, first, valid, &d_logit);
     if (grad.d_offsets != nullptr) {
-        V d_offset[2] = {keep<T>(drawn, d_x), keep<T>(drawn, d_y)};
+        V d_offset[2] = {zero_unless<T>(drawn, d_x), zero_unless<T>(drawn, d_y)};
         scatter<T>(grad.d_offsets, 2, first, valid, d_offset);
     }
 }

@@ -1,22 +1,22 @@
 // Forward pass over one tile. Included by isa.h, once for each instruction set.
 
 template <typename T>
-struct Drawn {
-    Vec<T> through, covered, red, green, blue, depth;
+struct ForwardPixel {
+    Vec<T> transmittance, covered, red, green, blue, depth;
 };
 
 template <typename T>
-static void blend_tile(const Camera& camera, const TileBox& box, const Projected<T>* projected, const Entry<T>* list,
+static void blend_tile(const Camera& camera, const TileBox& box, const Projected<T>* projected, const Intersection<T>* list,
                        std::uint32_t count, const Outputs<T>& out) {
     using V = Vec<T>;
     using M = Mask<T>;
-    Drawn<T> pixels[BLOCKS];
+    ForwardPixel<T> pixels[BLOCKS];
     Grid<T> grid;
     Grid<T>::fill(grid);
     Blocks alive = clear_tile<T>(box, grid, pixels);
-    for (Drawn<T>& one : pixels) one.covered = one.red = one.green = one.blue = one.depth = V{};
-    const V cut = all<T>(T(ALPHA_MIN_LOG2)), alpha_max = all<T>(T(camera.alpha_max)),
-            least = all<T>(T(TRANSMITTANCE_MIN));
+    for (ForwardPixel<T>& one : pixels) one.covered = one.red = one.green = one.blue = one.depth = V{};
+    const V cut = broadcast<T>(T(ALPHA_MIN_LOG2)), alpha_max = broadcast<T>(T(camera.alpha_max)),
+            least = broadcast<T>(T(TRANSMITTANCE_MIN));
     Batch<T> batch;
     for (std::uint32_t n = 0; n < count && (alive.half[0] | alive.half[1]) != 0;) {
         n = batch.fill(projected, list, n, count, box, alive);
@@ -24,24 +24,24 @@ static void blend_tile(const Camera& camera, const TileBox& box, const Projected
             const Projected<T>& p = *batch.splats[k];
             const Blocks reach = batch.reach[k];
             const Shape<T> shape = Shape<T>::of(p, box);
-            const V r = all<T>(p.color[0]), g = all<T>(p.color[1]), b = all<T>(p.color[2]), z = all<T>(p.depth);
+            const V r = broadcast<T>(p.color[0]), g = broadcast<T>(p.color[1]), b = broadcast<T>(p.color[2]), z = broadcast<T>(p.depth);
             for (int h = 0; h < 2; h++)
                 for (std::uint64_t left = reach.half[h] & alive.half[h]; left != 0; left &= left - 1) {
                     const int i = __builtin_ctzll(left) + 64 * h;
                     V u, v, e = shape.exponent(grid, i, u, v);
-                    Drawn<T>& at = pixels[i];
-                    V before = at.through;
+                    ForwardPixel<T>& at = pixels[i];
+                    V before = at.transmittance;
                     M hit = ge<T>(e, cut) & gt<T>(before, V{});
-                    V weight = keep<T>(hit, vmin<T>(vexp2(e), alpha_max)) * before;
+                    V weight = zero_unless<T>(hit, vmin<T>(vexp2(e), alpha_max)) * before;
                     V after = before - weight;
                     M stop = hit & le<T>(after, least);
                     if (__builtin_expect(any(stop), 0)) {
-                        weight = keep<T>(~stop, weight);
+                        weight = zero_unless<T>(~stop, weight);
                         after = select<T>(stop, -before, after);
                         if (!any(gt<T>(after, V{}))) alive.half[h] &= ~(std::uint64_t(1) << (i % 64));
                     }
-                    at.through = after;
-                    at.covered += weight;  // not 1 - through, whose digits are gone where little is drawn
+                    at.transmittance = after;
+                    at.covered += weight;  // not 1 - transmittance, whose digits are gone where little is drawn
                     at.red += weight * r;
                     at.green += weight * g;
                     at.blue += weight * b;
@@ -54,7 +54,7 @@ static void blend_tile(const Camera& camera, const TileBox& box, const Projected
         const std::int64_t row = std::int64_t(box.top + y) * camera.width + box.left;
         for (int x = 0; x < box.width; x++) {
             const int i = (y / BLOCK_H) * BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H * BLOCK_W + x % BLOCK_W;
-            const T left = pixels[i].through[lane] < 0 ? -pixels[i].through[lane] : pixels[i].through[lane],
+            const T left = pixels[i].transmittance[lane] < 0 ? -pixels[i].transmittance[lane] : pixels[i].transmittance[lane],
                     weights = pixels[i].covered[lane];
             T* pixel = out.image + 3 * (row + x);
             pixel[0] = pixels[i].red[lane] + left * bg[0];

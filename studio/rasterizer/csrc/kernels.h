@@ -31,9 +31,9 @@ struct Splats {
     const T* offsets;  // may be null
 };
 
-// A projected splat, one cache line in float. u = a dx + b dy and v = c dy, with dx, dy from the centre to the pixel;
+// A projected splat, one cache line in float. u = a dx + b dy and v = c dy, with dx, dy from the center to the pixel;
 // alpha = 2^(log2_opacity - u^2 - v^2): the Cholesky factor of the inverse covariance, scaled for base 2. At a given dy
-// the splat is centred at dx = slant dy, and u changes by 1 over `width` pixels.
+// the splat is centered at dx = slant dy, and u changes by 1 over `width` pixels.
 template <typename T>
 struct alignas(16 * sizeof(T)) Projected {
     T x, y, a, b, c, log2_opacity;
@@ -41,11 +41,11 @@ struct alignas(16 * sizeof(T)) Projected {
     T slant, width;
     std::int16_t left, top, right, bottom;  // pixels that may reach 1/255, inclusive; left > right: none
     std::uint32_t slot;                     // first of the splat's slots, one a tile of its box, row by row
-    std::uint8_t visible, clamped;          // clamped: bit c set where colour c was below 0
+    std::uint8_t visible, clamped;          // clamped: bit c set where color c was below 0
 };
 
 template <typename T>
-struct Entry {                                                                          // a splat in a tile's list
+struct Intersection {                                                                          // a splat in a tile's list
     typename std::conditional<sizeof(T) == 4, std::uint32_t, std::uint64_t>::type key;  // depth, as sortable bits
     std::uint32_t splat;
 };
@@ -58,8 +58,8 @@ struct Frame {
     int tiles_x = 0, tiles_y = 0;
     std::uint64_t pairs = 0;  // (tile, splat)
     Buffer<Projected<T>> projected;
-    Buffer<Entry<T>> entries;      // sorted by depth within each tile
-    Buffer<std::uint32_t> starts;  // (tiles + 1,) into entries
+    Buffer<Intersection<T>> intersections;      // sorted by depth within each tile
+    Buffer<std::uint32_t> starts;  // (tiles + 1,) into intersections
     Buffer<std::uint32_t> order;   // tiles, the longest lists first
 };
 

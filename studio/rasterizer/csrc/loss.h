@@ -3,12 +3,12 @@
 //
 // Rows go through two rings of eleven: blurred along the row (x, y, x^2 + y^2, x y), then, from the finished sums, the
 // partial derivatives by those four means, blurred along the row again. The columns of both rings give SSIM and the
-// gradient. RGB stays interleaved: a neighbour is three floats away.
+// gradient. RGB stays interleaved: a neighbor is three floats away.
 
 constexpr int TAPS = 11, HALF = 5, REACH = 3 * HALF;
 
 struct LossWeights {
-    float tap[HALF + 1];  // the centre first
+    float tap[HALF + 1];  // the center first
 };
 
 // out[i] = sum_k tap_k in[i + 3 k], `in` with REACH floats to spare on both sides
@@ -123,7 +123,7 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             total += double(sum<float>(size));
             if (job.gradient == nullptr) continue;
             const VFloat zero{};
-            VFloat sign = difference > zero ? all<float>(l1_scale) : (difference < zero ? all<float>(-l1_scale) : zero);
+            VFloat sign = difference > zero ? broadcast<float>(l1_scale) : (difference < zero ? broadcast<float>(-l1_scale) : zero);
             VFloat g =
                 blur_column(w, ring[0], i) + 2.0f * x * blur_column(w, ring[1], i) + y * blur_column(w, ring[2], i);
             g = sign + ssim_scale * g;
@@ -146,7 +146,7 @@ static void photometric_loss(LossJob& job, int threads) {
     }
     for (int k = 0; k <= HALF; k++) w.tap[k] = float(taps[k] / total);
 
-    // Each band repeats twenty rows of its neighbours, so there are as few bands as keep all threads busy.
+    // Each band repeats twenty rows of its neighbors, so there are as few bands as keep all threads busy.
     int bands = threads > 1 ? 2 * threads : 1;
     if (bands > job.height / 32 + 1) bands = job.height / 32 + 1;
     const int wide = (3 * job.width + LANES - 1) / LANES * LANES, padded = wide + 2 * REACH + 2;

@@ -32,8 +32,8 @@ VS_INLINE void project_group(const Splats<T>& splats, const Camera& camera, std:
     g.inverse_depth = T(1) / g.depth;
     g.x_z = x * g.inverse_depth;
     g.y_z = y * g.inverse_depth;
-    g.x_lim = vmin<T>(vmax<T>(g.x_z, all<T>(T(camera.limits[0]))), all<T>(T(camera.limits[1])));
-    g.y_lim = vmin<T>(vmax<T>(g.y_z, all<T>(T(camera.limits[2]))), all<T>(T(camera.limits[3])));
+    g.x_lim = vmin<T>(vmax<T>(g.x_z, broadcast<T>(T(camera.limits[0]))), broadcast<T>(T(camera.limits[1])));
+    g.y_lim = vmin<T>(vmax<T>(g.y_z, broadcast<T>(T(camera.limits[2]))), broadcast<T>(T(camera.limits[3])));
 
     V* q = g.quat;
     g.quat_length = vsqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
@@ -87,7 +87,7 @@ VS_INLINE void project_group(const Splats<T>& splats, const Camera& camera, std:
     V away[3];
     for (int k = 0; k < 3; k++) away[k] = g.mean[k] - T(camera.center[k]);
     g.distance = vsqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2]);
-    V inverse_distance = T(1) / vmax<T>(g.distance, all<T>(T(1e-12)));
+    V inverse_distance = T(1) / vmax<T>(g.distance, broadcast<T>(T(1e-12)));
     for (int k = 0; k < 3; k++) g.direction[k] = away[k] * inverse_distance;
 }
 
@@ -121,12 +121,12 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
         V reach = vsqrt(vmax<T>(T(1.3862943611198906) * (g.log2_opacity - T(ALPHA_MIN_LOG2)), V{}));
         V half_x = reach * vsqrt(g.xx), half_y = reach * vsqrt(g.yy);
         // Comparisons with NaN are false: such splats are not drawn.
-        M shown = ge<T>(g.depth, all<T>(T(camera.near))) & ge<T>(g.log2_opacity, all<T>(T(ALPHA_MIN_LOG2)));
-        shown &= gt<T>(g.quat_length, V{}) & lt<T>(g.quat_length, all<T>(huge));
-        shown &= gt<T>(g.det, V{}) & lt<T>(g.det, all<T>(huge)) & lt<T>(g.depth, all<T>(huge));
-        shown &= gt<T>(mx + half_x, V{}) & lt<T>(mx - half_x, all<T>(width));
-        shown &= gt<T>(my + half_y, V{}) & lt<T>(my - half_y, all<T>(height));
-        shown &= lt<T>(half_x, all<T>(huge)) & lt<T>(half_y, all<T>(huge));
+        M shown = ge<T>(g.depth, broadcast<T>(T(camera.near))) & ge<T>(g.log2_opacity, broadcast<T>(T(ALPHA_MIN_LOG2)));
+        shown &= gt<T>(g.quat_length, V{}) & lt<T>(g.quat_length, broadcast<T>(huge));
+        shown &= gt<T>(g.det, V{}) & lt<T>(g.det, broadcast<T>(huge)) & lt<T>(g.depth, broadcast<T>(huge));
+        shown &= gt<T>(mx + half_x, V{}) & lt<T>(mx - half_x, broadcast<T>(width));
+        shown &= gt<T>(my + half_y, V{}) & lt<T>(my - half_y, broadcast<T>(height));
+        shown &= lt<T>(half_x, broadcast<T>(huge)) & lt<T>(half_y, broadcast<T>(huge));
         if (!any(shown)) {
             for (int i = 0; i < valid; i++) {
                 projected[first + i].visible = 0;
@@ -140,9 +140,9 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
                            nullptr);
         gather_long<T>(splats.sh, floats, first, splats.count, sh);
         for (int c = 0; c < 3; c++) {
-            color[c] = all<T>(T(0.5));
+            color[c] = broadcast<T>(T(0.5));
             for (int k = 0; k < splats.coefficients; k++) color[c] += basis[k] * sh[3 * k + c];
-            shown &= lt<T>(color[c], all<T>(huge)) & gt<T>(color[c], all<T>(-huge));
+            shown &= lt<T>(color[c], broadcast<T>(huge)) & gt<T>(color[c], broadcast<T>(-huge));
         }
 
         // u = a dx + b dy, v = c dy with u^2 + v^2 = (log2(e) / 2) d^T cov^-1 d
@@ -150,12 +150,12 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
         V ratio = T(1) / vsqrt(g.yy * g.det);
         V a = s * g.yy * ratio, b = -s * g.xy * ratio, c = s / vsqrt(g.yy), slant = g.xy / g.yy;
 
-        // Pixels whose centres lie in the box; a little more than exact, since the pixels are tested one by one.
+        // Pixels whose centers lie in the box; a little more than exact, since the pixels are tested one by one.
         V slack_x = T(1e-3) + half_x * T(1e-5), slack_y = T(1e-3) + half_y * T(1e-5);
-        V low_x = vmax<T>(mx - half_x - T(0.5) - slack_x, all<T>(T(-1))),
-          high_x = vmin<T>(mx + half_x - T(0.5) + slack_x, all<T>(width - T(1)));
-        V low_y = vmax<T>(my - half_y - T(0.5) - slack_y, all<T>(T(-1))),
-          high_y = vmin<T>(my + half_y - T(0.5) + slack_y, all<T>(height - T(1)));
+        V low_x = vmax<T>(mx - half_x - T(0.5) - slack_x, broadcast<T>(T(-1))),
+          high_x = vmin<T>(mx + half_x - T(0.5) + slack_x, broadcast<T>(width - T(1)));
+        V low_y = vmax<T>(my - half_y - T(0.5) - slack_y, broadcast<T>(T(-1))),
+          high_y = vmin<T>(my + half_y - T(0.5) + slack_y, broadcast<T>(height - T(1)));
 
         const unsigned shown_bits = bits(shown);
         T lanes[16][LANES];

@@ -56,9 +56,9 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
     }
     if (total > 0xfffffff0u) throw_too_many();
     frame.pairs = total;
-    frame.entries = Buffer<Entry<T>>(std::size_t(total));
-    Buffer<Entry<T>> spare{std::size_t(total)};
-    Entry<T>* entries = frame.entries.get();
+    frame.intersections = Buffer<Intersection<T>>(std::size_t(total));
+    Buffer<Intersection<T>> spare{std::size_t(total)};
+    Intersection<T>* intersections = frame.intersections.get();
 
     // Where each chunk writes in each tile's list: after the chunks before it, so that lists are in splat order.
     std::uint32_t position = 0, per_length[34] = {0};
@@ -96,7 +96,7 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
             int x0 = p.left / TILE, x1 = p.right / TILE, y0 = p.top / TILE, y1 = p.bottom / TILE;
             for (int ty = y0; ty <= y1; ty++)
                 for (int tx = x0; tx <= x1; tx++, slot++)
-                    entries[place[ty * frame.tiles_x + tx]++] = {key, std::uint32_t(i)};
+                    intersections[place[ty * frame.tiles_x + tx]++] = {key, std::uint32_t(i)};
         }
     };
     parallel(chunks, threads, pass_b);
@@ -106,8 +106,8 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
         const std::uint32_t begin = starts[tile], count = starts[tile + 1] - begin;
         const TileBox box = tile_box(camera, frame.tiles_x, tile);
         if (count == 0) return empty_tile<T>(camera, box, out);
-        sort_entries<T>(entries + begin, spare.get() + begin, count);
-        blend_tile<T>(camera, box, projected, entries + begin, count, out);
+        sort_intersections<T>(intersections + begin, spare.get() + begin, count);
+        blend_tile<T>(camera, box, projected, intersections + begin, count, out);
     };
     parallel(tiles, threads, pass_c);
 }
@@ -122,7 +122,7 @@ static void backward(const Splats<T>& splats, const Gradients<T>& grad, const Fr
         const std::uint32_t begin = frame.starts.get()[tile], count = frame.starts.get()[tile + 1] - begin;
         if (count == 0) return;
         const TileBox box = tile_box(frame.camera, frame.tiles_x, tile);
-        const Entry<T>* list = frame.entries.get() + begin;
+        const Intersection<T>* list = frame.intersections.get() + begin;
         if (extra)
             backward_tile<T, true>(frame, box, list, count, grad, slots.get(), tile);
         else

@@ -31,7 +31,7 @@ template <typename T>
 using Mask = typename VecOf<T>::M;
 
 template <typename T>
-VS_INLINE Vec<T> all(T value) {
+VS_INLINE Vec<T> broadcast(T value) {
     return Vec<T>{} + value;
 }
 
@@ -65,7 +65,7 @@ VS_INLINE Mask<T> le(Vec<T> a, Vec<T> b) {
 
 // The value where the mask is set, zero elsewhere (NaN there too).
 template <typename T>
-VS_INLINE Vec<T> keep(Mask<T> m, Vec<T> a) {
+VS_INLINE Vec<T> zero_unless(Mask<T> m, Vec<T> a) {
     return (Vec<T>)((Mask<T>)a & m);
 }
 template <typename T>
@@ -128,10 +128,10 @@ VS_INLINE VDouble vsqrt(VDouble a) {
 // 2^x for -126 < x < 127, relative error below 2e-7; any bits outside of that. Rounds with the magic number
 // 1.5 * 2^23, whose low mantissa bits then hold the exponent; minimax polynomial of degree 5 on [-1/2, 1/2].
 VS_INLINE VFloat vexp2(VFloat x) {
-    const VFloat magic = all<float>(12582912.0f);
+    const VFloat magic = broadcast<float>(12582912.0f);
     VFloat shifted = x + magic;
     VFloat f = x - (shifted - magic);
-    VFloat p = all<float>(1.3276538e-3f);
+    VFloat p = broadcast<float>(1.3276538e-3f);
     p = p * f + 9.6755400e-3f;
     p = p * f + 5.5507133e-2f;
     p = p * f + 2.4022120e-1f;
@@ -151,7 +151,7 @@ VS_INLINE VFloat vlog2(VFloat x) {
     VFloat m = (VFloat)(i - (e << 23));
     VFloat s = (m - 1.0f) / (m + 1.0f);
     VFloat s2 = s * s;
-    VFloat p = all<float>(0.32059890f);  // 2 / (9 ln 2), then 2 / (7 ln 2) ...
+    VFloat p = broadcast<float>(0.32059890f);  // 2 / (9 ln 2), then 2 / (7 ln 2) ...
     p = p * s2 + 0.41219859f;
     p = p * s2 + 0.57707802f;
     p = p * s2 + 0.96179669f;
@@ -170,8 +170,8 @@ VS_INLINE VFloat vexp(VFloat x) {
     VFloat whole = (t + 12582912.0f) - 12582912.0f;
     VFloat part = (x * high - whole) + x * low;
     VFloat y = vexp2(whole + part);
-    y = select<float>(lt<float>(t, all<float>(-125.0f)), all<float>(0.0f), y);
-    return select<float>(gt<float>(t, all<float>(126.0f)), all<float>(__builtin_inff()), y);
+    y = select<float>(lt<float>(t, broadcast<float>(-125.0f)), broadcast<float>(0.0f), y);
+    return select<float>(gt<float>(t, broadcast<float>(126.0f)), broadcast<float>(__builtin_inff()), y);
 }
 VS_INLINE VDouble vexp(VDouble x) {
     for (int i = 0; i < LANES; i++) x[i] = __builtin_exp(x[i]);

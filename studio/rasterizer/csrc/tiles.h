@@ -17,7 +17,7 @@ VS_INLINE TileBox tile_box(const Camera& camera, int tiles_x, int tile) {
     return box;
 }
 
-// Where the pixels of each column and each row of blocks are, counted from the first pixel's centre.
+// Where the pixels of each column and each row of blocks are, counted from the first pixel's center.
 template <typename T>
 struct Grid {
     Vec<T> x[BLOCKS_X], y[BLOCKS_Y];
@@ -40,14 +40,14 @@ static_assert(BLOCKS_X == 8 && BLOCKS == 128 && BLOCK_H == 2, "Blocks holds 16 r
 template <typename T, typename P>
 VS_INLINE Blocks clear_tile(const TileBox& box, const Grid<T>& grid, P* pixels) {
     if (box.width == TILE && box.height == TILE) {
-        for (int i = 0; i < BLOCKS; i++) pixels[i].through = all<T>(T(1));
+        for (int i = 0; i < BLOCKS; i++) pixels[i].transmittance = broadcast<T>(T(1));
         return {{~std::uint64_t(0), ~std::uint64_t(0)}};
     }
     Blocks alive = {{0, 0}};
     for (int i = 0; i < BLOCKS; i++) {
         Mask<T> inside =
-            lt<T>(grid.x[i % BLOCKS_X], all<T>(T(box.width))) & lt<T>(grid.y[i / BLOCKS_X], all<T>(T(box.height)));
-        pixels[i].through = select<T>(inside, all<T>(T(1)), all<T>(T(-1)));
+            lt<T>(grid.x[i % BLOCKS_X], broadcast<T>(T(box.width))) & lt<T>(grid.y[i / BLOCKS_X], broadcast<T>(T(box.height)));
+        pixels[i].transmittance = select<T>(inside, broadcast<T>(T(1)), broadcast<T>(T(-1)));
         alive.half[i / 64] |= std::uint64_t(any(inside)) << (i % 64);
     }
     return alive;
@@ -60,12 +60,12 @@ struct Shape {
     V x, y, a, b, c, log2_opacity;
 
     VS_INLINE Shape of(const Projected<T>& p, const TileBox& box) {
-        return {all<T>(p.x - T(box.left) - T(0.5)),
-                all<T>(p.y - T(box.top) - T(0.5)),
-                all<T>(p.a),
-                all<T>(p.b),
-                all<T>(p.c),
-                all<T>(p.log2_opacity)};
+        return {broadcast<T>(p.x - T(box.left) - T(0.5)),
+                broadcast<T>(p.y - T(box.top) - T(0.5)),
+                broadcast<T>(p.a),
+                broadcast<T>(p.b),
+                broadcast<T>(p.c),
+                broadcast<T>(p.log2_opacity)};
     }
     // log2(alpha) over the block (before the clamp), u and v
     inline __attribute__((always_inline)) V exponent(const Grid<T>& grid, int block, V& u, V& v) const {
@@ -88,7 +88,7 @@ VS_INLINE Blocks cover(const Projected<T>& p, const TileBox& box) {
     int bottom = p.bottom - box.top;
     bottom = (bottom < TILE ? bottom : TILE - 1) / BLOCK_H;
     const V steps = {0, 2, 4, 6, 8, 10, 12, 14};
-    const V budget = all<T>(p.log2_opacity - T(ALPHA_MIN_LOG2) + T(1e-4));
+    const V budget = broadcast<T>(p.log2_opacity - T(ALPHA_MIN_LOG2) + T(1e-4));
     Blocks found = {{0, 0}};
     for (int row = top; row <= bottom; row += 8) {
         V dy0 = steps + (T(row * BLOCK_H) - y), dy1 = dy0 + T(1);
@@ -96,12 +96,12 @@ VS_INLINE Blocks cover(const Projected<T>& p, const TileBox& box) {
         V rest0 = budget - v0 * v0, rest1 = budget - v1 * v1;
         V half0 = p.width * vsqrt(vmax<T>(rest0, V{})), half1 = p.width * vsqrt(vmax<T>(rest1, V{}));
         V mid0 = x + p.slant * dy0, mid1 = x + p.slant * dy1;
-        const V far = all<T>(T(1e6));
+        const V far = broadcast<T>(T(1e6));
         const M there0 = ge<T>(rest0, V{}), there1 = ge<T>(rest1, V{});
         V low = vmin<T>(select<T>(there0, mid0 - half0, far), select<T>(there1, mid1 - half1, far));
         V high = vmax<T>(select<T>(there0, mid0 + half0, -far), select<T>(there1, mid1 + half1, -far));
-        low = vmin<T>(vmax<T>(low + T(0.998), V{}), all<T>(T(TILE)));
-        high = vmin<T>(vmax<T>(high + T(1.002), V{}), all<T>(T(TILE)));  // one more than the last pixel
+        low = vmin<T>(vmax<T>(low + T(0.998), V{}), broadcast<T>(T(TILE)));
+        high = vmin<T>(vmax<T>(high + T(1.002), V{}), broadcast<T>(T(TILE)));  // one more than the last pixel
         M first = __builtin_convertvector(low, M), end = __builtin_convertvector(high, M);
         M one = M{} + 1;
         M mask = ((one << ((end + 3) >> 2)) - (one << (first >> 2))) & (M)(first < end);
@@ -118,7 +118,7 @@ VS_INLINE Blocks cover(const Projected<T>& p, const TileBox& box) {
     return found;
 }
 
-// Some entries of a tile's list, in order, with the blocks that each reaches. Finding them for many splats before any
+// Some intersections of a tile's list, in order, with the blocks that each reaches. Finding them for many splats before any
 // is blended lets the processor work on several at once, and know how often each inner loop runs before it gets there.
 template <typename T>
 struct Batch {
@@ -127,8 +127,8 @@ struct Batch {
     Blocks reach[MOST];
     int size;
 
-    // Takes entries from `n` on, leaves out those that reach nothing alive; returns where to go on.
-    inline __attribute__((always_inline)) std::uint32_t fill(const Projected<T>* projected, const Entry<T>* list,
+    // Takes intersections from `n` on, leaves out those that reach nothing alive; returns where to go on.
+    inline __attribute__((always_inline)) std::uint32_t fill(const Projected<T>* projected, const Intersection<T>* list,
                                                              std::uint32_t n, std::uint32_t count, const TileBox& box,
                                                              const Blocks& alive) {
         const std::uint32_t end = count - n < std::uint32_t(MOST) ? count : n + MOST;
@@ -160,11 +160,11 @@ VS_INLINE std::uint64_t depth_key(double depth) {
 
 // Stable sort by key: insertion for short lists, else by bytes of the key's distance from the least.
 template <typename T>
-static void sort_entries(Entry<T>* list, Entry<T>* spare, std::uint32_t count) {
+static void sort_intersections(Intersection<T>* list, Intersection<T>* spare, std::uint32_t count) {
     if (count < 2) return;
     if (count <= 32) {
         for (std::uint32_t i = 1; i < count; i++) {
-            Entry<T> e = list[i];
+            Intersection<T> e = list[i];
             std::uint32_t j = i;
             for (; j > 0 && list[j - 1].key > e.key; j--) list[j] = list[j - 1];
             list[j] = e;
@@ -177,7 +177,7 @@ static void sort_entries(Entry<T>* list, Entry<T>* spare, std::uint32_t count) {
         most = list[i].key > most ? list[i].key : most;
     }
     const auto span = most - least;
-    Entry<T>*from = list, *to = spare;
+    Intersection<T>*from = list, *to = spare;
     for (int shift = 0; shift < int(8 * sizeof(span)) && (span >> shift) != 0; shift += 8) {
         std::uint32_t place[256] = {0};
         for (std::uint32_t i = 0; i < count; i++) place[(from[i].key - least) >> shift & 255]++;
@@ -188,9 +188,9 @@ static void sort_entries(Entry<T>* list, Entry<T>* spare, std::uint32_t count) {
             total += here;
         }
         for (std::uint32_t i = 0; i < count; i++) to[place[(from[i].key - least) >> shift & 255]++] = from[i];
-        Entry<T>* swap = from;
+        Intersection<T>* swap = from;
         from = to;
         to = swap;
     }
-    if (from != list) __builtin_memcpy(list, from, count * sizeof(Entry<T>));
+    if (from != list) __builtin_memcpy(list, from, count * sizeof(Intersection<T>));
 }

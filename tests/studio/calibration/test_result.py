@@ -61,8 +61,8 @@ def test_report_of_known_errors() -> None:
 def test_geometry_names_the_nearest_camera() -> None:
     geometry = rig_geometry(RIG)
     assert geometry["radius"] == pytest.approx(5 / 3, abs=1e-6)
-    assert geometry["neighbours"]["west"] == {"name": "north", "distance": pytest.approx(5**0.5), "angle": 90.0}
-    assert geometry["neighbours"]["east"]["name"] == "north"
+    assert geometry["neighbors"]["west"] == {"name": "north", "distance": pytest.approx(5**0.5), "angle": 90.0}
+    assert geometry["neighbors"]["east"]["name"] == "north"
 
 
 def test_coverage() -> None:

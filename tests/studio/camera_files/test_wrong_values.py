@@ -11,8 +11,8 @@ import pytest
 
 from studio.camera_files import read_rig, write_rig
 from studio.cameras import Camera, Rig
-from studio.checked import array, number, whole
 from studio.errors import StudioError
+from studio.validation import array, number, whole
 
 K = np.array([[200.0, 0, 81], [0, 201, 60], [0, 0, 1]])
 BENT = Rig(tuple(Camera(name, 160, 120, K, np.eye(4), np.array([0.1, 0.01, 0, 0])) for name in "ab"))

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from studio.capture import CaptureSpec, open_footage
+from studio.capture.checks import check_footage
 from studio.errors import Cancelled, StudioError
 
 
 def test_sound_footage_has_no_problems(image_folders: Path, three_videos: Path) -> None:
     calls: list[tuple[int, int]] = []
     footage = open_footage(CaptureSpec(image_folders, images="images/{camera}/{frame}.png"))
-    assert footage.check(lambda done, total, **_: calls.append((done, total))) == []
+    assert check_footage(footage, lambda done, total, **_: calls.append((done, total))) == []
     assert calls[-1] == (8, 8)
     assert len(calls) == 9
 
@@ -24,7 +25,7 @@ def test_checking_can_be_stopped(image_folders: Path) -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        open_footage(CaptureSpec(image_folders)).check(stop)
+        check_footage(open_footage(CaptureSpec(image_folders)), stop)
 
 
 def test_a_camera_missing_in_a_frame(image_folders: Path) -> None:
@@ -33,7 +34,7 @@ def test_a_camera_missing_in_a_frame(image_folders: Path) -> None:
         open_footage(CaptureSpec(image_folders))
     footage = open_footage(CaptureSpec(image_folders), strict=False)
     assert footage.frames == (5, 7, 8)
-    assert len(footage.check()) == 1
+    assert len(check_footage(footage)) == 1
 
 
 def test_different_frame_counts(three_videos: Path, make: SimpleNamespace) -> None:
@@ -52,7 +53,7 @@ def test_different_rates(three_videos: Path, make: SimpleNamespace) -> None:
 
 def test_different_sizes_within_a_camera(image_folders: Path, make: SimpleNamespace) -> None:
     make.image(image_folders / "images" / "left" / "000007.png", make.numbered(7, 80, 64))
-    problems = open_footage(CaptureSpec(image_folders)).check()
+    problems = check_footage(open_footage(CaptureSpec(image_folders)))
     assert len(problems) == 1
     assert "000007.png is 80x64, but camera 'left' began with 96x64" in problems[0]
 
@@ -62,7 +63,7 @@ def test_truncated_and_unreadable_images(image_folders: Path) -> None:
     cut.write_bytes(cut.read_bytes()[:-40])
     (image_folders / "images" / "right" / "000008.png").write_text("not an image")
     footage = open_footage(CaptureSpec(image_folders))
-    problems = footage.check()
+    problems = check_footage(footage)
     assert len(problems) == 2
     assert "000007.png is damaged or truncated" in problems[0]
     assert "000008.png cannot be read" in problems[1]
@@ -76,7 +77,7 @@ def test_truncated_jpeg(tmp_path: Path, make: SimpleNamespace) -> None:
     rng = np.random.default_rng(0)
     path = make.image(tmp_path / "images" / "a.jpg", rng.integers(0, 255, (64, 96, 3), dtype=np.uint8))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    problems = open_footage(CaptureSpec(tmp_path)).check()
+    problems = check_footage(open_footage(CaptureSpec(tmp_path)))
     assert len(problems) == 1
     assert "a.jpg is damaged or truncated" in problems[0]
 
@@ -92,7 +93,7 @@ def test_empty_and_all_white_masks(image_folders: Path, make: SimpleNamespace) -
     for frame in (6, 7):
         make.image(image_folders / "masks" / "left" / f"{frame:06d}.png", np.zeros((64, 96), np.uint8))
     make.image(image_folders / "masks" / "right" / "000005.png", np.full((64, 96), 255, np.uint8))
-    problems = open_footage(CaptureSpec(image_folders)).check()
+    problems = check_footage(open_footage(CaptureSpec(image_folders)))
     assert len(problems) == 2
     assert problems[0].startswith("Camera 'left': the mask is empty in frame 6-7;")
     assert problems[1].startswith("Camera 'right': the mask is all white in frame 5,")
@@ -104,7 +105,7 @@ def test_missing_mask_and_wrong_mask_shape(image_folders: Path, make: SimpleName
     with pytest.raises(StudioError, match="Camera 'left' has no mask for frame 6"):
         open_footage(CaptureSpec(image_folders))
     make.image(mask, np.full((64, 64), 255, np.uint8))
-    problems = open_footage(CaptureSpec(image_folders)).check()
+    problems = check_footage(open_footage(CaptureSpec(image_folders)))
     assert len(problems) == 1
     assert "000006.png is 64x64" in problems[0]
 

@@ -36,7 +36,7 @@ def test_turning_counts_the_more_the_farther() -> None:
     assert all(one is not None for one in looks)
     found = [change(looks[0], one) for one in looks]  # type: ignore[arg-type]
     assert found == sorted(found)
-    # turned by 180 degrees all colours are swapped: (|220 - 20| twice, 0) / (220 twice, 20, 255 of the mask)
+    # turned by 180 degrees all colors are swapped: (|220 - 20| twice, 0) / (220 twice, 20, 255 of the mask)
     assert found[3] == pytest.approx(400 / (220 + 20 + 220 + 255), abs=0.05)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSpec, open_footage
-from studio.capture.memory import ByteCache
+from studio.capture.lru_cache import ByteCache
 from studio.errors import StudioError
 
 

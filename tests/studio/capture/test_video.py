@@ -69,7 +69,7 @@ def test_a_closed_reader_opens_again_where_it_is_asked(tmp_path: Path, make: Sim
 def test_colors_follow_the_matrix_of_the_standard(
     tmp_path: Path, matrix: str, tag: int | None, red: float, blue: float
 ) -> None:
-    # One flat YUV colour, lossless; expected RGB from the definition of limited-range YCbCr.
+    # One flat YUV color, lossless; expected RGB from the definition of limited-range YCbCr.
     y, u, v = 120, 90, 160
     planes = np.concatenate([np.full(64 * 96, y), np.full(32 * 48, u), np.full(32 * 48, v)]).astype(np.uint8)
     frame = planes.reshape(96, 96)  # PyAV's layout of yuv420p for 96x64: (64 * 3 / 2, 96)
@@ -91,7 +91,7 @@ def test_colors_follow_the_matrix_of_the_standard(
     np.testing.assert_allclose(found, 255 * np.array([r, g, b]), atol=1.2)
 
 
-def test_grey_lossless_video_keeps_every_value(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_gray_lossless_video_keeps_every_value(tmp_path: Path, make: SimpleNamespace) -> None:
     ramp = np.arange(64 * 96).reshape(64, 96).astype(np.uint8)
     path = make.video(tmp_path / "m.mkv", [ramp], codec="ffv1", pixels="gray", options={"level": "3"}, source="gray")
     assert np.array_equal(VideoReader(path).read(0), np.repeat(ramp[:, :, None], 3, 2))

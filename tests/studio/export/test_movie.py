@@ -109,12 +109,12 @@ def test_the_turntable_sees_all_of_the_subject_from_everywhere(make_video):
     center, radius = subject_sphere(video)
     circling = turntable(video, 160, 90, elevation=15)
     start = circling(0.0)
-    towards = start.center - center
-    assert math.degrees(math.asin(towards[2] / np.linalg.norm(towards))) == pytest.approx(15)
-    assert math.atan2(towards[1], towards[0]) == pytest.approx(0.7, abs=0.05)  # begins on the view's side
+    toward = start.center - center
+    assert math.degrees(math.asin(toward[2] / np.linalg.norm(toward))) == pytest.approx(15)
+    assert math.atan2(toward[1], toward[0]) == pytest.approx(0.7, abs=0.05)  # begins on the view's side
     np.testing.assert_allclose(circling(1.0).center, start.center, atol=1e-9)
     quarter = circling(0.25).center - center
-    assert towards[:2] @ quarter[:2] == pytest.approx(0, abs=1e-9)
+    assert toward[:2] @ quarter[:2] == pytest.approx(0, abs=1e-9)
     points = np.concatenate([frame.means.numpy() for frame in video])
     inside = points[np.linalg.norm(points - center, axis=1) <= radius]
     assert len(inside) > 0.9 * len(points)
@@ -150,14 +150,14 @@ def test_a_movie_shows_what_the_rasterizer_draws(tmp_path, make_video):
         splats = video.read(int(time * 20) % 4)
         meant = rasterize(splats, path.camera(time), torch.tensor(video.background)).image.clamp(0, 1).numpy()
         difference = np.abs(found[index] / 255 - meant)
-        assert difference.mean() < 0.008  # colour is stored at half resolution
+        assert difference.mean() < 0.008  # color is stored at half resolution
         corner = difference[:10, :10].mean()
         assert corner < 0.01
     wrong = rasterize(video.read(2), path.camera(0), torch.tensor(video.background)).image.clamp(0, 1).numpy()
     assert np.abs(found[7] / 255 - wrong).mean() > 2 * difference.mean()  # the comparison tells cameras apart
 
 
-def test_colours_are_those_of_bt709(tmp_path, make_video):
+def test_colors_are_those_of_bt709(tmp_path, make_video):
     """The background's luma by BT.709's own formula; by BT.601's it would be 116."""
     red, green, blue = 0.2, 0.6, 0.4
     video = replace(make_video((1,)), background=(red, green, blue))

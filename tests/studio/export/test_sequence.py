@@ -52,7 +52,7 @@ def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)
     np.testing.assert_allclose(rotation @ [0, 0, 1], [0, 1, 0], atol=1e-12)
-    np.testing.assert_allclose(rotation @ [1, 0, 0], [0, 0, 1], atol=1e-12)  # towards the camera
+    np.testing.assert_allclose(rotation @ [1, 0, 0], [0, 0, 1], atol=1e-12)  # toward the camera
     # seen from the camera, its right stays right
     np.testing.assert_allclose(rotation @ video.view.rotation[0], [1, 0, 0], atol=1e-12)
     # 3DGS's files: y down, z away from the camera

@@ -108,7 +108,7 @@ def test_independent_reader_agrees_with_our_decoder(tmp_path, make_video):
         for number, group in enumerate(video.groups)
     ]
     write_manifest(tmp_path / "stream", entries, 20.0, settings)
-    from pipelines.videos import decoded_video
+    from pipelines.takes.videos import decoded_video
 
     with StreamReader.open(tmp_path / "stream") as reader:
         export_videogs(decoded_video(reader), tmp_path / "out", qp=0)
@@ -140,7 +140,7 @@ def test_lossy_export_is_smaller_and_keeps_high_bytes(tmp_path, make_video):
     for channel in (1, 3, 5):
         data = [(tmp_path / str(qp) / "group0" / f"{channel}.mp4").read_bytes() for qp in (0, 35)]
         assert data[0] == data[1]
-    # above 22 colour, scale and rotation stand still; positions' low bytes and opacity follow
+    # above 22 color, scale and rotation stand still; positions' low bytes and opacity follow
     export_videogs(video, tmp_path / "22", qp=22)
     files = {path.name: path.read_bytes() for path in (tmp_path / "22" / "group0").iterdir()}
     same = {name for name, data in files.items() if data == (tmp_path / "35" / "group0" / name).read_bytes()}

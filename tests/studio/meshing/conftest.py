@@ -35,12 +35,12 @@ def look_at(name: str, center: np.ndarray, target: np.ndarray, focal: float, siz
 
 
 def color_of(points: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarray:
-    """A colour that changes smoothly over a ball, 0..1."""
+    """A color that changes smoothly over a ball, 0..1."""
     return 0.5 + 0.45 * np.clip((points - middle) / radius, -1, 1)
 
 
 def shoot_balls(camera: Camera, balls: list[tuple[np.ndarray, float]], samples: int = 3) -> Shot:
-    """Ray-traced balls with anti-aliased mattes; the first ball's colours are `color_of`."""
+    """Ray-traced balls with anti-aliased mattes; the first ball's colors are `color_of`."""
     steps = (np.arange(samples) + 0.5) / samples
     hits = np.zeros((camera.height, camera.width))
     image = np.zeros((camera.height, camera.width, 3))

@@ -14,7 +14,7 @@ import pytest
 from studio.camera_files import read_rig
 from studio.cameras import Camera
 from studio.errors import Cancelled, StudioError
-from studio.meshing import HullSettings, Mesh, initialise_points, sample_surface, visual_hull
+from studio.meshing import HullSettings, Mesh, initialize_points, sample_surface, visual_hull
 from studio.meshing.silhouettes import Silhouettes, signed_distance
 
 COARSE = HullSettings(resolution=64)
@@ -77,7 +77,7 @@ def test_one_bad_mask_is_outvoted_and_named(two_balls: Callable[..., list[Any]])
     matte[:, matte.shape[1] // 2 :] = 0
     views[4] = replace(views[4], matte=matte)
     strict = visual_hull(views, HullSettings(resolution=64, tolerance=0))
-    voted = initialise_points(views, 500, settings=COARSE)
+    voted = initialize_points(views, 500, settings=COARSE)
     assert strict.hull.volume < 0.75 * good.hull.volume
     assert volume_of(voted.mesh) == pytest.approx(volume_of(good.mesh), rel=0.1)
     assert max(voted.disagreement, key=lambda name: voted.disagreement[name]) == "cam04"
@@ -173,7 +173,7 @@ def test_cancel_passes_through(two_balls: Callable[..., list[Any]]) -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        initialise_points(two_balls(6), 100, settings=COARSE, progress=stop)
+        initialize_points(two_balls(6), 100, settings=COARSE, progress=stop)
 
 
 def test_maps_stay_within_their_bound(two_balls: Callable[..., list[Any]]) -> None:
@@ -194,7 +194,7 @@ def test_maps_stay_within_their_bound(two_balls: Callable[..., list[Any]]) -> No
         )  # a pixel of the reduced image is 0.045 wide there
 
 
-# Samples and colours --------------------------------------------------------------------------------------------------
+# Samples and colors --------------------------------------------------------------------------------------------------
 
 
 def test_samples_are_even_and_repeatable() -> None:
@@ -217,10 +217,10 @@ def test_samples_are_even_and_repeatable() -> None:
         sample_surface(Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)), 5)
 
 
-def test_points_and_colours_of_a_ball(scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]) -> None:
+def test_points_and_colors_of_a_ball(scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(12)
-    result = initialise_points(views, 2000, settings=COARSE, seed=3)
-    again = initialise_points(views, 2000, settings=COARSE, seed=3)
+    result = initialize_points(views, 2000, settings=COARSE, seed=3)
+    again = initialize_points(views, 2000, settings=COARSE, seed=3)
     np.testing.assert_array_equal(result.points, again.points)
     np.testing.assert_array_equal(result.colors, again.colors)
     assert result.points.shape == result.normals.shape == result.colors.shape == (2000, 3)

@@ -88,7 +88,7 @@ def test_opacity_zero_and_one(helpers) -> None:
 
 
 def test_on_the_border_and_on_tile_edges(helpers) -> None:
-    """Centres exactly on the image's corners and on multiples of the tiles' sides (32 here, 16 in the reference)."""
+    """Centers exactly on the image's corners and on multiples of the tiles' sides (32 here, 16 in the reference)."""
     camera = helpers.camera(96, 64, focal=64.0, principal=(32.0, 32.0), turn=0.0, distance=4.0)
     spots = [(x, y) for x in (0.0, 16.0, 31.5, 32.0, 64.0, 96.0) for y in (0.0, 0.5, 32.0, 63.5, 64.0)]
     splats = helpers.splats(len(spots), log_scale=-2.5)

@@ -11,15 +11,15 @@ import torch
 from studio.cameras import Camera
 from studio.gaussians import SH_C0, Gaussians
 from studio.rasterizer import rasterize
-from studio.rasterizer.harmonics import sh_basis, sh_colors
 from studio.rasterizer.reference import project
+from studio.rasterizer.spherical_harmonics import sh_basis, sh_colors
 from studio.rasterizer.types import Pinhole
 
 AHEAD = Camera("ahead", 21, 15, np.array([[30.0, 0, 10.5], [0, 30.0, 7.5], [0, 0, 1]]), np.eye(4))
 
 
 def ball(z: float, scale: float, opacity: float, color: tuple[float, float, float]) -> Gaussians:
-    """A round splat on the axis of `AHEAD`, of one colour."""
+    """A round splat on the axis of `AHEAD`, of one color."""
     one = torch.ones(1, dtype=torch.float64)
     return Gaussians(
         means=torch.tensor([[0.0, 0.0, z]], dtype=torch.float64),

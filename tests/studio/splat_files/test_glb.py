@@ -68,5 +68,5 @@ def test_against_the_specification(tmp_path, make_splats, degree):
         np.testing.assert_array_equal(arrays[f"{prefix}SH_DEGREE_{level}_COEF_{order}"], splats.sh[:, index])
     assert len(arrays) == 5 + len(coefficients)
     assert content["accessors"][primitive["attributes"]["COLOR_0"]]["normalized"] is True
-    colour = 0.5 + 0.28209479 * splats.sh[:, 0].numpy()
-    np.testing.assert_allclose(arrays["COLOR_0"][:, :3] / 255, colour.clip(0, 1), atol=0.5 / 255 + 1e-6)
+    color = 0.5 + 0.28209479 * splats.sh[:, 0].numpy()
+    np.testing.assert_allclose(arrays["COLOR_0"][:, :3] / 255, color.clip(0, 1), atol=0.5 / 255 + 1e-6)

@@ -96,7 +96,7 @@ def test_damage_and_other_things_than_splats(tmp_path):
     assert len(read_splats(path)) == 2
     cases = [
         ({"change_head": lambda head: "nonsense" + head}, "not a readable PLY"),
-        ({"change_head": lambda head: head.replace("float opacity", "float colour")}, "no property 'opacity'"),
+        ({"change_head": lambda head: head.replace("float opacity", "float color")}, "no property 'opacity'"),
         ({"change_head": lambda head: head.replace("vertex", "point")}, "no element 'vertex'"),
         ({"body": b"\0" * 40}, "not a readable PLY"),
         ({"count": 10**12}, "not a readable PLY"),

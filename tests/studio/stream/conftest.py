@@ -91,7 +91,7 @@ def turning_bodies() -> MakeFrames:
 
 
 def _turning_bodies(frames: int, splats: int, degree: int = 0) -> list[Gaussians]:
-    """Two rigid bodies that pass through each other, one turning; the colours and sizes of each splat stay."""
+    """Two rigid bodies that pass through each other, one turning; the colors and sizes of each splat stay."""
     generator = torch.Generator().manual_seed(3)
 
     def noise(*shape: int) -> torch.Tensor:

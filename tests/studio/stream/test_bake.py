@@ -124,7 +124,7 @@ def test_total_bytes_are_those_on_disk(make_stream):
     assert [group["first_frame"] for group in values["groups"]] == [0, 2, 4]
 
 
-def test_bounding_box_holds_all_centres(make_stream):
+def test_bounding_box_holds_all_centers(make_stream):
     folder, groups = make_stream((3, 3))
     means = torch.cat([frame.means for frames in groups for frame in frames]).double()
     with StreamReader.open(folder) as reader:

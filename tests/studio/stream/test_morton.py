@@ -45,7 +45,7 @@ def test_order_is_stable_for_equal_points_and_works_for_none():
     assert morton_order(np.zeros((0, 3))).tolist() == []
 
 
-def test_neighbours_in_order_are_near_in_space():
+def test_neighbors_in_order_are_near_in_space():
     points = np.random.default_rng(0).random((20_000, 3))
     ordered = points[morton_order(points)]
     step = np.linalg.norm(np.diff(ordered, axis=0), axis=1).mean()

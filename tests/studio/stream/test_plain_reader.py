@@ -124,7 +124,7 @@ def read_group(folder, group):
     step = lattice["step"]
     key = [[lattice["min"][i] + (cell[i] + 0.5) * step for i in range(3)] for cell in cells]
     members = [[cells[s] for s in range(splats) if labels[s] == b] for b in range(blocks["count"])]
-    centres = [[sum(cell[i] for cell in block) // len(block) for i in range(3)] for block in members]
+    centers = [[sum(cell[i] for cell in block) // len(block) for i in range(3)] for block in members]
     pixels = scan(group["tile"], splats)
     names = [channel["name"] for channel in group["channels"]]
 
@@ -145,7 +145,7 @@ def read_group(folder, group):
             turn = np.array([1.0, 0.0, 0.0, 0.0])
             if frame > 0:
                 b = labels[s]
-                local = [(cells[s][i] - centres[b][i]) * step / blocks["radius"] for i in range(3)] + [1]
+                local = [(cells[s][i] - centers[b][i]) * step / blocks["radius"] for i in range(3)] + [1]
                 mean = mean + [
                     sum(local[i] * affine[frame - 1][3 * i + k][b] * blocks["step"] for i in range(4)) for k in range(3)
                 ]

@@ -24,8 +24,8 @@ def expect_close(original: Gaussians, decoded: Gaussians, group, label: str) -> 
         check(f"mean_{axis}", original.means[:, i], decoded.means[:, i])
         check(f"log_scale_{i}", original.log_scales[:, i], decoded.log_scales[:, i])
     for k in range(original.sh.shape[1]):
-        for i, colour in enumerate("rgb"):
-            check(f"sh_{k}_{colour}", original.sh[:, k, i], decoded.sh[:, k, i])
+        for i, color in enumerate("rgb"):
+            check(f"sh_{k}_{color}", original.sh[:, k, i], decoded.sh[:, k, i])
     check("opacity", original.opacities, decoded.opacities)
     quats = original.unit_quats
     quats = torch.where(((quats * decoded.quats).sum(1) < 0)[:, None], -quats, quats)  # q and -q are one rotation

@@ -11,7 +11,7 @@ def test_up_to_22_all_alike(qp):
     assert settings.attribute_qp("means_high") == 0
 
 
-def test_above_22_colour_scale_and_rotation_stay():
+def test_above_22_color_scale_and_rotation_stay():
     settings = BakeSettings(profile="planes", qp=30)
     assert [settings.attribute_qp(a) for a in ("sh", "scales", "quats")] == [22, 22, 22]
     assert [settings.attribute_qp(a) for a in ("means_low", "opacities")] == [30, 30]

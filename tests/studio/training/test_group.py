@@ -11,7 +11,7 @@ from studio.cameras import Camera
 from studio.errors import Cancelled, StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
-from studio.training import TrainSettings, TrainView, train_interframe, train_keyframe
+from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 from studio.training.keyframe import keyframe_steps
 
 WIDTH, HEIGHT = 64, 48
@@ -47,7 +47,7 @@ def cameras() -> list[Camera]:
 
 
 def ball(offset: torch.Tensor) -> Gaussians:
-    """300 opaque splats on a sphere of radius 0.5 with a checkered colour that moves with it."""
+    """300 opaque splats on a sphere of radius 0.5 with a checkered color that moves with it."""
     index = torch.arange(300) + 0.5
     polar, turn = torch.acos(1 - 2 * index / 300), math.pi * (1 + 5**0.5) * index
     unit = torch.stack([polar.sin() * turn.cos(), polar.cos(), polar.sin() * turn.sin()], -1)
@@ -63,28 +63,28 @@ def ball(offset: torch.Tensor) -> Gaussians:
     )
 
 
-def views(offset: torch.Tensor) -> list[TrainView]:
+def views(offset: torch.Tensor) -> list[TrainingView]:
     made = []
     for camera in cameras():
         with torch.no_grad():
             render = rasterize(ball(offset), camera)
         alpha = render.alpha.clamp(0, 1)
         image = render.image / alpha[..., None].clamp_min(1e-3)
-        made.append(TrainView(camera, image.clamp(0, 1), alpha, (WIDTH, HEIGHT)))
+        made.append(TrainingView(camera, image.clamp(0, 1), alpha, (WIDTH, HEIGHT)))
     return made
 
 
 @pytest.fixture(scope="module")
-def before() -> list[TrainView]:
+def before() -> list[TrainingView]:
     return views(torch.zeros(3))
 
 
 @pytest.fixture(scope="module")
-def after() -> list[TrainView]:
+def after() -> list[TrainingView]:
     return views(SHIFT)
 
 
-def loss_of(gaussians: Gaussians, seen: list[TrainView]) -> float:
+def loss_of(gaussians: Gaussians, seen: list[TrainingView]) -> float:
     black = torch.zeros(3)
     with torch.no_grad():
         errors = [
@@ -93,7 +93,7 @@ def loss_of(gaussians: Gaussians, seen: list[TrainView]) -> float:
     return float(torch.stack(errors).mean())
 
 
-def test_motion_finds_where_the_surface_went(before: list[TrainView], after: list[TrainView]) -> None:
+def test_motion_finds_where_the_surface_went(before: list[TrainingView], after: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
     result = train_interframe(truth, after, SETTINGS, seed=3)
     moved = result.warped.means - truth.means
@@ -104,20 +104,20 @@ def test_motion_finds_where_the_surface_went(before: list[TrainView], after: lis
     assert torch.equal(result.gaussians.means, result.warped.means), "fine-tuning leaves positions alone"
 
 
-def test_velocity_starts_from_the_last_motion(after: list[TrainView]) -> None:
+def test_velocity_starts_from_the_last_motion(after: list[TrainingView]) -> None:
     settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_velocity=True)
     previous, older = ball(torch.zeros(3)), ball(-SHIFT)
     moved = train_interframe(previous, after, settings, before_previous=older).gaussians.means
     assert torch.allclose(moved, previous.means + SHIFT, atol=1e-6)
 
 
-def test_velocity_leaves_the_noise_of_single_splats_behind(after: list[TrainView]) -> None:
+def test_velocity_leaves_the_noise_of_single_splats_behind(after: list[TrainingView]) -> None:
     previous, older = ball(torch.zeros(3)), ball(-SHIFT)
     noise = 0.3 * SHIFT.norm() * torch.randn(previous.means.shape, generator=torch.Generator().manual_seed(5))
     older = replace(older, means=older.means + noise)
 
     def error(count: int) -> float:
-        settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_velocity_neighbours=count)
+        settings = TrainSettings(motion_iterations=0, finetune_iterations=0, motion_velocity_neighbors=count)
         moved = train_interframe(previous, after, settings, before_previous=older).gaussians.means
         return float((moved - previous.means - SHIFT).norm(dim=-1).mean())
 
@@ -126,7 +126,7 @@ def test_velocity_leaves_the_noise_of_single_splats_behind(after: list[TrainView
     assert error(24) < 0.35 * error(0)
 
 
-def test_the_frame_after_the_keyframe_has_steps_of_its_own(after: list[TrainView]) -> None:
+def test_the_frame_after_the_keyframe_has_steps_of_its_own(after: list[TrainingView]) -> None:
     settings = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 3, "motion_first_iterations": 9})
 
     def phases(older: Gaussians | None) -> tuple[int, int]:
@@ -146,7 +146,7 @@ def test_the_frame_after_the_keyframe_has_steps_of_its_own(after: list[TrainView
     assert phases(ball(-SHIFT)) == (3, 3 + settings.finetune_iterations)
 
 
-def test_temporal_and_entropy_losses_hold_attributes_still(after: list[TrainView]) -> None:
+def test_temporal_and_entropy_losses_hold_attributes_still(after: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
     free = train_interframe(
         truth, after, TrainSettings(**{**vars(SETTINGS), "entropy_weight": 0.0, "temporal_weight": 0.0}), seed=1
@@ -161,7 +161,7 @@ def test_temporal_and_entropy_losses_hold_attributes_still(after: list[TrainView
     assert change(held.gaussians) < 0.6 * change(free.gaussians)
 
 
-def test_keyframe_learns_the_ball_under_the_cap(before: list[TrainView]) -> None:
+def test_keyframe_learns_the_ball_under_the_cap(before: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
     generator = torch.Generator().manual_seed(0)
     points = truth.means + 0.02 * torch.randn(300, 3, generator=generator)
@@ -181,7 +181,7 @@ def test_keyframe_learns_the_ball_under_the_cap(before: list[TrainView]) -> None
     assert steps[-1][0] == steps[-1][1] == keyframe_steps(settings, 300) == 170
 
 
-def test_sh_and_densification_run(before: list[TrainView]) -> None:
+def test_sh_and_densification_run(before: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
     settings = TrainSettings(
         sh_degree=2,
@@ -207,7 +207,7 @@ def test_sh_and_densification_run(before: list[TrainView]) -> None:
     assert float(trained.sh[:, 1:4].abs().sum()) > 0
 
 
-def test_same_seed_same_bits(after: list[TrainView]) -> None:
+def test_same_seed_same_bits(after: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
     settings = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 5, "finetune_iterations": 5})
     one = train_interframe(truth, after, settings, seed=7).gaussians
@@ -217,7 +217,7 @@ def test_same_seed_same_bits(after: list[TrainView]) -> None:
     assert not torch.equal(one.means, other.means)
 
 
-def test_cancel_passes_through(after: list[TrainView]) -> None:
+def test_cancel_passes_through(after: list[TrainingView]) -> None:
     def stop(done: int, total: int, **figures: object) -> None:
         if done == 3:
             raise Cancelled
@@ -226,7 +226,7 @@ def test_cancel_passes_through(after: list[TrainView]) -> None:
         train_interframe(ball(torch.zeros(3)), after, SETTINGS, progress=stop)
 
 
-def test_unusable_input_is_named(before: list[TrainView]) -> None:
+def test_unusable_input_is_named(before: list[TrainingView]) -> None:
     with pytest.raises(StudioError, match="at least 4"):
         train_keyframe(before, torch.zeros(2, 3), torch.zeros(2, 3), SETTINGS)
     with pytest.raises(StudioError, match="not finite"):
@@ -237,15 +237,17 @@ def test_unusable_input_is_named(before: list[TrainView]) -> None:
         TrainSettings(sh_degree=7)
 
 
-@pytest.mark.parametrize("density", ["gradient", "mcmc"])
-def test_a_keyframe_goes_on_from_every_checkpoint_as_if_it_never_stopped(before: list[TrainView], density: str) -> None:
+@pytest.mark.parametrize("strategy", ["default", "mcmc"])
+def test_a_keyframe_goes_on_from_every_checkpoint_as_if_it_never_stopped(
+    before: list[TrainingView], strategy: str
+) -> None:
     truth = ball(torch.zeros(3))
     points = truth.means + 0.02 * torch.randn(300, 3, generator=torch.Generator().manual_seed(0))
     colors = torch.full((300, 3), 0.5)
     settings = TrainSettings(
         **{
             **vars(SETTINGS),
-            "density": density,
+            "strategy": strategy,
             "keyframe_iterations": 20,
             "densify_from": 3,
             "densify_until": 16,
@@ -274,7 +276,7 @@ def test_a_keyframe_goes_on_from_every_checkpoint_as_if_it_never_stopped(before:
         train_keyframe(before, points, colors, settings, resume={"done": torch.tensor(3)})
 
 
-def test_a_warm_network_knows_the_motion_of_the_frame_before(after: list[TrainView]) -> None:
+def test_a_warm_network_knows_the_motion_of_the_frame_before(after: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
     first = train_interframe(truth, after, SETTINGS, seed=3)
     further = views(2 * SHIFT)
@@ -302,8 +304,8 @@ def test_a_warm_network_knows_the_motion_of_the_frame_before(after: list[TrainVi
         )
 
 
-def test_fine_tuning_for_rounded_attributes_runs(after: list[TrainView]) -> None:
-    settings = TrainSettings(**{**vars(SETTINGS), "simulate_quantisation": True, "temporal_huber": 1.0})
+def test_fine_tuning_for_rounded_attributes_runs(after: list[TrainingView]) -> None:
+    settings = TrainSettings(**{**vars(SETTINGS), "simulate_quantization": True, "temporal_huber": 1.0})
     truth = ball(SHIFT)
     result = train_interframe(truth, after, settings, seed=3)
     assert loss_of(result.gaussians, after) < 1.5 * loss_of(truth, after) + 0.01

@@ -83,7 +83,7 @@ def test_noise_moves_only_what_is_nearly_transparent_and_along_its_own_shape() -
 
 def test_schedule() -> None:
     settings = TrainSettings(
-        density="mcmc", densify_from=1, densify_until=5, densify_every=2, densify_max_splats=200, mcmc_noise=0.0
+        strategy="mcmc", densify_from=1, densify_until=5, densify_every=2, densify_max_splats=200, mcmc_noise=0.0
     )
     optimizer = SplatOptimizer(splats([0.5] * 100), LearningRates(), 1.0)
     control = Relocation(settings)

@@ -116,7 +116,7 @@ def test_budget_bounds_densification() -> None:
     assert len(optimizer) == 45
 
 
-def test_first_splats_are_as_large_as_their_neighbours_are_far() -> None:
+def test_first_splats_are_as_large_as_their_neighbors_are_far() -> None:
     grid = torch.stack(torch.meshgrid(*[torch.arange(5.0)] * 3, indexing="ij"), -1).reshape(-1, 3) * 0.2
     first = initial_gaussians(grid, torch.full((125, 3), 0.25), 0)
     assert torch.allclose(first.scales, torch.full((125, 3), 0.2), rtol=1e-4)

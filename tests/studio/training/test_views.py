@@ -5,19 +5,18 @@ import pytest
 import torch
 
 from studio.cameras import Camera
-from studio.capture import View
+from studio.capture import FootageView
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.training import TrainSettings, TrainView
-from studio.training.dropout import dropped
-from studio.training.step import Stepper
+from studio.training import TrainingView, TrainSettings
+from studio.training.step import Stepper, dropped
 from studio.training.views import matte_box, surroundings
 
 SIZE = 120
 
 
-def captured(with_plate: bool) -> View:
-    """A grey square of half covered border pixels before a bright, uneven wall."""
+def captured(with_plate: bool) -> FootageView:
+    """A gray square of half covered border pixels before a bright, uneven wall."""
     rng = np.random.default_rng(0)
     plate = rng.integers(120, 250, (SIZE, SIZE, 3)).astype(np.uint8)
     matte = np.zeros((SIZE, SIZE), np.uint8)
@@ -26,7 +25,7 @@ def captured(with_plate: bool) -> View:
     alpha = matte[..., None] / 255
     image = np.rint(60 * alpha + plate * (1 - alpha)).astype(np.uint8)
     K = np.array([[100.0, 0, SIZE / 2], [0, 100.0, SIZE / 2], [0, 0, 1]])
-    return View(Camera("a", SIZE, SIZE, K, np.eye(4)), image, matte, 0, plate if with_plate else None)
+    return FootageView(Camera("a", SIZE, SIZE, K, np.eye(4)), image, matte, 0, plate if with_plate else None)
 
 
 def test_box_is_padded_and_clipped() -> None:
@@ -40,7 +39,7 @@ def test_box_is_padded_and_clipped() -> None:
 
 def test_crop_keeps_where_points_project() -> None:
     view = captured(False)
-    cropped = TrainView.from_view(view, crop_margin=0.1)
+    cropped = TrainingView.from_view(view, crop_margin=0.1)
     point = np.array([[0.1, 0.2, 2.0]])
     pixel, _ = view.camera.project(point)
     inside, _ = cropped.camera.project(point)
@@ -48,12 +47,12 @@ def test_crop_keeps_where_points_project() -> None:
     assert torch.equal(cropped.image, torch.from_numpy(view.image[20:100, 32:88]).float() / 255)
 
 
-def test_composite_without_plate_is_the_matte_over_the_colour() -> None:
-    view = TrainView.from_view(captured(False))
-    colour = torch.tensor([1.0, 0.0, 0.5])
-    expected = view.image * view.matte[..., None] + colour * (1 - view.matte[..., None])
-    assert torch.allclose(view.composited(colour), expected, atol=1e-6)
-    assert view.backdrop(colour) is None
+def test_composite_without_plate_is_the_matte_over_the_color() -> None:
+    view = TrainingView.from_view(captured(False))
+    color = torch.tensor([1.0, 0.0, 0.5])
+    expected = view.image * view.matte[..., None] + color * (1 - view.matte[..., None])
+    assert torch.allclose(view.composited(color), expected, atol=1e-6)
+    assert view.backdrop(color) is None
 
 
 def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_matte_is_wrong() -> None:
@@ -62,14 +61,14 @@ def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_matte_is_wr
     wrong = source.matte.copy()
     wrong[40:80, 70:73] = 255  # three columns too many
     wrong[40:80, 50:52] = 0  # and two too few
-    view = TrainView.from_view(View(source.camera, source.image, wrong, 0, source.plate))
-    colour = torch.tensor([0.2, 0.9, 0.4])
-    backdrop = view.backdrop(colour)
+    view = TrainingView.from_view(FootageView(source.camera, source.image, wrong, 0, source.plate))
+    color = torch.tensor([0.2, 0.9, 0.4])
+    backdrop = view.backdrop(color)
     assert backdrop is not None
     drawn = 60 / 255 * truth + (1 - truth) * backdrop
-    assert torch.allclose(drawn, view.composited(colour), atol=0.5 / 255 + 1e-6)
-    plain = TrainView.from_view(View(source.camera, source.image, wrong))
-    assert (60 / 255 * truth + (1 - truth) * colour - plain.composited(colour)).abs().max() > 0.2
+    assert torch.allclose(drawn, view.composited(color), atol=0.5 / 255 + 1e-6)
+    plain = TrainingView.from_view(FootageView(source.camera, source.image, wrong))
+    assert (60 / 255 * truth + (1 - truth) * color - plain.composited(color)).abs().max() > 0.2
 
 
 def test_surroundings_reach_a_little_beyond_the_matte() -> None:
@@ -92,27 +91,27 @@ def test_surroundings_are_a_square_about_each_pixel() -> None:
 
 def test_large_pictures_are_kept_as_bytes_and_seen_as_floats(monkeypatch: pytest.MonkeyPatch) -> None:
     source = captured(True)
-    small = TrainView.from_view(source)
+    small = TrainingView.from_view(source)
     monkeypatch.setattr("studio.training.views.KEPT_PIXELS", SIZE)
-    view = TrainView.from_view(source)
+    view = TrainingView.from_view(source)
     assert small._kept is not None
     assert view._kept is None
     assert torch.equal(small.composited(torch.ones(3)), view.composited(torch.ones(3)))
     assert all(part.dtype == torch.uint8 for part in (view._image, view._matte, view._plate) if part is not None)
-    colour = torch.tensor([0.2, 0.9, 0.4])
-    floats = TrainView(view.camera, view.image, view.matte, view.full_size, view.plate)
-    assert torch.equal(view.composited(colour), floats.composited(colour))
-    assert view.backdrop(colour) is not None
-    assert torch.equal(view.backdrop(colour), floats.backdrop(colour))  # type: ignore[arg-type]
+    color = torch.tensor([0.2, 0.9, 0.4])
+    floats = TrainingView(view.camera, view.image, view.matte, view.full_size, view.plate)
+    assert torch.equal(view.composited(color), floats.composited(color))
+    assert view.backdrop(color) is not None
+    assert torch.equal(view.backdrop(color), floats.backdrop(color))  # type: ignore[arg-type]
 
 
 def test_a_crop_does_not_hold_the_whole_picture() -> None:
-    view = TrainView.from_view(captured(False), crop_margin=0.1)
+    view = TrainingView.from_view(captured(False), crop_margin=0.1)
     assert view._image.untyped_storage().nbytes() == view._image.numel() < SIZE * SIZE * 3
 
 
 def test_nothing_drawn_over_the_plate_shows_the_plate() -> None:
-    view = TrainView.from_view(captured(True))
+    view = TrainingView.from_view(captured(True))
     nothing = Gaussians(
         torch.tensor([[0.0, 0.0, -5.0]]), torch.ones(1, 4), torch.zeros(1, 3), torch.zeros(1), torch.zeros(1, 1, 3)
     )
@@ -140,7 +139,7 @@ def test_dropout_leaves_a_share_out_and_keeps_the_density() -> None:
 
 
 def test_what_dropout_left_out_was_not_drawn() -> None:
-    view = TrainView.from_view(captured(False))
+    view = TrainingView.from_view(captured(False))
     # equal splats before the camera: every one that takes part is drawn, and moves the picture
     n = 40
     many = Gaussians(

@@ -1,0 +1,224 @@
+"""What menus, keys and buttons do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from open3d.visualization import gui
+
+from gui.actions.keys import shortcuts_text
+from gui.actions.marks import MarkActions
+from gui.actions.output import OutputActions
+from gui.actions.points import PointActions
+from gui.panels.folder_dialog import ask_path
+from gui.panels.option_dialogs import ask_preferences
+from gui.panels.take_dialog import ask_new_take
+from gui.presenters.preferences import Preferences
+from gui.presenters.run.exports import FORMATS
+from gui.presenters.run.new_take import NewTake
+from gui.shell import Shell
+from pipelines.takes.take import program_version
+from studio.errors import StudioError
+
+Action = Callable[[], object]
+
+
+class Actions:
+    """See the module. Everything is reached through the window.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: Shell) -> None:
+        self._window = window
+        self._marks, self._outputs = MarkActions(window), OutputActions(window)
+        self.points = PointActions(window)
+
+    def menu(self) -> dict[str, Action]:
+        """By key of `gui.actions.menus.MENUS`."""
+        window = self._window
+        return {
+            "new": self.new_take,
+            "open": self._ask_open,
+            "recent": self._ask_recent,
+            "address": self._ask_address,
+            "screenshot": self._outputs.screenshot,
+            "report": self._outputs.report,
+            "preferences": lambda: ask_preferences(window.dialogs, window.preferences, self._save_preferences),
+            "quit": window.ask_close,
+            "reset": window.views.reset,
+            "background": window.player.next_background,
+            "camera": window.player.next_camera,
+            "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
+            "figures": window.layout.toggle_figures,
+            "mark": self._marks.ask,
+            "next_mark": lambda: self._marks.go(1),
+            "previous_mark": lambda: self._marks.go(-1),
+            "marks": self._marks.show_all,
+            **{f"export {kind}": partial(self._outputs.export, kind) for kind in FORMATS},
+            "add_key": self._outputs.add_key,
+            "clear_keys": window.exports.keys.clear,
+            "stop_export": window.exports.stop,
+            "shortcuts": lambda: window.dialogs.message("Shortcuts", shortcuts_text()),
+            "about": self._about,
+        }
+
+    def for_key(self, event: gui.KeyEvent) -> Action | None:
+        """What a key does; None where it does nothing."""
+        window, key = self._window, gui.KeyName
+        player, transport = window.player, window.player.transport
+        menu = self.menu()
+        actions: dict[Any, Action] = {
+            key.SPACE: transport.toggle,
+            key.LEFT: lambda: transport.step(-1),
+            key.RIGHT: lambda: transport.step(1),
+            key.HOME: lambda: transport.seek(0),
+            key.END: lambda: transport.seek(transport.last),
+            key.LEFT_BRACKET: lambda: transport.jump_group(-1),
+            key.RIGHT_BRACKET: lambda: transport.jump_group(1),
+            key.ONE: lambda: self._review("truth"),
+            key.TWO: lambda: self._review("trained"),
+            key.THREE: lambda: self._review("decoded"),
+            key.S: lambda: self._review("side by side"),
+            key.W: lambda: self._review("wipe"),
+            key.D: lambda: self._review("difference"),
+            key.C: player.next_camera,
+            key.Z: player.zoom_to_performer,
+            key.L: lambda: transport.set_loop(not transport.loop),
+            key.B: menu["background"],
+            key.R: menu["reset"],
+            key.M: menu["mark"],
+            key.K: menu["add_key"],
+            key.F: menu["fullscreen"],
+            key.I: menu["figures"],
+            key.QUESTION_MARK: menu["shortcuts"],
+            key.SLASH: menu["shortcuts"],
+            key.COMMA: menu["previous_mark"],
+            key.PERIOD: menu["next_mark"],
+            key.LESS_THAN: menu["previous_mark"],
+            key.GREATER_THAN: menu["next_mark"],
+            **self.points.keys(),
+        }
+        return actions.get(event.key)
+
+    def _review(self, choice: str) -> None:
+        self._window.select("review")
+        self._window.views.choose(choice)
+
+    # Runs
+
+    def run(self, stage: str, again: bool) -> None:
+        """Run a stage, or check the footage."""
+        window = self._window
+        if stage == "capture":
+            window.views.capture.check()
+            return
+
+        def start() -> None:
+            if window.workspace.start(stage, again) and stage != "all":
+                window.select(stage)
+
+        if not again or stage in ("bake", "review"):
+            start()
+            return
+        window.dialogs.ask(
+            f"Run {stage} once more?",
+            "What this stage has made is removed first; stopping on the way does not bring it back.\n"
+            "All that it depends on is unchanged, so it would make the same again.",
+            [("again", "Run it again", start), ("stay", "Keep what is there", lambda: None)],
+        )
+
+    def ask_about_job(self) -> None:
+        """The window is about to close while a job runs."""
+        window = self._window
+
+        def leave() -> None:
+            window.wants_close = True
+
+        def stop() -> None:
+            window.workspace.cancel()
+            window.wants_close = True
+
+        window.dialogs.ask(
+            "A run is going on",
+            "It can go on without the window; opening the take again shows it.\n"
+            "Stopping keeps what is finished, and a later run goes on from there.",
+            [
+                ("leave", "Leave it running", leave),
+                ("stop", "Stop it", stop),
+                ("stay", "Keep the window open", lambda: None),
+            ],
+        )
+
+    # Opening
+
+    def new_take(self) -> None:
+        """Ask for footage, settings and the take's folder."""
+        ask_new_take(self._window.dialogs, NewTake(), self._create)
+
+    def _create(self, new: NewTake) -> None:
+        window = self._window
+        try:
+            root = new.create()
+        except StudioError as error:
+            ask_new_take(window.dialogs, new, self._create, str(error))
+            return
+        window.dialogs.close()
+        window.open(str(root))
+
+    def _ask_open(self) -> None:
+        window = self._window
+        opened = window.player.opened
+        known = [Path(name) for name in window.preferences.recent if "://" not in name]
+        if opened is not None and isinstance(opened.path, Path):
+            known.insert(0, opened.path)
+        start = next((path.parent for path in known if path.parent.is_dir()), Path.cwd())
+        ask_path(window.dialogs, "Open a take or a stream", start, "take", window.open)
+
+    def _ask_recent(self) -> None:
+        window = self._window
+        preferences = window.preferences
+
+        def keep(names: list[str]) -> Action:
+            def forget() -> None:
+                preferences.recent = names
+                preferences.save()
+
+            return forget
+
+        there = preferences.recent_there()
+        answers: list[tuple[str, str, Action]] = []
+        if len(there) < len(preferences.recent):
+            answers.append(("forget", "Forget what is gone", keep(there)))
+        if preferences.recent:
+            answers.append(("clear", "Clear the list", keep([])))
+        gone = set(preferences.recent) - set(there)
+        window.dialogs.choose("recent", "Open recent", preferences.recent, window.open, gone, answers)
+
+    def _ask_address(self) -> None:
+        window = self._window
+        window.dialogs.line(
+            "address",
+            "Open a stream at an address",
+            "Address of the stream's folder, for example https://example.org/streams/walk",
+            "",
+            [("open", "Open", lambda text: window.open(text.strip())), ("close", "Cancel", lambda _: None)],
+        )
+
+    def _save_preferences(self, preferences: Preferences) -> None:
+        window = self._window
+        window.preferences = preferences
+        window.apply_preferences()
+        if not preferences.save():
+            window.player.message = "The preferences could not be saved; they hold until the window is closed."
+
+    def _about(self) -> None:
+        text = (
+            f"V3 Studio {program_version()}\n\nFrom synchronized multi-camera footage of a performer to a streamable "
+            f"Gaussian video.\nGNU General Public License, version 3 or later.\n\nDrawn by: {self._window.device}"
+        )
+        self._window.dialogs.message("About", text)

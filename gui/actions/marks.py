@@ -1,0 +1,57 @@
+"""What the menu Mark and its keys do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gui.shell import Shell
+from studio.errors import StudioError
+
+
+class MarkActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: Shell) -> None:
+        self._window = window
+
+    def ask(self) -> None:
+        """A note on the frame that is shown."""
+        window = self._window
+        if window.player.opened is None:
+            return
+        window.player.transport.pause()
+        frame = window.player.transport.frame
+        where = "" if window.marks.kept else " A stream alone has no place for marks: they last until it is closed."
+        answers: list[tuple[str, str, Callable[[str], None]]] = [
+            ("save", "Mark", lambda note: self._try(lambda: window.marks.set(frame, note)))
+        ]
+        if frame in window.marks.notes:
+            answers.append(("remove", "Remove the mark", lambda _: self._try(lambda: window.marks.remove(frame))))
+        answers.append(("close", "Cancel", lambda _: None))
+        note = window.marks.notes.get(frame, "")
+        window.dialogs.line("mark", f"Mark frame {frame}", f"Note on this frame.{where}", note, answers)
+
+    def _try(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except StudioError as error:
+            self._window.player.message = str(error)
+        self._window.marks_changed()
+
+    def go(self, direction: int) -> None:
+        """To the next (1) or the previous (-1) mark."""
+        window = self._window
+        frame = window.marks.next_after(window.player.transport.frame, direction)
+        if frame is not None:
+            window.player.transport.pause()
+            window.player.transport.seek(frame)
+
+    def show_all(self) -> None:
+        """The list of marks; choosing one goes there."""
+        window = self._window
+        lines = {f"{frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
+        window.dialogs.choose("marks", "Marks", list(lines), lambda line: window.player.transport.seek(lines[line]))

@@ -1,0 +1,103 @@
+"""What writes files: screenshots, exports, the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gui.panels.option_dialogs import ask_export
+from gui.presenters.run.exports import LEAST_SECONDS, ExportRequest, PathKey
+from gui.shell import Shell
+from pipelines.commands.export import DEFAULT_OF
+from pipelines.reports.pictures import write_picture
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+
+class OutputActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: Shell) -> None:
+        self._window = window
+
+    def screenshot(self) -> None:
+        """Save the picture as shown."""
+        window = self._window
+        picture = window.player.picture
+        if picture is None:
+            window.player.message = "There is no picture to save yet."
+            return
+        name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
+        opened = window.player.opened
+        folder = opened.take.root.parent if opened is not None and opened.take is not None else Path.home()
+
+        def save(text: str) -> None:
+            path = Path(text.strip()).expanduser().absolute()
+            if path.suffix.lower() != ".png":
+                path = path.with_name(path.name + ".png")
+            try:
+                write_picture(path, picture.image)
+            except OSError as error:
+                window.player.message = f"{path}: could not be written ({error.strerror}); choose another folder."
+
+        window.dialogs.line(
+            "screenshot", "Save a screenshot", "The picture as shown, as a PNG file:", str(folder / name),
+            [("save", "Save", save), ("close", "Cancel", lambda _: None)],
+        )  # fmt: skip
+
+    def add_key(self) -> None:
+        """Add the view to the camera path."""
+        window = self._window
+        camera = window.player.view()
+        if camera is not None:
+            window.exports.keys.append(PathKey(camera, window.player.transport.frame))
+            count = len(window.exports.keys)
+            window.player.notice = f"{count} view{'s' * (count != 1)} in the camera path"
+
+    def export(self, kind: str) -> None:
+        """Ask what of, where to and how, then export. `kind` is of `FORMATS`."""
+        window = self._window
+        opened = window.player.opened
+        if opened is None or not opened.sources:
+            window.player.message = "There is nothing to export yet."
+            return
+        # the default first, where it is there; the dialog says which it is
+        sources = sorted(opened.sources, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
+        folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
+        wanted = ExportRequest(kind, str(opened.path), opened.title, folder, *sources[:1])
+        length = window.player.transport.frame_count / window.player.transport.fps
+        wanted.seconds = f"{max(length, LEAST_SECONDS):g}"
+
+        def start(chosen: ExportRequest) -> None:
+            try:
+                window.exports.start(chosen)
+            except (StudioError, OSError) as error:
+                window.dialogs.message("Export", str(error))
+
+        ask_export(window.dialogs, wanted, sources, start)
+
+    def report(self) -> None:
+        """Write the take's report, or bring the marks of now into it."""
+        window = self._window
+        take: Take | None = window.workspace.take
+        if take is None:
+            window.player.message = "A report is written for a take; a stream alone has none."
+        elif take.report.is_file() and window.workspace.row("review").state == "done":
+            window.dialogs.message("HTML report", self._up_to_date(take))
+        else:
+            self._window.run("review", False)
+
+    def _up_to_date(self, take: Take) -> str:
+        from pipelines.reports.evaluation import update_marks
+
+        context = self._window.workspace.context
+        assert context is not None  # or no stage would be done
+        try:
+            changed = update_marks(context.take, context.groups)
+        except (StudioError, OSError) as error:
+            return f"The marks could not be brought into the report: {error}"
+        words = "The report shows the marks of now:" if changed else "The report is up to date:"
+        return f"{words}\n{take.report}\n\nOpen it with a browser."

@@ -1,0 +1,87 @@
+"""What keys and the points board's requests do while points are marked by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from open3d.visualization import gui
+
+from gui.shell import Shell
+
+
+class PointActions:
+    """See the module.
+
+    Args:
+        window: the main window.
+    """
+
+    def __init__(self, window: Shell) -> None:
+        self._window = window
+
+    def keys(self) -> dict[Any, Callable[[], object]]:
+        """Keys that mean something else while points are marked."""
+        key, stage_view = gui.KeyName, self._window.views.points
+        if not self._window.views.marks_points:
+            return {}
+        return {
+            key.N: stage_view.new_point,
+            key.E: self._describe,
+            key.DELETE: stage_view.unmark,
+            key.BACKSPACE: stage_view.unmark,
+            key.A: stage_view.toggle_snap,
+            key.U: stage_view.undo,
+            key.C: lambda: stage_view.step_camera(1),
+            key.UP: lambda: stage_view.step_point(-1),
+            key.DOWN: lambda: stage_view.step_point(1),
+        }
+
+    def poll(self) -> bool:
+        """Do what the board asks for; returns whether it asked."""
+        stage_view = self._window.views.points
+        asked, stage_view.asks = stage_view.asks, ""
+        if asked == "describe":
+            self._describe()
+        elif asked == "run":
+            self._run()
+        return bool(asked)
+
+    def _describe(self, problem: str = "", text: str | None = None) -> None:
+        marks = self._window.views.points.marks
+        point = marks.point if marks is not None else None
+        if marks is None or point is None:
+            return
+        if text is None:
+            text = point.name + ("; " + " ".join(f"{value:g}" for value in point.world) if point.world else "")
+
+        def save(words: str) -> None:
+            wrong = marks.describe(words)
+            if wrong:
+                self._describe(wrong, words)
+
+        help_text = "Name; and after a semicolon, where it was measured, x y z in meters (z up):\nmat corner; 0 0.3 0"
+        self._window.dialogs.line(
+            "point",
+            "The point",
+            f"{problem}\n\n{help_text}" if problem else help_text,
+            text,
+            [("save", "Save", save), ("close", "Cancel", lambda _: None)],
+        )
+
+    def _run(self) -> None:
+        """Let the take's cameras come from these points."""
+        window, stage_view = self._window, self._window.views.points
+        workspace, path = window.workspace, stage_view.path
+        if path is None or stage_view.marks is None or not path.is_file():
+            stage_view.problem = "Mark some points first."
+            return
+        config = workspace.config
+        if config is not None and not config.calibrate.tie_points:
+            for name, value in (("capture.rig", None), ("calibrate.tie_points", str(path.resolve()))):
+                wrong = workspace.change_setting(name, value)
+                if wrong:
+                    stage_view.problem = wrong
+                    return
+        if workspace.start("calibrate", again=False):
+            window.select("calibrate")

@@ -1,0 +1,1 @@
+"""What the toolkit lacks: X11 keyboards and screens, Vulkan devices, redraws, closing."""

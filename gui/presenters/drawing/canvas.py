@@ -1,0 +1,191 @@
+"""Canvas: text, lines and pictures drawn into a numpy array, for what the window's toolkit has no widget for."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gui.presenters.drawing.palette import GROUND, RGB, TEXT
+
+
+@lru_cache(maxsize=16)
+def _font(size: int, mono: bool) -> Any:
+    """The window's own font (Roboto, which Open3D ships), else Pillow's."""
+    from PIL import ImageFont
+
+    found = importlib.util.find_spec("open3d")  # finds the folder, imports nothing
+    for folder in (found.submodule_search_locations or []) if found else []:
+        path = Path(folder) / "resources" / ("RobotoMono-Medium.ttf" if mono else "Roboto-Medium.ttf")
+        if path.is_file():
+            return ImageFont.truetype(str(path), size)
+    return ImageFont.load_default(size)
+
+
+@lru_cache(maxsize=4096)
+def _glyphs(text: str, size: int, mono: bool) -> np.ndarray:
+    """(h, w) float32 coverage of a line of text; all texts of a size are equally high."""
+    from PIL import Image, ImageDraw
+
+    font = _font(size, mono)
+    width, height = max(int(font.getlength(text) + 0.999), 1), _line_height(size, mono)
+    image = Image.new("L", (width, height))
+    ImageDraw.Draw(image).text((0, 0), text, fill=255, font=font)
+    return np.asarray(image, np.float32) / 255
+
+
+def _line_height(size: int, mono: bool) -> int:
+    ascent, descent = _font(size, mono).getmetrics() if hasattr(_font(size, mono), "getmetrics") else (size, size // 4)
+    return int(ascent + descent)
+
+
+def text_width(text: str, size: int, mono: bool = False) -> int:
+    """Pixels that a line of text takes."""
+    return _glyphs(text, size, mono).shape[1] if text else 0
+
+
+def fitted(text: str, size: int, width: float) -> str:
+    """The text, cut with an ellipsis where it is wider than `width` pixels."""
+    if text_width(text, size) <= width:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if text_width(text[:middle].rstrip() + "…", size) <= width:
+            low = middle
+        else:
+            high = middle - 1
+    return text[:low].rstrip() + "…" if low else ""
+
+
+def wrapped(text: str, size: int, width: float) -> list[str]:
+    """Lines no wider than `width` pixels; words are broken only where one alone is wider."""
+    lines: list[str] = []
+    for paragraph in text.splitlines() or [""]:
+        line = ""
+        for word in paragraph.split(" "):
+            longer = f"{line} {word}" if line else word
+            if text_width(longer, size) <= width:
+                line = longer
+                continue
+            if line:
+                lines.append(line)
+            while text_width(word, size) > width and len(word) > 1:
+                count = max(len(fitted(word, size, width)) - 1, 1)
+                lines.append(word[:count])
+                word = word[count:]
+            line = word
+        lines.append(line)
+    return lines
+
+
+class Canvas:
+    """A picture to draw into. Coordinates are pixels from the upper left corner.
+
+    Attributes:
+        pixels: (height, width, 3) uint8 RGB.
+    """
+
+    def __init__(self, width: float, height: float, color: RGB = GROUND) -> None:
+        self.pixels = np.empty((max(int(height), 1), max(int(width), 1), 3), np.uint8)
+        self.pixels[:] = color
+
+    @property
+    def width(self) -> int:
+        """Pixels."""
+        return int(self.pixels.shape[1])
+
+    @property
+    def height(self) -> int:
+        """Pixels."""
+        return int(self.pixels.shape[0])
+
+    def rect(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
+        """A filled rectangle."""
+        left, top = max(round(x), 0), max(round(y), 0)
+        self.pixels[top : max(round(y + height), top), left : max(round(x + width), left)] = color
+
+    def frame(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
+        """A rectangle's outline, a pixel wide."""
+        self.rect(x, y, width, 1, color)
+        self.rect(x, y + height - 1, width, 1, color)
+        self.rect(x, y, 1, height, color)
+        self.rect(x + width - 1, y, 1, height, color)
+
+    def dot(self, x: float, y: float, radius: float, color: RGB, filled: bool = True) -> None:
+        """A smooth disc, or a ring."""
+        import cv2
+
+        place, size = (round(x * 16), round(y * 16)), round(radius * 16)
+        cv2.circle(self.pixels, place, size, color, -1 if filled else 2, cv2.LINE_AA, 4)
+
+    def line(self, points: Sequence[tuple[float, float]] | np.ndarray, color: RGB, thickness: int = 1) -> None:
+        """A smooth line through (N, 2) points."""
+        import cv2
+
+        fixed = np.round(np.clip(np.asarray(points, np.float64), -1e5, 1e5) * 16).astype(np.int32).reshape(-1, 1, 2)
+        if len(fixed) > 1:
+            cv2.polylines(self.pixels, [fixed], False, color, thickness, cv2.LINE_AA, 4)
+
+    def text(
+        self,
+        x: float,
+        y: float,
+        text: str,
+        size: int,
+        color: RGB = TEXT,
+        align: str = "left",
+        width: float | None = None,
+        mono: bool = False,
+    ) -> int:
+        """A line of text with its upper left corner (align "left"), upper right ("right") or upper middle ("middle")
+        at (x, y), cut where it is wider than `width`. Returns its width in pixels."""
+        if width is not None:
+            text = fitted(text, size, width)
+        if not text:
+            return 0
+        cover = _glyphs(text, size, mono)
+        left = round(x) - {"left": 0, "right": cover.shape[1], "middle": cover.shape[1] // 2}[align]
+        self._blend(cover, left, round(y), color)
+        return int(cover.shape[1])
+
+    def image(self, x: float, y: float, pixels: np.ndarray) -> None:
+        """Put an (h, w, 3) uint8 picture; what falls outside is cut off."""
+        left, top = round(x), round(y)
+        first_x, first_y = max(left, 0), max(top, 0)
+        last_x, last_y = min(left + pixels.shape[1], self.width), min(top + pixels.shape[0], self.height)
+        if last_x > first_x and last_y > first_y:
+            self.pixels[first_y:last_y, first_x:last_x] = pixels[
+                first_y - top : last_y - top, first_x - left : last_x - left
+            ]
+
+    def fit_image(
+        self, x: float, y: float, width: float, height: float, pixels: np.ndarray
+    ) -> tuple[int, int, int, int]:
+        """Put a picture into a rectangle, scaled with its aspect kept; returns where it lies (x, y, width, height)."""
+        import cv2
+
+        scale = min(width / pixels.shape[1], height / pixels.shape[0])
+        size = max(int(pixels.shape[1] * scale), 1), max(int(pixels.shape[0] * scale), 1)
+        small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+        left, top = int(x + (width - size[0]) / 2), int(y + (height - size[1]) / 2)
+        self.image(left, top, small)
+        return left, top, *size
+
+    def _blend(self, cover: np.ndarray, left: int, top: int, color: RGB) -> None:
+        first_x, first_y = max(left, 0), max(top, 0)
+        last_x, last_y = min(left + cover.shape[1], self.width), min(top + cover.shape[0], self.height)
+        if last_x <= first_x or last_y <= first_y:
+            return
+        part = cover[first_y - top : last_y - top, first_x - left : last_x - left, None]
+        below = self.pixels[first_y:last_y, first_x:last_x]
+        self.pixels[first_y:last_y, first_x:last_x] = np.round(below + (np.array(color, np.float32) - below) * part)
+
+
+def line_height(size: int) -> int:
+    """Pixels from one line of text to the next."""
+    return round(size * 1.45)

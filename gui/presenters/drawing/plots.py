@@ -1,0 +1,81 @@
+"""Curves in a rectangle of a canvas, with numbers at the axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas
+from gui.presenters.drawing.palette import DIM, FAINT, LINE, PANEL, RGB, TEXT
+
+
+def ticks(low: float, high: float, count: int = 4) -> list[float]:
+    """Round numbers within low to high, about so many."""
+    span = high - low
+    if span <= 0 or not math.isfinite(span):
+        return [low]
+    rough = span / max(count, 1)
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough)
+    first = math.ceil(low / step)
+    return [number * step for number in range(first, int(high / step + 1e-9) + 1)]
+
+
+def number(value: float) -> str:
+    """A number for an axis: 12,000 or 0.05."""
+    if value == int(value):
+        return f"{int(value):,}"
+    return f"{value:.4g}"
+
+
+def curve(
+    canvas: Canvas,
+    area: tuple[float, float, float, float],
+    title: str,
+    series: Sequence[tuple[Sequence[float], Sequence[float]]],
+    color: RGB,
+    em: float,
+    x_limits: tuple[float, float] = (0.0, 1.0),
+    x_words: tuple[str, str] = ("", ""),
+    newest: str = "",
+) -> None:
+    """A line plot: title above, ticks at the left, what is newest at the right of the title.
+
+    Args:
+        area: x, y, width, height in the canvas.
+        series: positions and values of each line.
+        x_words: under the left and the right end of the axis.
+    """
+    x, y, width, height = area
+    size = round(0.82 * em)
+    canvas.text(x, y, title, round(0.95 * em), TEXT)
+    canvas.text(x + width, y, newest, round(0.95 * em), color, align="right")
+    left, top = x + 3.6 * em, y + 1.6 * em
+    wide, high = width - 3.6 * em, height - 1.6 * em - 1.5 * size
+    canvas.rect(left, top, wide, high, PANEL)
+    lines = [
+        np.array([(a, b) for a, b in zip(xs, ys, strict=True) if math.isfinite(a) and math.isfinite(b)])
+        for xs, ys in series
+    ]
+    lines = [line for line in lines if len(line)]
+    canvas.text(left, top + high + 3, x_words[0], size, FAINT)
+    canvas.text(left + wide, top + high + 3, x_words[1], size, FAINT, align="right")
+    if not lines:
+        canvas.text(left + wide / 2, top + high / 2 - size / 2, "none in the last run", size, FAINT, align="middle")
+        return
+    points = np.concatenate(lines)
+    low, high_value = float(points[:, 1].min()), float(points[:, 1].max())
+    pad = 0.06 * (high_value - low) or 0.05 * abs(high_value) or 1.0
+    low, high_value = low - pad, high_value + pad
+    for tick in ticks(low, high_value):
+        row = top + high * (1 - (tick - low) / (high_value - low))
+        canvas.rect(left, row, wide, 1, LINE)
+        canvas.text(left - 6, row - 0.62 * size, number(tick), size, DIM, align="right")
+    span = max(x_limits[1] - x_limits[0], 1e-12)
+    for line in lines:
+        across = left + wide * (line[:, 0] - x_limits[0]) / span
+        down = top + high * (1 - (line[:, 1] - low) / (high_value - low))
+        canvas.line(np.column_stack([across, down]), color, 2)
+        canvas.dot(across[-1], down[-1], 3, color)

@@ -1,0 +1,1 @@
+"""Playing a take or stream: sources, transport, camera, timeline."""

@@ -1,0 +1,124 @@
+"""Pictures of the same view compared: side by side, with a wipe, as a heat map of the difference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas, text_width
+from gui.presenters.drawing.palette import ACCENT, GROUND, RGB, TEXT
+
+MODES = ("single", "side by side", "wipe", "difference")
+WHATS = ("truth", "trained", "decoded")
+LABELS = {"truth": "ground truth", "trained": "trained", "decoded": "decoded"}
+
+HEAT_TOP = 48
+"""Difference in 8-bit levels that has the heat map's last color; anything above has it too."""
+
+LABEL_SIZE = 14
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where a picture lies in the viewport's picture, pixels."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+def boxes(size: tuple[int, int], count: int, gap: int = 4) -> list[Box]:
+    """Equal boxes beside each other.
+
+    Args:
+        size: (width, height) of the whole picture.
+        count: of boxes.
+        gap: pixels between two.
+    """
+    each = max((size[0] - gap * (count - 1)) // count, 1)
+    return [Box(number * (each + gap), 0, each, size[1]) for number in range(count)]
+
+
+def side_by_side(
+    size: tuple[int, int], where: Sequence[Box], images: Sequence[np.ndarray], names: Sequence[str]
+) -> np.ndarray:
+    """Pictures beside each other, each with its name."""
+    canvas = Canvas(*size)
+    for box, image, name in zip(where, images, names, strict=True):
+        canvas.image(box.x, box.y, image)
+        label(canvas, box.x + 8, box.y + 8, LABELS[name])
+    return canvas.pixels
+
+
+def wipe(
+    size: tuple[int, int], box: Box, left: np.ndarray, right: np.ndarray, at: float, names: tuple[str, str]
+) -> np.ndarray:
+    """One picture left of the line, the other right of it.
+
+    Args:
+        at: the line's place, 0 to 1 across the box.
+        names: of the left and the right picture.
+    """
+    canvas = Canvas(*size)
+    column = round(min(max(at, 0.0), 1.0) * box.width)
+    canvas.image(box.x, box.y, left[:, :column])
+    canvas.image(box.x + column, box.y, right[:, column:])
+    canvas.rect(box.x + column - 1, box.y, 2, box.height, ACCENT)
+    canvas.rect(box.x + column - 4, box.y + box.height / 2 - 16, 8, 32, ACCENT)
+    label(canvas, box.x + 8, box.y + 8, LABELS[names[0]])
+    label(canvas, box.x + box.width - 8, box.y + 8, LABELS[names[1]], align="right")
+    return canvas.pixels
+
+
+def difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(H, W) float32: mean over the channels of the absolute difference, in 8-bit levels."""
+    return np.abs(one.astype(np.int16) - other).astype(np.float32).mean(axis=2)
+
+
+def heat(levels: np.ndarray, top: float = HEAT_TOP) -> np.ndarray:
+    """(H, W, 3) uint8: black over violet and orange to pale yellow at `top` levels (matplotlib's inferno)."""
+    import cv2
+
+    scaled = np.clip(levels * (255 / top), 0, 255).astype(np.uint8)
+    return np.ascontiguousarray(cv2.applyColorMap(scaled, cv2.COLORMAP_INFERNO)[..., ::-1])
+
+
+def heat_map(size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray, names: tuple[str, str]) -> np.ndarray:
+    """Where two pictures differ, with a scale at the right edge and the mean difference."""
+    levels = difference(one, other)
+    canvas = Canvas(*size)
+    canvas.image(box.x, box.y, heat(levels))
+    pair, mean = f"{LABELS[names[0]]} and {LABELS[names[1]]}", f"mean {levels.mean():.2f}"
+    for text in (f"difference of {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
+        if text_width(text, LABEL_SIZE) <= size[0] - 2 * box.x - 32:
+            break  # the longest that fits: the number must not be cut
+    label(canvas, box.x + 8, box.y + 8, text)
+    height = min(max(box.height - 80, 40), 220)
+    x, y = size[0] - 24, (size[1] - height) // 2
+    canvas.rect(x - 46, y - 14, 66, height + 28, GROUND)
+    ramp = heat(np.linspace(HEAT_TOP, 0, height)[:, None].repeat(14, axis=1))
+    canvas.image(x, y, ramp)
+    for step in range(5):
+        value = HEAT_TOP * step / 4
+        words = f"{value:.0f}+" if step == 4 else f"{value:.0f}"
+        canvas.text(x - 6, y + height * (1 - step / 4) - 9, words, 13, TEXT, align="right")
+    return canvas.pixels
+
+
+def label(
+    canvas: Canvas,
+    x: float,
+    y: float,
+    text: str,
+    align: str = "left",
+    color: RGB = TEXT,
+    size: int = LABEL_SIZE,
+) -> None:
+    """Words on a dark ground, readable on any picture."""
+    width = text_width(text, size)
+    left = x if align == "left" else x - width - 12
+    canvas.rect(left, y, width + 12, size + 10, GROUND)
+    canvas.text(left + 6, y + 4, text, size, color)

@@ -1,0 +1,102 @@
+"""Lens: which part of a capture camera's image is looked at, so that pictures of it can be brought nearer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.presenters.drawing.palette import GROUND
+from studio.cameras import Camera
+
+MOST_ZOOM = 40.0
+
+
+@dataclass(frozen=True)
+class ImageZoom:
+    """A part of an image.
+
+    Attributes:
+        u, v: the middle of what is looked at, as shares of the image's width and height.
+        zoom: 1 shows the whole image, 2 half of it each way.
+    """
+
+    u: float = 0.5
+    v: float = 0.5
+    zoom: float = 1.0
+
+    def scale(self, camera: Camera, width: int, height: int) -> float:
+        """Pixels of a picture of this size for one of the image."""
+        return min(width / camera.width, height / camera.height) * self.zoom
+
+    def offset(self, camera: Camera, width: int, height: int) -> tuple[float, float]:
+        """Where the image's upper left corner lies in the picture, pixels."""
+        scale = self.scale(camera, width, height)
+        return width / 2 - self.u * camera.width * scale, height / 2 - self.v * camera.height * scale
+
+    def camera(self, camera: Camera, width: int, height: int) -> Camera:
+        """The pinhole camera that draws the picture."""
+        scale = self.scale(camera, width, height)
+        x, y = self.offset(camera, width, height)
+        K = camera.K.copy()
+        K[:2] *= scale
+        K[0, 2] += x
+        K[1, 2] += y
+        return Camera(camera.name, width, height, K, camera.world_to_camera)
+
+    def picture(self, image: np.ndarray, camera: Camera, width: int, height: int) -> np.ndarray:
+        """(height, width, 3) uint8: the part of the camera's (H, W, 3) uint8 image, resampled."""
+        import cv2
+
+        scale = self.scale(camera, width, height) * camera.width / image.shape[1]
+        x, y = self.offset(camera, width, height)
+        if scale < 1:  # resampling alone would alias
+            size = max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1)
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+            scale = self.scale(camera, width, height) * camera.width / image.shape[1]
+        # OpenCV puts the origin at the middle of a pixel, we at its corner
+        warp = np.array([[scale, 0, x + 0.5 * scale - 0.5], [0, scale, y + 0.5 * scale - 0.5]])
+        pixels = cv2.warpAffine(image, warp, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.ascontiguousarray(pixels)
+
+    def mask_outside(self, pixels: np.ndarray, camera: Camera) -> None:
+        """Color over what lies outside of the camera's image, in place: nothing is known of it."""
+        height, width = pixels.shape[:2]
+        scale = self.scale(camera, width, height)
+        x, y = self.offset(camera, width, height)
+        left, right = max(round(x), 0), min(round(x + camera.width * scale), width)
+        top, bottom = max(round(y), 0), min(round(y + camera.height * scale), height)
+        pixels[:top], pixels[bottom:], pixels[:, :left], pixels[:, right:] = GROUND, GROUND, GROUND, GROUND
+
+    def zoomed(self, notches: float) -> ImageZoom:
+        """Nearer (positive) or farther by notches of the wheel."""
+        zoom = float(np.clip(self.zoom / 0.9**notches, 1.0, MOST_ZOOM))
+        return ImageZoom(0.5, 0.5, 1.0) if zoom == 1.0 else ImageZoom(self.u, self.v, zoom)
+
+    def moved(self, dx: float, dy: float, camera: Camera, width: int, height: int) -> ImageZoom:
+        """Moved by a drag in pixels of the picture."""
+        scale = self.scale(camera, width, height)
+        u = float(np.clip(self.u - dx / scale / camera.width, 0.0, 1.0))
+        v = float(np.clip(self.v - dy / scale / camera.height, 0.0, 1.0))
+        return ImageZoom(u, v, self.zoom)
+
+    @classmethod
+    def around(cls, points: np.ndarray, camera: Camera, width: int, height: int) -> ImageZoom:
+        """The part that holds almost all of the points.
+
+        Args:
+            points: (N, 3) world coordinates.
+            width, height: of the picture, pixels.
+        """
+        pixels, depth = camera.project(points)
+        pixels = pixels[depth > 1e-6]
+        if len(pixels) == 0:
+            return cls()
+        low, high = np.percentile(pixels, [0.5, 99.5], axis=0)
+        size = np.maximum(high - low, 1.0) * 1.25
+        middle = (low + high) / 2
+        fit = min(width / camera.width, height / camera.height)
+        zoom = float(np.clip(min(width / size[0], height / size[1]) / fit, 1.0, MOST_ZOOM))
+        if zoom == 1.0:
+            return cls()
+        return cls(float(middle[0] / camera.width), float(middle[1] / camera.height), zoom)

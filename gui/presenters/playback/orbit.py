@@ -1,0 +1,144 @@
+"""OrbitCamera: the viewer's own camera, moved by drags and the wheel.
+
+It turns about a target with a fixed up direction and never rolls; `camera()` gives the pinhole view (OpenCV axes, see
+`studio.cameras`) to draw.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from studio.cameras import Camera
+
+_MAX_PITCH = math.radians(89.0)
+_TURN = math.radians(0.4)  # per pixel dragged
+_ZOOM_STEP = 0.9  # distance factor of one notch of the wheel
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
+
+
+@dataclass
+class OrbitCamera:
+    """Where the viewer stands.
+
+    Attributes:
+        target: (3,) world point that it looks at and turns about.
+        up: (3,) world up direction.
+        distance: from the target, world units, above 0.
+        yaw: radians about `up`, from an arbitrary fixed direction.
+        pitch: radians above the horizon, within 89 degrees.
+        fov: vertical field of view, radians.
+    """
+
+    target: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    distance: float = 3.0
+    yaw: float = 0.0
+    pitch: float = 0.0
+    fov: float = math.radians(45.0)
+
+    def __post_init__(self) -> None:
+        self.target = np.asarray(self.target, dtype=np.float64)
+        self.up = _unit(np.asarray(self.up, dtype=np.float64))
+
+    @classmethod
+    def around(cls, points: np.ndarray, up: np.ndarray, fov: float = math.radians(45.0)) -> OrbitCamera:
+        """A view that holds almost all of the points, whatever a few stray ones do.
+
+        Args:
+            points: (N, 3) world coordinates; with none, a unit ball at the origin is framed.
+            up: (3,) world up direction.
+            fov: vertical field of view, radians.
+        """
+        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        if len(points) == 0:
+            points = np.eye(3)
+        middle = np.median(points, axis=0)
+        low, high = np.percentile(points, [1.0, 99.0], axis=0)
+        target = np.where(np.isfinite(low + high), 0.5 * (low + high), middle)
+        radius = max(float(np.percentile(np.linalg.norm(points - target, axis=1), 98.0)), 1e-6)
+        return cls(target=target, up=up, distance=1.15 * radius / math.sin(0.5 * fov), fov=fov)
+
+    @classmethod
+    def looking_through(cls, camera: Camera, target: np.ndarray, up: np.ndarray) -> OrbitCamera:
+        """The view from a capture camera's place with its vertical field of view, turning about a point on its axis.
+
+        Args:
+            camera: the capture camera.
+            target: (3,) the scene's center; the point of the camera's axis nearest to it becomes the target.
+            up: (3,) world up direction; a roll of the capture camera against it is lost.
+        """
+        along = float(np.dot(np.asarray(target) - camera.center, camera.forward))
+        distance = along if along > 1e-6 else max(float(np.linalg.norm(np.asarray(target) - camera.center)), 1e-6)
+        orbit = cls(
+            target=camera.center + distance * camera.forward,
+            up=up,
+            distance=distance,
+            fov=2.0 * math.atan(0.5 * camera.height / camera.fy),
+        )
+        return orbit._facing(camera.forward)
+
+    def basis(self) -> tuple[np.ndarray, np.ndarray]:
+        """Two fixed horizontal directions that span the plane across `up`; the first is yaw 0."""
+        helper = np.eye(3)[int(np.argmin(np.abs(self.up)))]
+        first = _unit(helper - np.dot(helper, self.up) * self.up)
+        return first, np.cross(self.up, first)
+
+    def _facing(self, forward: np.ndarray) -> OrbitCamera:
+        first, second = self.basis()
+        back = -_unit(forward)
+        pitch = math.asin(float(np.clip(np.dot(back, self.up), -1.0, 1.0)))
+        yaw = math.atan2(float(np.dot(back, second)), float(np.dot(back, first)))
+        return replace(self, yaw=yaw, pitch=float(np.clip(pitch, -_MAX_PITCH, _MAX_PITCH)))
+
+    @property
+    def key(self) -> tuple[float, ...]:
+        """All of it as numbers: equal keys are equal views."""
+        return (*self.target.tolist(), *self.up.tolist(), self.distance, self.yaw, self.pitch, self.fov)
+
+    @property
+    def offset(self) -> np.ndarray:
+        """(3,): unit direction from the target to the eye."""
+        first, second = self.basis()
+        flat = math.cos(self.yaw) * first + math.sin(self.yaw) * second
+        return math.cos(self.pitch) * flat + math.sin(self.pitch) * self.up
+
+    @property
+    def eye(self) -> np.ndarray:
+        """(3,): where the viewer stands, world coordinates."""
+        return self.target + self.distance * self.offset
+
+    def _axes(self) -> np.ndarray:
+        """(3, 3): rows are the camera's x, y, z axes in the world."""
+        z = -self.offset
+        x = _unit(np.cross(z, self.up))
+        return np.stack([x, np.cross(z, x), z])
+
+    def orbit(self, dx: float, dy: float) -> OrbitCamera:
+        """Turned by a drag of (dx, dy) pixels: the scene follows the pointer."""
+        pitch = float(np.clip(self.pitch + _TURN * dy, -_MAX_PITCH, _MAX_PITCH))
+        return replace(self, yaw=(self.yaw - _TURN * dx) % math.tau, pitch=pitch)
+
+    def pan(self, dx: float, dy: float, height: int) -> OrbitCamera:
+        """Moved by a drag of (dx, dy) pixels in a view `height` pixels high: the target stays under the pointer."""
+        per_pixel = 2.0 * self.distance * math.tan(0.5 * self.fov) / max(height, 1)
+        x, y, _ = self._axes()
+        return replace(self, target=self.target - per_pixel * (dx * x + dy * y))
+
+    def zoom(self, notches: float) -> OrbitCamera:
+        """Nearer (positive) or farther by notches of the wheel."""
+        return replace(self, distance=float(np.clip(self.distance * _ZOOM_STEP**notches, 1e-4, 1e6)))
+
+    def camera(self, width: int, height: int) -> Camera:
+        """The pinhole camera to draw with, square pixels, principal point in the middle."""
+        focal = 0.5 * height / math.tan(0.5 * self.fov)
+        K = np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
+        pose = np.eye(4)
+        pose[:3, :3] = self._axes()
+        pose[:3, 3] = -pose[:3, :3] @ self.eye
+        return Camera("viewer", width, height, K, pose)

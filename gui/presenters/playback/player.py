@@ -1,0 +1,283 @@
+"""PlayerPresenter: the state of the playback view. The window asks it at each tick what has changed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gui.presenters.drawing.splats import draw
+from gui.presenters.loading import load
+from gui.presenters.playback.compare import LABELS, MODES, WHATS
+from gui.presenters.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
+from gui.presenters.playback.image_zoom import ImageZoom
+from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.playback.rate import Rate
+from gui.presenters.playback.sources import Opened, open_path, take_contents
+from gui.presenters.playback.stream_source import LeftOut, StreamSource
+from gui.presenters.playback.transport import Transport
+from gui.presenters.playback.viewpoint import BACKGROUNDS, Viewpoint
+from gui.presenters.worker import Done, LatestWorker
+from pipelines.takes.videos import FALLBACK_FPS
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+NOTHING_TO_SHOW = "Nothing is trained or baked in this take yet. Run the stages on the left."
+
+
+class PlayerPresenter(Viewpoint):
+    """What is open, which frame is due, from where it is seen, what is compared, and the newest picture.
+
+    Args:
+        draw_function: makes the pixels; tests give their own.
+        now: a clock in seconds that never runs backwards.
+
+    Attributes:
+        filmed: each frame's number in the footage's files; empty where it is not known.
+    """
+
+    def __init__(self, draw_function: DrawFn = draw, now: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
+        self._now = now
+        self._maker = FrameRenderer(draw_function)
+        self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._maker, "v3studio viewport")
+        self._asked: RenderRequest | None = None
+        self._shown = Rate(now)
+        self._contents: tuple[object, ...] = ()
+        self.filmed: Sequence[int] = ()
+        self.wipe = 0.5
+        self.transport = Transport(1, FALLBACK_FPS, now=now)
+        self.picture: Picture | None = None
+        self.notice = ""
+        self._left_out: tuple[int, str] | None = None
+
+    # What is open
+
+    def open(self, path: str | Path) -> bool:
+        """Open a take or a stream in place of what is open. On bad input `message` says what is wrong."""
+        found = load(path)
+        if isinstance(found, str):
+            self.message = found
+            return False
+        self.adopt(*found)
+        return True
+
+    def adopt(self, opened: Opened, first: Gaussians | None) -> None:
+        """Show what `load` has opened, in place of what is open."""
+        self._close_sources()
+        self.opened, self.context = opened, None
+        self._contents = take_contents(opened.take) if opened.take else ()
+        self.mode, self.camera = "single", ""
+        self.what = opened.default.name if opened.default is not None else "decoded"
+        self.transport = Transport(1, FALLBACK_FPS, now=self._now)
+        self._fit_transport()
+        self._look_home(first)
+        self.picture = None
+        self._asked = self._left_out = None
+        self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
+
+    def refresh(self) -> bool:
+        """Take up frames that were trained and streams that were baked since; True where there were any."""
+        if self.opened is None or self.opened.take is None:
+            return False
+        contents = take_contents(self.opened.take)
+        if contents == self._contents:
+            return False
+        try:
+            opened = open_path(self.opened.path)
+            first = opened.default.gaussians(0) if opened.default is not None and not self.opened.sources else None
+        except StudioError as error:  # just being written; the next look will do
+            self.message = str(error)
+            return False
+        self._contents = contents
+        was_empty = not self.opened.sources
+        self._close_sources()
+        self.opened = opened
+        self._maker.forget()
+        self._asked = None
+        if self.what not in (*opened.sources, "truth") and opened.default is not None:
+            self.what = opened.default.name
+        self._fit_transport()
+        if was_empty and first is not None:
+            self._look_home(first)
+        self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
+        return True
+
+    def _look_home(self, first: Gaussians | None) -> None:
+        assert self.opened is not None
+        self.home = OrbitCamera(up=self.opened.up)
+        self._points = np.zeros((0, 3))
+        if first is not None:
+            visible = first.means[first.opacities > 0.1]
+            points = (visible if len(visible) else first.means).detach().cpu().numpy()
+            self._points = points[:: max(len(points) // 4000, 1)].astype(np.float64)
+            self.home = OrbitCamera.around(points, self.opened.up)
+            if self.opened.view is not None:
+                self.home = OrbitCamera.looking_through(self.opened.view, self.home.target, self.opened.up)
+        self.orbit = self.home
+
+    def _fit_transport(self) -> None:
+        source = self.source
+        if source is not None:
+            self.span(source.frame_count, source.group_starts, source.fps)
+
+    def span(self, frame_count: int, group_starts: Sequence[int], fps: float) -> bool:
+        """Let the transport run over these frames; returns whether it did not before."""
+        now = self.transport
+        if (now.frame_count, now.group_starts, now.fps) == (frame_count, tuple(group_starts), fps):
+            return False
+        now.resize(frame_count, group_starts, fps)
+        return True
+
+    def span_source(self) -> bool:
+        """Let the transport run over the frames of what is shown; returns whether it did not before."""
+        source = self.source
+        return source is not None and self.span(source.frame_count, source.group_starts, source.fps)
+
+    def choose(self, what: str) -> bool:
+        """Show "truth", "trained" or "decoded" at the same frame; False, with a message, where it is not there."""
+        assert what in WHATS
+        why = self.why_not(what)
+        if why:
+            self.message = why
+            return False
+        if what == "truth" and not self.camera:
+            self.look_through(self._first_camera())
+        self.what = what
+        self.message = ""
+        self._fit_transport()
+        return True
+
+    def choose_mode(self, mode: str) -> bool:
+        """Compare in another way; False, with a message, where there is nothing to compare."""
+        assert mode in MODES
+        if mode == "single":
+            self.mode = mode
+            self._fit_lens()
+            return True
+        if self.opened is None or not self.opened.sources:
+            self.message = NOTHING_TO_SHOW
+            return False
+        if len(self.opened.sources) < 2 and not self.camera:
+            why = self.why_not("truth")
+            if why:
+                self.message = f"There is only one thing to show, so nothing to compare. {why}"
+                return False
+            self.look_through(self._first_camera())
+        if self.what == "truth" and self.opened.default is not None:
+            self.what = self.opened.default.name
+        self.mode = mode
+        self._lens_follows |= self.camera != "" and self.image_zoom == ImageZoom()
+        self._fit_lens()
+        return True
+
+    def wipe_at(self, x: float) -> bool:
+        """Whether a picture's column lies on the wipe's line, to within a finger's breadth."""
+        if self.mode != "wipe" or self.picture is None or self.picture.mode != "wipe":
+            return False
+        return abs(x - (self.picture.box.x + self.wipe * self.picture.box.width)) < 14
+
+    def move_wipe(self, x: float) -> None:
+        """Put the wipe's line at a picture's column."""
+        if self.picture is not None:
+            self.wipe = min(max((x - self.picture.box.x) / max(self.picture.box.width, 1), 0.0), 1.0)
+
+    # Pictures
+
+    def poll(self) -> Picture | None:
+        """Ask for what is due and return a new picture if one is there. Never waits; call at each tick."""
+        if self.opened is not None and self.source is not None:
+            wanted = RenderRequest(
+                self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
+                self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
+                self.opened.rig,
+            )  # fmt: skip
+            if self._asked is None or not wanted.same_as(self._asked):
+                self._asked = wanted
+                self._worker.ask(wanted)
+        done = self._worker.take()
+        picture = self._received(done) if done is not None else None
+        if self._left_out is not None and (self.picture is None or not self.transport.playing):
+            self.message = f"Frame {self._left_out[0]}: {self._left_out[1]}"
+        return picture
+
+    @property
+    def left_out(self) -> list[str]:
+        """Sentences on damaged groups that playing went past."""
+        sources = self.opened.sources.values() if self.opened is not None else ()
+        return [str(group) for source in sources if isinstance(source, StreamSource) for group in source.skipped]
+
+    def show_again(self) -> None:
+        """The viewport shows something else by now: the next poll makes the picture again."""
+        self._asked = None
+
+    def _received(self, done: Done[RenderRequest, Picture]) -> Picture | None:
+        if self.opened is None or done.request.sources is not self.opened.sources:
+            return None  # of what was open before
+        if isinstance(done.error, LeftOut):
+            # as players do: the picture before it stays up for its time, then playing goes on
+            self._left_out = (done.request.frame, str(done.error))
+            return None
+        if done.error is not None:
+            what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
+            self.message = f"Frame {done.request.frame}: {what}"
+            self.transport.pause()
+            return None
+        self.picture, self._left_out = done.result, None
+        if self.message.startswith("Frame "):
+            self.message = ""
+        self._shown.hit()
+        return self.picture
+
+    @property
+    def settled(self) -> bool:
+        """True where the newest picture shows what was last asked for."""
+        return self._worker.idle
+
+    @property
+    def rate(self) -> float:
+        """Pictures a second handed to the window over the last two seconds."""
+        return self._shown.value
+
+    @property
+    def behind(self) -> bool:
+        """Whether it plays and pictures come more slowly than the frames that are due."""
+        transport = self.transport
+        return transport.playing and self.rate < 0.95 * transport.fps * transport.speed
+
+    @property
+    def status(self) -> str:
+        """One line of figures on the newest picture."""
+        if self.picture is None or self.source is None:
+            return ""
+        picture = self.picture
+        what = LABELS[picture.source] if picture.mode == "single" else picture.mode
+        parts = [
+            what,
+            f"frame {picture.frame} (0 to {self.transport.last})",
+            f"{picture.frame / self.transport.fps:.2f} s",
+            picture.camera or "free view",
+        ]
+        if picture.splats:
+            parts.append(f"{picture.splats:,} splats")
+        count = len(self.left_out)
+        if count:
+            parts.append(f"{count} damaged group{'s' * (count != 1)} left out")
+        if self.notice:
+            parts.append(self.notice)
+        return "   ".join(parts)
+
+    def close(self) -> bool:
+        """End the thread and let go of files. Returns whether the thread ended in time."""
+        ended = self._worker.close()
+        self._close_sources()
+        self._maker.forget()
+        self.picture = self._asked = None
+        return ended
+
+    def _close_sources(self) -> None:
+        if self.opened is not None:
+            for source in self.opened.sources.values():
+                source.close()

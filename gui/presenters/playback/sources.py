@@ -1,0 +1,191 @@
+"""Where the Gaussians of a frame come from: a baked stream, or a take's trained frames."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from gui.presenters.playback.frame_cache import FrameCache
+from gui.presenters.playback.stream_source import StreamSource
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from pipelines.takes.videos import FALLBACK_FPS
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+
+class FrameSource(Protocol):
+    """Frames of Gaussians, counted from 0. `gaussians` is called on one thread at a time and may take its time."""
+
+    name: str
+    frame_count: int
+    fps: float
+    group_starts: Sequence[int]
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """The splats of a frame. Raises StudioError where the file is damaged or gone."""
+        ...
+
+    def load_ms(self, frame: int) -> float | None:
+        """What reading or decoding the frame took when it was last done, milliseconds; None if it never was."""
+        ...
+
+    def close(self) -> None:
+        """Let go of files and memory."""
+        ...
+
+
+@dataclass
+class Opened:
+    """A take or a stream that is open.
+
+    Attributes:
+        title: the folder's name.
+        path: the folder, or the address.
+        sources: what can be shown of it, by name; the first is what to show at first. A take may have none yet.
+        take: the take, where it is one.
+        message: what of it could not be opened.
+        rig: the capture's cameras, where they are known.
+        view: the camera to start from, where one is known.
+        up: (3,) world up direction; z where no camera tells.
+    """
+
+    title: str
+    path: Path | str
+    sources: dict[str, FrameSource]
+    rig: Rig | None = None
+    view: Camera | None = None
+    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    take: Take | None = None
+    message: str = ""
+
+    @property
+    def default(self) -> FrameSource | None:
+        """What to show at first; None where there is nothing yet."""
+        return next(iter(self.sources.values()), None)
+
+
+class TrainedSource:
+    """A take's trained frames, from the first up to the first that is missing.
+
+    Raises:
+        StudioError: not one is there.
+    """
+
+    name = "trained"
+
+    def __init__(self, take: Take, fps: float) -> None:
+        self.fps = fps
+        self._files, starts = take.trained_files()
+        self.group_starts: Sequence[int] = starts
+        if not self._files:
+            raise StudioError(f"{take.root}: nothing is trained in this take yet ({take.root / 'train'} has no frame).")
+        self.frame_count = len(self._files)
+        self._cache = FrameCache()
+        self._load_ms: dict[int, float] = {}
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `FrameSource`."""
+        if frame >= self.frame_count:
+            raise StudioError(f"Frame {frame} is not trained yet; frames 0 to {self.frame_count - 1} are.")
+        held = self._cache.get(frame)
+        if held is None:
+            start = time.perf_counter()
+            held = read_frame(self._files[frame])
+            self._load_ms[frame] = 1000 * (time.perf_counter() - start)
+            self._cache.put(frame, held)
+        return held
+
+    def load_ms(self, frame: int) -> float | None:
+        """See `FrameSource`."""
+        return self._load_ms.get(frame)
+
+    def close(self) -> None:
+        """See `FrameSource`."""
+        self._cache.clear()
+
+
+def open_path(place: Path | str) -> Opened:
+    """Open a take's folder, a stream's, or a stream's address.
+
+    Raises:
+        StudioError: it is none of these, or it is damaged.
+    """
+    from studio.stream import is_address
+
+    if isinstance(place, str) and is_address(place):
+        return _open_stream(place, place.rstrip("/").rsplit("/", 1)[-1] or place)
+    path = Path(place).expanduser().absolute()
+    if path.is_file() and path.name in ("manifest.json", "take.json"):
+        path = path.parent
+    if (path / "take.json").exists():
+        return _open_take(path)
+    if (path / "manifest.json").exists():
+        return _open_stream(path, path.name)
+    if not path.exists():
+        raise StudioError(f"{path}: there is no such folder; give the folder of a take or of a stream.")
+    raise StudioError(f"{path} is neither a take (take.json) nor a stream (manifest.json); choose another folder.")
+
+
+def _open_stream(place: Path | str, title: str) -> Opened:
+    stream = StreamSource(place)
+    opened = Opened(title, place, {stream.name: stream}, view=stream.suggested_camera)
+    if opened.view is not None:
+        opened.up = -opened.view.rotation[1]
+    return opened
+
+
+def _open_take(path: Path) -> Opened:
+    take = Take.open(path)
+    opened = Opened(path.name, path, {}, take=take)
+    problems = []
+    try:
+        _open_rig(take, opened)
+    except StudioError as error:
+        problems.append(str(error))
+    if (take.stream / "manifest.json").exists():
+        try:
+            decoded = StreamSource(take.stream)
+            opened.sources[decoded.name] = decoded
+        except StudioError as error:  # what is trained can still be shown
+            problems.append(str(error))
+    if take.trained_files()[0]:
+        trained = TrainedSource(take, _fps(take, opened))
+        opened.sources[trained.name] = trained
+    opened.message = "\n".join(problems)
+    return opened
+
+
+def _open_rig(take: Take, opened: Opened) -> None:
+    if not take.rig.exists():
+        return
+    from studio.camera_files import read_rig
+
+    opened.rig = read_rig(take.rig)
+    opened.up = opened.rig.up
+    opened.view = next(iter(opened.rig), None)
+
+
+def _fps(take: Take, opened: Opened) -> float:
+    """Of the stream if there is one, else as the settings say; else `FALLBACK_FPS`."""
+    if opened.default is not None:
+        return opened.default.fps
+    from pipelines.config import load_config
+
+    try:
+        return load_config(take.config).capture.fps or FALLBACK_FPS
+    except StudioError:
+        return FALLBACK_FPS
+
+
+def take_contents(take: Take) -> tuple[object, ...]:
+    """Changes when frames were trained or a stream was baked since; costs little."""
+    files, _ = take.trained_files()
+    paths = [take.stream / "manifest.json", take.rig, *files[:1], *files[-1:]]
+    return len(files), *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)

@@ -1,0 +1,200 @@
+"""StreamSource: the frames of a baked stream for the window, decoded a little ahead.
+
+What the players of `studio.playback` share is used here too: files that were fetched, the open decoder, and the notes
+on damaged groups. The clock is not, because the window's runs over footage and trained frames as well.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gui.presenters.playback.frame_cache import AHEAD, FrameCache
+from studio.cameras import Camera
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+if TYPE_CHECKING:
+    from studio.playback import SkippedGroup
+    from studio.stream import GroupEntry, Manifest
+
+TRIED_AGAIN_AFTER = 10.0
+"""Seconds before a damaged frame is looked at again: it may have been mended or uploaded."""
+
+
+class LeftOut(StudioError):
+    """A frame whose group is damaged or missing, while others can be played."""
+
+
+class StreamSource:
+    """See the module. One thread decodes the frame that is asked for and then a few after it, so that while one frame
+    is being drawn the next are being decoded.
+
+    Args:
+        place: the stream's folder or address.
+
+    Raises:
+        StudioError: it is not a stream, or its manifest is damaged.
+    """
+
+    name = "decoded"
+
+    def __init__(self, place: Path | str) -> None:
+        from studio.playback import Shared
+        from studio.stream import StreamReader
+
+        self._reader = StreamReader.open(place)
+        self._shared = Shared(self._reader)
+        self.fps = float(self._reader.fps)
+        self.frame_count = self._reader.frame_count
+        self.group_starts: Sequence[int] = tuple(group.first_frame for group in self._reader.manifest.groups)
+        self._cache = FrameCache()
+        self._changed = threading.Condition()
+        self._wanted: int | None = None
+        self._failed: dict[int, tuple[Exception, float]] = {}
+        self._unavailable = 0  # groups in a row that the server did not give
+        self._load_ms: dict[int, float] = {}
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="v3studio decode ahead", daemon=True)
+        self._thread.start()
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `FrameSource`.
+
+        Raises:
+            LeftOut: the frame's group is damaged; others can be played.
+            StudioError: nothing can be played, or the server stays away.
+        """
+        with self._changed:
+            self._wanted = frame
+            self._changed.notify_all()
+            while True:
+                held = self._cache.get(frame)
+                if held is not None:
+                    return held
+                error = self._error(frame)
+                if error is not None:
+                    raise error
+                if self._closed:
+                    raise StudioError(f"{self._reader.source.name} has been closed.")
+                self._changed.wait()
+
+    @property
+    def skipped(self) -> tuple[SkippedGroup, ...]:
+        """Damaged groups that were met so far."""
+        return self._shared.skipped
+
+    def _error(self, frame: int) -> Exception | None:
+        found = self._failed.get(frame)
+        if found is None:
+            return None
+        if time.monotonic() - found[1] > TRIED_AGAIN_AFTER:
+            del self._failed[frame]
+            return None
+        return found[0]
+
+    def _next_missing(self) -> int | None:
+        """The frame to decode next: the wanted one, or the first after it (playing loops) that is not there."""
+        if self._wanted is None:
+            return None
+        for ahead in range(AHEAD + 1):
+            frame = (self._wanted + ahead) % self.frame_count
+            if not self._cache.has(frame) and self._error(frame) is None:
+                return frame
+        return None
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                while not self._closed and (frame := self._next_missing()) is None:
+                    self._changed.wait()
+                if self._closed:
+                    return
+                assert frame is not None
+            start = time.perf_counter()
+            try:
+                decoded = self._decoded(frame)
+            except Exception as error:  # told to whoever asks for the frame
+                with self._changed:
+                    self._note(frame, error)
+                    self._changed.notify_all()
+            else:
+                with self._changed:
+                    self._load_ms[frame] = 1000 * (time.perf_counter() - start)
+                    self._cache.put(frame, decoded)
+                    self._changed.notify_all()
+
+    def _decoded(self, frame: int) -> Gaussians:
+        shared, group = self._shared, self._reader.manifest.group_of(frame)
+        files = shared.files(group)
+        self._unavailable = 0
+        shared.note_intact(group)
+        with shared.decode_lock:
+            decoder = shared.decoder
+            if decoder is None or decoder.group is not group or decoder.next_frame > frame:
+                shared.close_decoder()
+                decoder = shared.decoder = self._reader.open_group(group, files)
+            try:
+                while True:
+                    decoded = decoder.read()
+                    if decoder.next_frame > frame:
+                        return decoded.gaussians()
+            except BaseException:
+                shared.close_decoder()
+                raise
+
+    def _note(self, frame: int, error: Exception) -> None:
+        """Remember what cannot be played: from this frame to the end of its group."""
+        from studio.stream import SourceUnavailable
+
+        group = self._reader.manifest.group_of(frame)
+        self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
+        first = self._first_bad(group, frame)
+        self._shared.note_damage(group, first, group.end_frame, str(error) or type(error).__name__)
+        lost = sum(skipped.frame_count for skipped in self._shared.skipped)
+        told: Exception
+        if self._unavailable > 1:
+            told = error  # twice in a row: it is not the group, the server is gone
+        elif lost >= self.frame_count:
+            told = StudioError(f"Nothing of the stream can be played. {self._shared.skipped[0]}")
+        else:
+            told = LeftOut(next(str(one) for one in self._shared.skipped if one.group == group.index))
+        for lost_frame in range(first, group.end_frame):
+            self._failed[lost_frame] = (told, time.monotonic())
+
+    def _first_bad(self, group: GroupEntry, frame: int) -> int:
+        """What comes before the frame in its group is bad too, unless it was decoded."""
+        first = frame
+        while first > group.first_frame and first - 1 not in self._load_ms:
+            first -= 1
+        return first
+
+    def load_ms(self, frame: int) -> float | None:
+        """See `FrameSource`."""
+        return self._load_ms.get(frame)
+
+    @property
+    def manifest(self) -> Manifest:
+        """What the stream says of itself."""
+        return self._reader.manifest
+
+    @property
+    def suggested_camera(self) -> Camera | None:
+        """The view that the stream's maker proposes; None where it says none."""
+        values = self._reader.manifest.metadata.get("suggested_camera")
+        return Camera.from_dict(values) if isinstance(values, dict) else None
+
+    def close(self) -> None:
+        """See `FrameSource`."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._reader.end_reads()
+        self._thread.join()
+        with self._shared.decode_lock:
+            self._shared.close_decoder()
+        self._cache.clear()
+        self._reader.close()

@@ -1,0 +1,69 @@
+"""The timeline: which pixel stands for which frame, and its picture."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.presenters.drawing.palette import ACCENT as HEAD
+from gui.presenters.drawing.palette import PANEL as BACKGROUND
+
+TRACK = (66, 69, 74)
+TRACK_OTHER_GROUP = (80, 84, 90)
+PAST = (46, 98, 118)
+PAST_OTHER_GROUP = (54, 112, 134)
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Frames laid side by side over a strip `width` pixels wide, each as wide as the others to within a pixel.
+
+    Attributes:
+        width, height: the strip in pixels.
+        frame_count: at least 1.
+        group_starts: first frame of each group; every second group has another shade.
+    """
+
+    width: int
+    height: int
+    frame_count: int
+    group_starts: Sequence[int] = (0,)
+
+    def frame_at(self, x: float) -> int:
+        """The frame under column x; clamped to the first and the last."""
+        return min(max(int(x * self.frame_count / max(self.width, 1)), 0), self.frame_count - 1)
+
+    def span(self, frame: int) -> tuple[int, int]:
+        """First column of a frame and the column after its last one; at least one column where there is room."""
+        left = -(-frame * self.width // self.frame_count)
+        right = -(-(frame + 1) * self.width // self.frame_count)
+        return left, max(right, min(left + 1, self.width))
+
+    def group_of(self, frame: int) -> int:
+        """Index of the group that a frame belongs to."""
+        return max(sum(1 for start in self.group_starts if start <= frame) - 1, 0)
+
+    def picture(self, frame: int | None) -> np.ndarray:
+        """(height, width, 3) uint8 RGB: groups in two shades, what has been played, and the current frame (None: an
+        empty track)."""
+        image = np.empty((self.height, self.width, 3), np.uint8)
+        image[:] = BACKGROUND
+        top, bottom = self.height // 4, self.height - self.height // 4
+        if frame is None:
+            image[top:bottom] = TRACK
+            return image
+        starts = [*self.group_starts, self.frame_count]
+        head_left, head_right = self.span(frame)
+        for group, (first, end) in enumerate(itertools.pairwise(starts)):
+            left, right = self.span(first)[0], self.span(end - 1)[1]
+            image[top:bottom, left:right] = TRACK_OTHER_GROUP if group % 2 else TRACK
+            image[top:bottom, left : min(right, head_right)] = PAST_OTHER_GROUP if group % 2 else PAST
+            if first > 0:
+                image[top:bottom, left : left + 1] = BACKGROUND
+        # A head that is at least 3 pixels wide can be seen however many frames there are.
+        middle = (head_left + head_right) // 2
+        image[:, max(min(head_left, middle - 1), 0) : max(head_right, middle + 2)] = HEAD
+        return image

@@ -1,0 +1,185 @@
+"""Viewpoint: what is open, what of it is looked at, and from where."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gui.presenters.playback.image_zoom import ImageZoom
+from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.playback.sources import FrameSource, Opened
+from pipelines.stages.base import Context
+from studio.cameras import Camera
+
+BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
+NOTHING_OPEN = "Open a take or a stream, or make a new take from footage: menu File."
+
+
+class Viewpoint:
+    """See the module.
+
+    Attributes:
+        opened: the take or stream; None where none is open.
+        context: the take with its footage; None for a bare stream.
+        what: "truth", "trained" or "decoded".
+        mode: of `compare.MODES`.
+        camera: the capture camera that is looked through; "" for the free view.
+        image_zoom: which part of its image.
+        orbit, home: the free view, now and on opening.
+        size: of the picture, (width, height).
+        background: of `BACKGROUNDS`.
+        message: a sentence to be written over the picture.
+    """
+
+    def __init__(self) -> None:
+        self.opened: Opened | None = None
+        self.context: Context | None = None
+        self.what = "decoded"
+        self.mode = "single"
+        self.camera = ""
+        self.image_zoom = ImageZoom()
+        self._lens_follows = False
+        self._points = np.zeros((0, 3))
+        self.orbit = OrbitCamera()
+        self.home = self.orbit
+        self.size = (960, 540)
+        self.background = "dark"
+        self.message = NOTHING_OPEN
+
+    @property
+    def title(self) -> str:
+        """What the window is called."""
+        return f"{self.opened.title} - V3 Studio" if self.opened else "V3 Studio"
+
+    @property
+    def source(self) -> FrameSource | None:
+        """Where the Gaussians that are shown come from; for ground truth, those it is compared with."""
+        if self.opened is None:
+            return None
+        return self.opened.sources.get(self.what) or self.opened.default
+
+    @property
+    def source_names(self) -> list[str]:
+        """What Gaussians there are of what is open."""
+        return list(self.opened.sources) if self.opened else []
+
+    @property
+    def camera_names(self) -> list[str]:
+        """Capture cameras that can be looked through."""
+        return [camera.name for camera in self.opened.rig] if self.opened and self.opened.rig else []
+
+    def why_not(self, what: str) -> str:
+        """Why something cannot be shown; "" where it can."""
+        if self.opened is None:
+            return NOTHING_OPEN
+        if what == "truth":
+            if self.context is None:
+                return "Ground truth needs the take and its footage; this is a stream alone."
+            return "" if self.camera_names else "Ground truth needs cameras; run Calibrate."
+        if what in self.opened.sources:
+            return ""
+        return f"There is nothing {what} here yet; run {'Train' if what == 'trained' else 'Bake'}."
+
+    @property
+    def reference(self) -> str:
+        """What a comparison compares with: ground truth where a capture camera is looked through."""
+        if self.camera and not self.why_not("truth"):
+            return "truth"
+        return "trained" if self.what == "decoded" else "decoded"
+
+    def _first_camera(self) -> str:
+        held_out = self.context.config.capture.held_out if self.context is not None else ()
+        names = self.camera_names
+        return next((name for name in names if name in held_out), names[0])
+
+    def zoom_to_performer(self) -> None:
+        """Bring the performer near, within the capture camera's image; or show the whole image again."""
+        self._lens_follows = self.camera != "" and self.image_zoom == ImageZoom()
+        self.image_zoom = ImageZoom()
+        self._fit_lens()
+
+    def _fit_lens(self) -> None:
+        """Hold the performer in a picture of the present size, as long as nobody has chosen another part."""
+        if self._lens_follows and self.camera and self.opened is not None and self.opened.rig is not None:
+            camera = self.opened.rig[self.camera].undistorted()
+            self.image_zoom = ImageZoom.around(self._points, camera, *self._box_size)
+
+    @property
+    def _box_size(self) -> tuple[int, int]:
+        """Of one picture: the whole, or a share where several stand side by side."""
+        count = 1 if self.mode != "side by side" else len(self.source_names) + 1
+        return self.size[0] // count, self.size[1]
+
+    def resize(self, width: int, height: int) -> None:
+        """The viewport has this many pixels now."""
+        size = (max(int(width), 16), max(int(height), 16))
+        if size != self.size:
+            self.size = size
+            self._fit_lens()
+
+    def look_through(self, camera: str) -> None:
+        """Stand where a capture camera stands; "" goes back to the free view, from there."""
+        self.message = ""
+        if camera and self.opened is not None and self.opened.rig is not None:
+            self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
+        if not camera and self.what == "truth" and self.opened is not None and self.opened.default is not None:
+            self.what = self.opened.default.name
+        self.camera, self.image_zoom, self._lens_follows = camera, ImageZoom(), camera != "" and self.mode != "single"
+        self._fit_lens()
+        if not camera and self.mode != "single" and len(self.source_names) < 2:
+            self.mode = "single"
+
+    def next_camera(self, direction: int = 1) -> None:
+        """The next or previous capture camera."""
+        names = self.camera_names
+        if not names:
+            self.message = "There are no capture cameras here."
+        elif not self.camera:
+            self.look_through(self._first_camera())
+        else:
+            self.look_through(names[(names.index(self.camera) + direction) % len(names)])
+
+    def drag_orbit(self, dx: float, dy: float) -> None:
+        """Turn by a drag in pixels; leaves a capture camera."""
+        self._leave_camera()
+        self.orbit = self.orbit.orbit(dx, dy)
+
+    def drag_pan(self, dx: float, dy: float) -> None:
+        """Move by a drag in pixels; in a capture camera's image where one is looked through."""
+        if self.camera and self.opened is not None and self.opened.rig is not None:
+            self._lens_follows = False
+            self.image_zoom = self.image_zoom.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
+            return
+        self.orbit = self.orbit.pan(dx, dy, self.size[1])
+
+    def wheel(self, notches: float) -> None:
+        """Nearer or farther; in a capture camera's image where one is looked through."""
+        if self.camera:
+            self._lens_follows = False
+            self.image_zoom = self.image_zoom.zoomed(notches)
+            return
+        self.orbit = self.orbit.zoom(notches)
+
+    def _leave_camera(self) -> None:
+        if self.camera:
+            self.look_through("")
+
+    def view(self) -> Camera | None:
+        """The pinhole camera of the view as it is; None where nothing is open."""
+        if self.opened is None:
+            return None
+        if self.camera and self.opened.rig is not None:
+            return self.image_zoom.camera(self.opened.rig[self.camera].undistorted(), *self.size)
+        return self.orbit.camera(*self.size)
+
+    def reset_view(self) -> None:
+        """Back to where the view was on opening; a capture camera's whole image where one is looked through."""
+        if self.camera:
+            self.image_zoom, self._lens_follows = ImageZoom(), False
+        else:
+            self.orbit = self.home
+
+    def next_background(self) -> str:
+        """Dark, black, white, and again."""
+        names = list(BACKGROUNDS)
+        self.background = names[(names.index(self.background) + 1) % len(names)]
+        return self.background

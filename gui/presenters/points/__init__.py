@@ -1,0 +1,1 @@
+"""Marking points by hand."""

@@ -1,0 +1,196 @@
+"""The parts of the points board's picture, and what a click on each does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
+from gui.presenters.drawing.palette import (
+    ACCENT,
+    ACCENT_DARK,
+    BAD,
+    BLACK,
+    DIM,
+    FAIR,
+    GOOD,
+    GROUND,
+    LINE,
+    RAISED,
+    RGB,
+    TEXT,
+)
+from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.marks import TieMarks
+from studio.calibration import TiePoint
+
+MOST_PICTURES = 6
+_LEAST_CROP = 50
+_CROP = 24
+"""Pixels to each side of a mark that the small pictures show."""
+
+_HOW = (
+    "Click on a corner or a dot that other cameras see too. Go to the next camera (C) and click on the same place. "
+    "Then a new point (N): a dozen in each camera, spread over the picture and not all on the floor."
+)
+
+Action = Callable[[], None]
+Rect = tuple[float, float, float, float]
+
+
+class Spots:
+    """Rectangles of a picture that do something when they are clicked."""
+
+    def __init__(self) -> None:
+        self._spots: list[tuple[Rect, Action]] = []
+
+    def add(self, rect: Rect, action: Action) -> None:
+        """One at x, y, width, height."""
+        self._spots.append((rect, action))
+
+    def at(self, x: float, y: float) -> Action | None:
+        """What a click here does; the last one added wins."""
+        for (left, top, width, height), action in reversed(self._spots):
+            if left <= x < left + width and top <= y < top + height:
+                return action
+        return None
+
+
+def tabs(
+    canvas: Canvas,
+    spots: Spots,
+    across: tuple[float, float],
+    names: Sequence[str],
+    marks: TieMarks,
+    shown: str,
+    em: float,
+    choose: Callable[[str], None],
+) -> float:
+    """The cameras' names with their numbers of marks, in rows; returns where they end."""
+    small = round(0.85 * em)
+    x, width = across
+    step, left, y = line_height(small) + 6, x, 2.0
+    for name in names:
+        words = f"{name}  {marks.count(name)}"
+        wide = text_width(words, small) + 0.9 * em
+        if left + wide > x + width and left > x:
+            left, y = x, y + step
+        marked = marks.point is not None and name in marks.point.pixels
+        canvas.rect(left, y, wide - 3, step - 3, ACCENT_DARK if name == shown else RAISED)
+        canvas.text(left + 0.4 * em, y + 2, words, small, GOOD if marked else TEXT)
+        spots.add((left, y, wide, step), partial(choose, name))
+        left += wide
+    return y + step
+
+
+def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float) -> None:
+    """All marks of a camera, open in the middle, with as many of their names as do not lie over each other."""
+    small = round(0.85 * em)
+    taken: list[Rect] = []
+    seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
+    for index in sorted(seen, key=lambda index: index != marks.chosen):
+        point, chosen = marks.points[index], index == marks.chosen
+        x, y = zoom.shown(*point.pixels[camera])
+        if not zoom.holds(x, y):
+            continue
+        color = ACCENT if chosen else GOOD
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            ends = [(x + 3 * dx, y + 3 * dy), (x + 0.6 * em * dx, y + 0.6 * em * dy)]
+            canvas.line([(u + 1, v + 1) for u, v in ends], BLACK, 2 if chosen else 1)
+            canvas.line(ends, color, 2 if chosen else 1)
+        words = fitted(point.name, small, 12 * em)
+        wide, high = text_width(words, small), line_height(small)
+        for left, top in ((x + 5, y + 3), (x + 5, y - 3 - high), (x - 5 - wide, y + 3), (x - 5 - wide, y - 3 - high)):
+            right, bottom = left + wide, top + high
+            free = all(
+                left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1] for other in taken
+            )
+            if free and zoom.holds(left, top) and zoom.holds(right, bottom):
+                taken.append((left, top, right, bottom))
+                canvas.text(left + 1, top + 1, words, small, BLACK)
+                canvas.text(left, top, words, small, color)
+                break
+
+
+def crops(
+    canvas: Canvas,
+    spots: Spots,
+    rect: Rect,
+    images: Mapping[str, np.ndarray],
+    point: TiePoint,
+    shown: str,
+    small: int,
+    choose: Callable[[str], None],
+) -> None:
+    """How cameras see a point, one below the other, magnified."""
+    import cv2
+
+    x, y, width, height = rect
+    label = line_height(small) + 4
+    count = max(min(len(images), int(height // (label + _LEAST_CROP))), 1)
+    side = min(width - 8, height / max(count, 3) - label)
+    for name, image in list(images.items())[:count]:
+        column, row = point.pixels[name]
+        factor = side / (2 * _CROP)
+        # OpenCV's origin is the middle of the first pixel
+        move = [0.5 * factor - 0.5 + (_CROP - place) * factor for place in (column, row)]
+        warp = np.array([[factor, 0, move[0]], [0, factor, move[1]]])
+        crop = cv2.warpAffine(image, warp, (int(side), int(side)), flags=cv2.INTER_CUBIC, borderValue=RAISED)
+        canvas.image(x + 4, y, crop)
+        middle = x + 4 + side / 2, y + side / 2
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            canvas.line([(middle[0] + k * dx, middle[1] + k * dy) for k in (4, 0.3 * side)], ACCENT)
+        canvas.text(x + 4, y + side, name, small, ACCENT if name == shown else TEXT)
+        spots.add((x, y, width, side), partial(choose, name))
+        y += side + label
+
+
+def point_list(
+    canvas: Canvas,
+    spots: Spots,
+    size: tuple[float, float],
+    marks: TieMarks,
+    scroll: int,
+    solved: Mapping[str, Mapping[str, Any]],
+    buttons: Sequence[tuple[str, Action]],
+    em: float,
+) -> int:
+    """The points, how many cameras see each and its error, buttons below; returns the first row that is shown,
+    the given one or another so that the chosen point is seen."""
+    width, height = size
+    small, pad = round(0.85 * em), 0.5 * em
+    step = line_height(small) + 3
+    canvas.rect(0, 0, width, height, GROUND)
+    rows = max(int((height - (len(buttons) + 1.6) * step - pad) // step), 1)
+    scroll = min(max(scroll, marks.chosen - rows + 1), max(marks.chosen, 0))
+    canvas.text(pad, 2, f"{len(marks.points)} point{'s' * (len(marks.points) != 1)}", small, DIM)
+    if len(marks.points) < 2:
+        for row, line in enumerate(wrapped(_HOW, small, width - 2 * pad)[: rows - 3]):
+            canvas.text(pad, step * (row + 3), line, small, DIM)
+    for row, index in enumerate(range(scroll, min(scroll + rows, len(marks.points)))):
+        point, y = marks.points[index], step * (row + 1)
+        if index == marks.chosen:
+            canvas.rect(2, y, width - 6, step - 1, ACCENT_DARK)
+        error = solved.get(point.name, {}).get("error")
+        words = f"{len(point.pixels)} cam" + (f"  {error:.1f} px" if isinstance(error, float) else "")
+        wide = text_width(words, small)
+        canvas.text(pad, y + 1, point.name, small, TEXT, width=width - wide - 2.5 * pad)
+        canvas.text(width - pad - 4, y + 1, words, small, _color(error, len(point.pixels)), align="right")
+        spots.add((0, y, width, step), partial(marks.choose, index))
+    bottom = height - len(buttons) * step - 4
+    for words, action in buttons:
+        canvas.rect(2, bottom, width - 6, step - 3, RAISED)
+        canvas.text(pad, bottom, words, small, TEXT, width=width - 2 * pad)
+        spots.add((2, bottom, width - 6, step - 3), action)
+        bottom += step
+    canvas.line([(width - 2, 0), (width - 2, height)], LINE)
+    return scroll
+
+
+def _color(error: object, cameras: int) -> RGB:
+    if not isinstance(error, float):
+        return TEXT if cameras > 1 else DIM
+    return GOOD if error < 1 else FAIR if error < 3 else BAD

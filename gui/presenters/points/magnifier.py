@@ -1,0 +1,105 @@
+"""A picture in a rectangle that can be looked at more closely."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas
+from gui.presenters.drawing.palette import GROUND
+
+_MOST = 24.0
+_NOTCH = 1.25
+
+
+class Zoom:
+    """Which part of a picture is shown, how large.
+
+    Args:
+        size: width and height of the picture.
+
+    Attributes:
+        scale: times the size at which all of it is seen, 1 and more.
+        center: (x, y) of the picture in the middle of the rectangle.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.size = size
+        self.scale = 1.0
+        self.center = (size[0] / 2, size[1] / 2)
+        self.rect = (0.0, 0.0, 1.0, 1.0)
+
+    @property
+    def key(self) -> Hashable:
+        """What a picture of it depends on."""
+        return self.scale, self.center
+
+    def place(self, rect: tuple[float, float, float, float]) -> None:
+        """Where it is shown: x, y, width, height in pixels."""
+        self.rect = rect
+
+    @property
+    def factor(self) -> float:
+        """Shown pixels for one of the picture."""
+        return self.scale * min(self.rect[2] / self.size[0], self.rect[3] / self.size[1])
+
+    def shown(self, x: float, y: float) -> tuple[float, float]:
+        """Where a place of the picture is shown."""
+        left, top, width, height = self.rect
+        factor = self.factor
+        return left + width / 2 + (x - self.center[0]) * factor, top + height / 2 + (y - self.center[1]) * factor
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """The place of the picture that is shown here."""
+        left, top, width, height = self.rect
+        factor = self.factor
+        return self.center[0] + (x - left - width / 2) / factor, self.center[1] + (y - top - height / 2) / factor
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a place lies in the rectangle."""
+        left, top, width, height = self.rect
+        return left <= x < left + width and top <= y < top + height
+
+    def pan(self, dx: float, dy: float) -> None:
+        """Move the picture by shown pixels."""
+        factor = self.factor
+        self._look_at(self.center[0] - dx / factor, self.center[1] - dy / factor)
+
+    def nearer(self, notches: float, x: float, y: float) -> None:
+        """Closer, or farther, about the place that is shown at (x, y), which stays there."""
+        before = self.pixel(x, y)
+        self.scale = min(max(self.scale * _NOTCH**notches, 1.0), _MOST)
+        after = self.pixel(x, y)
+        self._look_at(self.center[0] + before[0] - after[0], self.center[1] + before[1] - after[1])
+
+    def _look_at(self, x: float, y: float) -> None:
+        """As far as the picture goes."""
+        half = [self.rect[axis + 2] / self.factor / 2 for axis in (0, 1)]
+        places = []
+        for axis, value in enumerate((x, y)):
+            low, high = half[axis], self.size[axis] - half[axis]
+            places.append(self.size[axis] / 2 if low >= high else min(max(value, low), high))
+        self.center = (places[0], places[1])
+
+    def draw(self, canvas: Canvas, image: np.ndarray) -> None:
+        """Draw the part into its rectangle."""
+        import cv2
+
+        left, top, width, height = (round(value) for value in self.rect)
+        factor = self.factor
+        first = self.pixel(left, top)
+        part = image
+        if factor < 1:  # smaller: average, then move
+            small = (max(round(image.shape[1] * factor), 1), max(round(image.shape[0] * factor), 1))
+            part = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
+        across, down = part.shape[1] / image.shape[1], part.shape[0] / image.shape[0]
+        # OpenCV's origin is the middle of the first pixel
+        warp = np.array(
+            [
+                [factor / across, 0, 0.5 * factor / across - 0.5 - first[0] * factor],
+                [0, factor / down, 0.5 * factor / down - 0.5 - first[1] * factor],
+            ]
+        )
+        flags = cv2.INTER_CUBIC if factor > 1 else cv2.INTER_LINEAR
+        canvas.image(left, top, cv2.warpAffine(part, warp, (width, height), flags=flags, borderValue=GROUND))

@@ -1,0 +1,308 @@
+"""Points by hand: a camera's picture to mark points in, the list of points, and how others see the chosen one."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas
+from gui.presenters.drawing.palette import FAIR, GROUND
+from gui.presenters.points.drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
+from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.marks import TieMarks, advice, expected
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.stage_view import Size, StageView
+from pipelines.stages.base import Context
+from pipelines.takes.atomic_files import read_json
+from studio.cameras import Rig
+from studio.errors import StudioError
+
+
+class PointsView(StageView):
+    """See the module. Clicks fall on what the last picture had where.
+
+    Attributes:
+        asks: what the window shall ask the user for: "describe" or "", and "run" for a calibration.
+    """
+
+    modes = ("points by hand",)
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self.marks: TieMarks | None = None
+        self.camera = ""
+        self.snaps = True
+        self.asks = ""
+        self.problem = ""
+        self._zooms: dict[str, Zoom] = {}
+        self._images: dict[tuple[str, int], np.ndarray] = {}
+        self._spots = Spots()
+        self._hover = (0.0, 0.0)
+        self._changes = 0
+        self._scroll = 0
+        self._refused: tuple[Path, int] | None = None  # a broken file is read once
+        self._rig: tuple[float, Rig | None] = (0.0, None)
+        self._figures: tuple[float, dict[str, dict[str, float]]] = (0.0, {})
+        self._footage: tuple[Context | None, tuple[str, ...]] = (None, ())
+
+    # What it depends on
+
+    @property
+    def path(self) -> Path | None:
+        """The file of points: the settings' one, else points.yaml in the take."""
+        take, config = self.workspace.take, self.workspace.config
+        if take is None or config is None:
+            return None
+        named = config.calibrate.tie_points
+        return config.capture.root / named if named else take.root / "points.yaml"
+
+    def state(self) -> Hashable:
+        """See `StageView`."""
+        path = self.path
+        if path is not None and (self.marks is None or self.marks.path != path or self.marks.stale):
+            stamp = (path, path.stat().st_mtime_ns if path.is_file() else 0)
+            if self.marks is not None or stamp != self._refused:
+                self._load(path)
+                self._refused = stamp if self.marks is None else None
+        take = self.workspace.take
+        files = (take.rig, take.calibration_report) if take is not None else ()
+        solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
+        changes = self.marks.changes if self.marks is not None else 0
+        zoom = self._zooms.get(self.camera)
+        return (path, changes, self._changes, self.camera, self.frame, self.em, solved, zoom.key if zoom else None)
+
+    def _load(self, path: Path) -> None:
+        chosen = self.marks.chosen if self.marks is not None and self.marks.path == path else 0
+        try:
+            self.marks, self.problem = TieMarks(path), ""
+        except StudioError as error:
+            self.marks, self.problem = None, str(error)
+        else:
+            self.marks.choose(chosen)
+            self._changes += 1
+
+    def names(self) -> tuple[str, ...]:
+        """The cameras, once their footage has been shown; it may be missing or broken."""
+        context, names = self._footage
+        return names if context is self.workspace.context else ()
+
+    # Pictures
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        marks = self.marks
+        if marks is None or self.workspace.context is None:
+            raise StudioError(self.problem or "Open a take to mark points in its footage.")
+        names = self.workspace.context.footage.raw.camera_names
+        self._footage = (self.workspace.context, names)
+        if self.camera not in names:
+            self.camera = names[0]
+        canvas, spots = Canvas(*size, GROUND), Spots()
+        small = round(0.85 * self.em)
+        left, right = min(15 * self.em, 0.3 * size[0]), min(9 * self.em, 0.2 * size[0])
+        top = tabs(canvas, spots, (left, size[0] - left), names, marks, self.camera, self.em, self.show_camera)
+        self._picture(canvas, marks, (left, top, size[0] - left - right, size[1] - top))
+        if marks.point is not None:
+            shown = [name for name in names if name in marks.point.pixels]
+            if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and those after it
+                here = shown.index(self.camera)
+                shown = shown[here:] + shown[:here]
+            frame = marks.point.frame  # what moves lies elsewhere at other times
+            images = {name: self._image(name, frame) for name in shown[:MOST_PICTURES]}
+            rect = (size[0] - right, top, right, size[1] - top)
+            crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
+        buttons = self._buttons()
+        self._scroll = point_list(canvas, spots, (left, size[1]), marks, self._scroll, self._solved(), buttons, self.em)
+        self._spots = spots
+        return canvas.pixels
+
+    def _image(self, camera: str, number: int | None = None) -> np.ndarray:
+        """A camera's picture: the frame of this number in the footage, else the one that is shown."""
+        assert self.workspace.context is not None
+        if number is None or number not in self.workspace.context.footage.raw.frames:
+            number = self._number()
+        key = (camera, number)
+        if key not in self._images:
+            if len(self._images) > MOST_PICTURES + 2:
+                self._images.clear()
+            self._images[key] = self.workspace.context.footage.raw.raw_image(*key)
+        return self._images[key]
+
+    def _number(self) -> int:
+        """The footage's number of the frame that is shown."""
+        assert self.workspace.context is not None
+        frames = self.workspace.context.footage.raw.frames
+        return int(frames[min(self.frame, len(frames) - 1)])
+
+    def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
+        image = self._image(self.camera)
+        zoom = self._zooms.get(self.camera)
+        if zoom is None:
+            zoom = self._zooms[self.camera] = Zoom((image.shape[1], image.shape[0]))
+        zoom.place(rect)
+        zoom.draw(canvas, image)
+        crosses(canvas, zoom, marks, self.camera, self.em)
+        rig = self._cameras()
+        chosen = marks.point
+        if rig is not None and chosen is not None and self.camera in rig:
+            guess = expected(chosen, rig[self.camera], rig)
+            if guess is not None:
+                shown = [zoom.shown(x, y) for x, y in guess]
+                if len(shown) == 1:
+                    if zoom.holds(*shown[0]):
+                        canvas.dot(*shown[0], 0.7 * self.em, FAIR, filled=False)
+                else:
+                    canvas.line([place for place in shown if zoom.holds(*place)] or [(-9, -9), (-9, -9)], FAIR)
+
+    def _buttons(self) -> list[tuple[str, Action]]:
+        return [
+            ("New point (N)", self.new_point),
+            ("Name, place (E)", partial(self._ask, "describe")),
+            ("Not here (Delete)", self.unmark),
+            ("Remove the point", self.remove),
+            ("Undo (U)", self.undo),
+            (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
+            ("Calibrate from these", partial(self._ask, "run")),
+        ]
+
+    def _solved(self) -> dict[str, dict[str, float]]:
+        """The last calibration's figures by point, where it was made from points."""
+        take = self.workspace.take
+        if take is None or not take.calibration_report.is_file():
+            return {}
+        stamp = take.calibration_report.stat().st_mtime
+        if stamp != self._figures[0]:
+            found = read_json(take.calibration_report).get("tie_points", {})
+            self._figures = (stamp, found if isinstance(found, dict) else {})
+        return self._figures[1]
+
+    def _cameras(self) -> Rig | None:
+        """Cameras that stand and fit the footage's size."""
+        take, context = self.workspace.take, self.workspace.context
+        if take is None or context is None or not take.rig.is_file():
+            return None
+        stamp = take.rig.stat().st_mtime
+        if stamp != self._rig[0]:
+            from studio.camera_files import read_rig
+
+            footage = context.footage.raw
+            rig = read_rig(take.rig)
+            fits = all(
+                name in rig and footage.raw_size(name) == (rig[name].width, rig[name].height)
+                for name in footage.camera_names
+            )
+            self._rig = (stamp, rig if fits else None)
+        return self._rig[1]
+
+    # What a user does
+
+    def click(self, x: float, y: float) -> None:
+        """A click at a pixel of the board's picture."""
+        action = self._spots.at(x, y)
+        if action is not None:
+            self._try(action)
+            self._changes += 1
+            return
+        zoom = self._zooms.get(self.camera)
+        if zoom is not None and zoom.holds(x, y) and self.marks is not None:
+            self._try(partial(self._mark, *zoom.pixel(x, y)))
+
+    def _mark(self, x: float, y: float) -> None:
+        from studio.calibration.manual.subpixel import snap
+
+        assert self.marks is not None
+        image = self._image(self.camera)
+        if not (0 <= x < image.shape[1] and 0 <= y < image.shape[0]):
+            return
+        if self.snaps:
+            x, y = snap(image, x, y, max(4, round(5 * max(image.shape[:2]) / 1500)))
+        self.marks.mark(self.camera, x, y, self._number())
+
+    def _try(self, action: Action) -> None:
+        try:
+            action()
+            self.problem = ""
+        except StudioError as error:
+            self.problem = str(error)
+
+    def _ask(self, what: str) -> None:
+        self.asks = what
+
+    def show_camera(self, name: str) -> None:
+        """Show another camera's picture."""
+        self.camera = name
+        self._changes += 1
+
+    def step_camera(self, direction: int) -> None:
+        """The next camera (1), or the one before."""
+        names = self.names()
+        if names:
+            here = names.index(self.camera) if self.camera in names else 0
+            self.show_camera(names[(here + direction) % len(names)])
+
+    def new_point(self) -> None:
+        """Begin a point."""
+        if self.marks is not None:
+            self.marks.add()
+
+    def step_point(self, direction: int) -> None:
+        """Choose the next point of the list (1), or the one before."""
+        if self.marks is not None:
+            self.marks.choose(self.marks.chosen + direction)
+
+    def unmark(self) -> None:
+        """The chosen point is not in this camera."""
+        if self.marks is not None:
+            marks, camera = self.marks, self.camera
+            self._try(lambda: marks.unmark(camera))
+
+    def remove(self) -> None:
+        """Remove the chosen point."""
+        if self.marks is not None:
+            self._try(self.marks.remove)
+
+    def undo(self) -> None:
+        """Take the last change back."""
+        if self.marks is not None:
+            self._try(self.marks.undo)
+
+    def toggle_snap(self) -> None:
+        """Whether clicks fall on the nearest corner or dot."""
+        self.snaps = not self.snaps
+        self._changes += 1
+
+    def hover(self, x: float, y: float) -> None:
+        """Where the mouse is."""
+        self._hover = (x, y)
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Move the picture."""
+        zoom = self._zooms.get(self.camera)
+        if zoom is not None:
+            zoom.pan(dx, dy)
+
+    def wheel(self, notches: float) -> None:
+        """Nearer, about the mouse; over the list the next or the previous point."""
+        zoom = self._zooms.get(self.camera)
+        if zoom is not None and zoom.holds(*self._hover):
+            zoom.nearer(notches, *self._hover)
+        else:
+            self.step_point(-1 if notches > 0 else 1)
+
+    def reset(self) -> None:
+        """The whole picture."""
+        self._zooms.pop(self.camera, None)
+        self._changes += 1
+
+    @property
+    def status(self) -> str:
+        """See `StageView`."""
+        if self.problem:
+            return self.problem
+        if self.marks is None:
+            return ""
+        names = self.names()
+        return advice(self.marks, names, self.camera, self._number()) if names else ""

@@ -1,0 +1,1 @@
+"""The take that is open: jobs, settings, exports."""

@@ -1,0 +1,213 @@
+"""Exports: `v3studio export` as a child process, and the camera path that views are collected for."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gui.presenters.playback.viewpoint import BACKGROUNDS
+from gui.presenters.run.jobs import ChildProcess, v3studio_command
+from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.takes.atomic_files import remove, write_json
+from studio.cameras import Camera
+from studio.errors import StudioError
+
+FORMATS: dict[str, tuple[str, str]] = {
+    "ply": ("PLY, a file a frame", ""),
+    "spz": ("SPZ, a file a frame", ""),
+    "glb": ("GLB, a file a frame", ""),
+    "videogs": ("VideoGS layout", ""),
+    "turntable": ("Movie: turntable", ".mp4"),
+    "camera-path": ("Movie: along the camera path", ".mp4"),
+}
+"""What can be written: words, and the ending of the file (folders have none)."""
+
+KEY_SECONDS = 2.0
+"""Seconds of the movie from one collected view to the next."""
+
+MOVIES = ("turntable", "camera-path")
+MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
+MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
+"""Behind the performer, as the window calls it; None is the capture's own."""
+
+LEAST_SECONDS = 6.0
+"""Of a turntable: a faster one makes dizzy."""
+
+
+@dataclass(frozen=True)
+class PathKey:
+    """A view that was collected: the camera, and the frame that was shown."""
+
+    camera: Camera
+    frame: int
+
+
+@dataclass
+class ExportRequest:
+    """What the operator has chosen so far, as typed.
+
+    Attributes:
+        kind: of `FORMATS`.
+        source: take, stream or address.
+        title: its name; the file's begins with it.
+        folder: where to write to at first.
+        of: "decoded" or "trained"; "" for a bare stream.
+        seconds, size, background: of a movie, the latter two of `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
+    """
+
+    kind: str
+    source: str
+    title: str
+    folder: Path
+    of: str = ""
+    seconds: str = f"{LEAST_SECONDS:g}"
+    size: str = MOVIE_SIZES[0]
+    background: str = "as captured"
+    _target: str = ""
+
+    @property
+    def target(self) -> str:
+        """File or folder to write; named after what is exported until another name is typed."""
+        ending = FORMATS[self.kind][1]
+        return self._target or str(self.folder / f"{self.title}-{self.of or 'stream'}-{self.kind}{ending}")
+
+    def set_target(self, text: str) -> None:
+        """A name was typed."""
+        self._target = "" if text.strip() == self.target else text
+
+    def move_to(self, folder: Path) -> None:
+        """Write into another folder, under the same name."""
+        if self._target:
+            self._target = str(folder / Path(self._target.strip()).name)
+        self.folder = folder
+
+    def arguments(self) -> list[str]:
+        """For `v3studio export`, besides a camera path.
+
+        Raises:
+            StudioError: the seconds are no number above 0.
+        """
+        found = [self.source, "--format", self.kind, "--out", str(self.path), "--json"]
+        if self.of:
+            found += ["--of", self.of]
+        if self.kind not in MOVIES:
+            return found
+        found += ["--size", self.size]
+        color = MOVIE_BACKGROUNDS[self.background]
+        if color is not None:
+            found += ["--background", ",".join(f"{value:g}" for value in color)]
+        if self.kind == "turntable":
+            try:
+                seconds = float(self.seconds)
+            except ValueError:
+                seconds = 0.0
+            if not 0 < seconds <= 3600:
+                raise StudioError(f"The movie's length is '{self.seconds}'; give seconds from 0 to 3600, as in 6.")
+            found += ["--seconds", f"{seconds:g}"]
+        return found
+
+    @property
+    def path(self) -> Path:
+        """`target`, absolute."""
+        return Path(self.target.strip()).expanduser().absolute()
+
+
+@dataclass
+class Exports:
+    """One export at a time.
+
+    Attributes:
+        keys: views collected for a camera path.
+        words: how far the export is; "" where none runs.
+        result: what came of the last one, a sentence to be shown once.
+        failed: whether that is an error.
+    """
+
+    keys: list[PathKey] = field(default_factory=list)
+    words: str = ""
+    result: str = ""
+    failed: bool = False
+    _process: ChildProcess | None = None
+    _target: Path | None = None
+    _stopping: bool = False
+
+    @property
+    def running(self) -> bool:
+        """Whether one is at work."""
+        return self._process is not None
+
+    def start(self, wanted: ExportRequest) -> None:
+        """Begin.
+
+        Raises:
+            StudioError: one runs already, or the path has no views, or the target is there.
+        """
+        if self._process is not None:
+            raise StudioError("An export runs already; wait for it or stop it (menu Export).")
+        if wanted.path.exists():
+            raise StudioError(f"{wanted.path} is there already; nothing is overwritten, so choose another name.")
+        command = [*v3studio_command(), "export", *wanted.arguments()]
+        scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
+        if wanted.kind == "camera-path":
+            width, height = map(int, wanted.size.split("x"))
+            command += ["--path", str(self._write_path(scratch, (width, height)))]
+        self._process = ChildProcess(command, scratch / "errors.txt", scratch)
+        self._target, self._stopping = wanted.path, False
+        self.words, self.result = f"export {wanted.kind}: starting", ""
+
+    def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
+        from studio.export import Key, path_to_json
+
+        if len(self.keys) < 2:
+            raise StudioError("A camera path needs two views or more; collect them with K, then export again.")
+        keys = [
+            Key(number * KEY_SECONDS, fitted(key.camera, *size), float(key.frame))
+            for number, key in enumerate(self.keys)
+        ]
+        path = folder / "path.json"
+        write_json(path, path_to_json(keys))
+        return path
+
+    def poll(self) -> bool:
+        """Take in what the process has told; returns whether something changed."""
+        process = self._process
+        if process is None:
+            return False
+        before = self.words
+        for line in process.take_lines():
+            with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+                told = json.loads(line)
+                if told["kind"] == "progress":
+                    self.words = f"{told['what']}: {told['done']} of {told['total']}"
+        status = process.status
+        if status is None:
+            return self.words != before
+        self._process, self.words = None, ""
+        self.failed = status not in (0, EXIT_CANCELLED)
+        last = process.last_line()
+        remove(process.errors.parent)
+        if status == 0:
+            self.result = f"Written: {self._target}"
+        elif self._stopping or status == EXIT_CANCELLED:
+            self.result, self.failed = "The export was stopped; nothing was left behind.", False
+        else:
+            self.result = f"The export failed: {last.removeprefix('error: ')}"
+        return True
+
+    def stop(self) -> None:
+        """Ask it to end; what is half written is removed."""
+        if self._process is not None:
+            self._stopping = True
+            self._process.cancel()
+
+
+def fitted(camera: Camera, width: int, height: int) -> Camera:
+    """The view in a picture of another size and shape: as high as before, the sides cut or widened."""
+    scale = height / camera.height
+    K = camera.K.copy()
+    K[:2] *= scale
+    K[0, 2] += 0.5 * (width - camera.width * scale)
+    return Camera(camera.name, width, height, K, camera.world_to_camera)

@@ -1,0 +1,183 @@
+"""RunState: what a run has told so far, gathered from its events."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from pipelines.events import (
+    Event,
+    Log,
+    Metrics,
+    Preview,
+    Progress,
+    RunFinished,
+    RunStarted,
+    StageFailed,
+    StageFinished,
+    StageStarted,
+    Warned,
+)
+from pipelines.reports.terminal import duration
+
+LOG_LINES = 2000
+CURVE_POINTS = 4000
+
+
+@dataclass
+class Curve:
+    """Figures of the training over its progress; thinned by half whenever there are CURVE_POINTS of them.
+
+    Attributes:
+        positions: training's progress, 0 to 1.
+        values: the figure.
+    """
+
+    positions: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+    def add(self, position: float, value: float) -> None:
+        """Append."""
+        self.positions.append(position)
+        self.values.append(value)
+        if len(self.positions) > CURVE_POINTS:
+            del self.positions[::2], self.values[::2]
+
+
+@dataclass
+class RunState:
+    """See the module.
+
+    Attributes:
+        planned: stages that the run will do, in order.
+        stage: the one it is at; "" before the first and after the last.
+        progress: its newest progress.
+        finished: stages that are done in this run.
+        failed: stage to sentence.
+        outcome: "" while it runs, then "done", "failed" or "cancelled".
+        message: what came with the outcome.
+        lines: the log, newest last: (kind, text), kind one of "", "warning", "error".
+        curves: loss, psnr, splats over the training's progress, a curve a group: groups train side by side.
+        previews: newest picture by camera.
+        changes: grows with every event: who shows this knows when to look again.
+    """
+
+    planned: tuple[str, ...] = ()
+    stage: str = ""
+    progress: Progress | None = None
+    finished: list[str] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+    outcome: str = ""
+    message: str = ""
+    lines: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
+    previews: dict[str, Preview] = field(default_factory=dict)
+    frame_metrics: dict[int, dict[str, Any]] = field(default_factory=dict)
+    pid: int = 0
+    started: float = 0.0
+    changes: int = 0
+    _trained: float = 0.0
+    results: int = 0
+    """Grows when something new stands in the take: a frame, a group, a stage."""
+
+    def followed(self) -> RunState:
+        """The state of the run after this one: empty, but for the training's curves and pictures, which a run that
+        trains replaces."""
+        return RunState(
+            curves=self.curves,
+            previews=self.previews,
+            changes=self.changes + 1,
+            results=self.results + 1,
+            _trained=self._trained,
+        )
+
+    def apply(self, event: Event) -> None:
+        """Take in one event."""
+        self.changes += 1
+        if isinstance(event, RunStarted):
+            self.planned, self.pid, self.started = event.stages, event.pid, event.time
+            todo = ", ".join(event.stages) or "nothing, all is up to date"
+            self._say(f"Run started: {todo}")
+        elif isinstance(event, StageStarted):
+            self.stage, self.progress = event.stage, None
+            self.failed.pop(event.stage, None)
+            self._say(f"{event.stage}: {event.reason}")
+        elif isinstance(event, Progress):
+            self.progress = event
+            if event.stage == "train":
+                self._train_figures(event)
+        elif isinstance(event, Metrics):
+            self._metrics(event)
+        elif isinstance(event, Preview):
+            self.previews[event.camera or event.stage] = event
+        elif isinstance(event, Log):
+            self._say(event.message)
+        elif isinstance(event, Warned):
+            self._say(event.message, "warning")
+        elif isinstance(event, StageFinished):
+            self.finished.append(event.stage)
+            self.stage, self.progress = "", None
+            self.results += 1
+            self._say(f"{event.stage}: done in {duration(event.seconds)}")
+        elif isinstance(event, StageFailed):
+            self.failed[event.stage] = event.message
+            self._say(f"{event.stage}: {event.message}", "error")
+            for line in event.traceback.splitlines():
+                self._say(line, "error")
+        elif isinstance(event, RunFinished):
+            self.outcome, self.message, self.stage, self.progress = event.outcome, event.message, "", None
+            self.results += 1
+            repeated = event.message in self.failed.values()
+            words = {"done": "Run finished", "failed": "Run failed", "cancelled": "Run cancelled"}
+            text = f"{words.get(event.outcome, event.outcome)} after {duration(event.seconds)}"
+            text += "" if repeated or not event.message else f": {event.message}"
+            self._say(text, "error" if event.outcome == "failed" else "")
+
+    def crashed(self, message: str, tail: str = "") -> None:
+        """The process ended without saying how."""
+        self.changes += 1
+        if self.stage:
+            self.failed[self.stage] = message
+        self.outcome, self.message, self.stage, self.progress = "failed", message, "", None
+        for line in tail.splitlines()[-40:]:
+            self._say(line, "error")
+        self._say(message, "error")
+
+    def _say(self, text: str, kind: str = "") -> None:
+        self.lines.append((kind, text))
+
+    def _metrics(self, event: Metrics) -> None:
+        if event.frame is not None:
+            self.frame_metrics.setdefault(event.frame, {}).update(event.values)
+        if event.stage in ("train", "bake", "initialize"):
+            self.results += 1
+        figures = ", ".join(f"{name} {_short(value)}" for name, value in event.values.items())
+        where = f"frame {event.frame}" if event.frame is not None else f"group {event.group}"
+        self._say(f"{event.stage}: {where if event.group is not None else 'all'}: {figures}")
+
+    def _train_figures(self, event: Progress) -> None:
+        if event.fraction < self._trained:  # training was run again
+            self.curves.clear()
+        self._trained = event.fraction
+        for name in ("loss", "psnr", "splats"):
+            value = event.figures.get(name)
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                group = int(event.figures.get("group", 0))
+                self.curves.setdefault(name, {}).setdefault(group, Curve()).add(event.fraction, float(value))
+
+    def stage_words(self) -> str:
+        """ "42 %, 3 min 05 s left" of the stage that runs; "" where none does."""
+        if not self.stage:
+            return ""
+        if self.progress is None:
+            return "starting"
+        left = self.progress.seconds_left
+        words = f"{100 * self.progress.fraction:.0f} %"
+        return f"{words}, {duration(left)} left" if left is not None and left >= 1 else words
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        return f"of {len(value)}"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

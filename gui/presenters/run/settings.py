@@ -1,0 +1,134 @@
+"""Settings as the window edits them: one field a setting, with its documentation, made from the settings models."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Union, get_args, get_origin
+
+import yaml
+
+from pipelines.config import Config
+from pipelines.config.description import allowed_values
+from pipelines.config.loading import parse_override
+from pipelines.config.section import Section
+
+SECTIONS = {
+    "capture": ("capture",),
+    "calibrate": ("calibrate",),
+    "initialize": ("initialize",),
+    "train": ("train",),
+    "bake": ("bake",),
+    "review": ("evaluate", "run"),
+}
+"""Which sections of the settings belong to a stage of the window."""
+
+NULL = "null"
+"""What the editor of a setting without a value shows: as in the YAML file and in the settings' documentation."""
+
+
+@dataclass(frozen=True)
+class SettingField:
+    """A setting.
+
+    Attributes:
+        name: dotted, as in train.max_splats.
+        heading: of the settings that it stands among.
+        label: for people; that of a nested setting begins with its section.
+        kind: "switch", "choice" or "text"; a switch that may be null is a choice.
+        choices: of a choice, `NULL` first where it may be null.
+        text: whether its value is text that is taken as it is (else it is read as YAML).
+        nullable: whether it may be null; an empty field and "null" both set it to null.
+        documentation: of the setting, with its bounds.
+    """
+
+    name: str
+    heading: str
+    label: str
+    kind: str
+    choices: tuple[str, ...]
+    text: bool
+    nullable: bool
+    documentation: str
+
+    def shown(self, config: Config) -> str:
+        """The value as it stands in the field: "true" or "false" for a switch, one of `choices` for a choice."""
+        value: Any = config.model_dump(mode="json")
+        for part in self.name.split("."):
+            value = value[part]
+        if isinstance(value, str):
+            return value
+        dumped: str = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=10**6)
+        return dumped.removesuffix("...\n").strip()
+
+    def parsed(self, text: str) -> Any:
+        """What was typed, as a value.
+
+        Raises:
+            StudioError: it cannot be read.
+        """
+        text = text.strip()
+        if self.nullable and text in ("", NULL, "~"):
+            return None
+        if self.text:
+            return text
+        return parse_override(f"{self.name}={text}")[1]
+
+
+def fields_of(stage: str) -> list[SettingField]:
+    """All settings of a stage, in the order of their declaration."""
+    found: list[SettingField] = []
+    for section in SECTIONS[stage]:
+        model = Config.model_fields[section].annotation
+        assert isinstance(model, type)
+        assert issubclass(model, Section)
+        found += _fields(model, f"{section}.")
+    return found
+
+
+def matching(fields: Sequence[SettingField], words: str) -> list[SettingField]:
+    """Those in whose name, heading or documentation all of the words occur."""
+    wanted = words.lower().split()
+
+    def text(field: SettingField) -> str:
+        return f"{field.name} {field.label} {field.heading} {field.documentation}".lower()
+
+    return [field for field in fields if all(word in text(field) for word in wanted)]
+
+
+def _fields(model: type[Section], prefix: str, heading: str = "", within: str = "") -> Iterator[SettingField]:
+    for name, field in model.model_fields.items():
+        annotation = field.annotation
+        heading = model.headings.get(name, heading)
+        if isinstance(annotation, type) and issubclass(annotation, Section):
+            title = (field.description or name).split(".")[0]
+            yield from _fields(annotation, f"{prefix}{name}.", title, f"{name}: ")
+            continue
+        parts = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
+        kinds = [part for part in parts if part is not type(None)]
+        choices = tuple(map(str, get_args(kinds[0]))) if get_origin(kinds[0]) is Literal else ()
+        nullable = len(kinds) < len(parts)
+        if kinds == [bool] and nullable:
+            choices = ("true", "false")
+        kind = "choice" if choices else "switch" if kinds == [bool] else "text"
+        # words such as "off" and "1" are taken as they are where the setting is text
+        text = kinds != [bool] and all(
+            part is str or getattr(part, "__name__", "") == "Path" or _all_text(part) for part in kinds
+        )
+        words = " ".join((field.description or "").split())
+        allowed = allowed_values(field)
+        yield SettingField(
+            name=f"{prefix}{name}",
+            heading=heading,
+            label=within + name.replace("_", " "),
+            kind=kind,
+            choices=(NULL, *choices) if choices and nullable else choices,
+            text=text,
+            nullable=nullable,
+            documentation=f"{words} [{allowed}]" if allowed else words,
+        )
+
+
+def _all_text(part: Any) -> bool:
+    return get_origin(part) is Literal and all(isinstance(choice, str) for choice in get_args(part))

@@ -1,0 +1,1 @@
+"""One view per stage, and the list of stages."""

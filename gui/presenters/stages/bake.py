@@ -1,0 +1,245 @@
+"""Bake: where the bytes go, what other QPs would cost, and the attribute planes as pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas, line_height
+from gui.presenters.drawing.palette import ACCENT, DIM, FAINT, GROUND, PANEL, RAISED, TEXT
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.qp_trial import TRIED_QPS, QpTrial
+from gui.presenters.stages.stage_view import Size, StageView
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.stream import Manifest, StreamReader
+
+ATTRIBUTES = {
+    "means_high": "positions, high bytes",
+    "means_low": "positions, low bytes",
+    "sh": "color",
+    "opacities": "opacity",
+    "scales": "scale",
+    "quats": "rotation",
+}
+
+
+def attribute_of(component: str, part: str) -> str:
+    """Which row of `ATTRIBUTES` a plane belongs to."""
+    if component.startswith("mean_"):
+        return "means_high" if part == "high" else "means_low"
+    for prefix, name in (("sh_", "sh"), ("opacity", "opacities"), ("log_scale", "scales"), ("quat", "quats")):
+        if component.startswith(prefix):
+            return name
+    return "sh"
+
+
+@dataclass(frozen=True)
+class Share:
+    """Bytes of one kind of content, over all groups."""
+
+    name: str
+    bytes: int
+    qps: frozenset[int]
+
+
+def shares(manifest: Manifest) -> list[Share]:
+    """Where the stream's bytes go: by attribute where it has a video a plane, else by file; the manifest last."""
+    found: dict[str, tuple[int, frozenset[int]]] = {}
+
+    def add(name: str, size: int, qps: frozenset[int]) -> None:
+        before = found.get(name, (0, frozenset[int]()))
+        found[name] = (before[0] + size, before[1] | qps)
+
+    for group in manifest.groups:
+        components = getattr(group, "components", None)  # of the profile "planes"
+        if components is None:
+            for file in group.files:
+                qp = getattr(file, "qp", None)
+                name = file.path.rsplit("/", 1)[-1].split(".")[0].replace("_", " ")
+                add(name, file.bytes, frozenset() if qp is None else frozenset({qp}))
+            continue
+        for component in components:
+            for plane in component.planes:
+                add(ATTRIBUTES[attribute_of(component.name, plane.part)], plane.bytes, frozenset({plane.qp}))
+    rest = manifest.total_bytes - sum(size for size, _ in found.values())
+    return [*(Share(name, *values) for name, values in found.items()), Share("manifest", rest, frozenset())]
+
+
+def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
+    """(side, side) uint8 by attribute: splat i at row i // side, column i % side, spread over its own range."""
+    side = math.ceil(math.sqrt(len(gaussians)))
+    columns: dict[str, np.ndarray] = {}
+    for name, tensor in gaussians.state_dict().items():
+        values = tensor.detach().cpu().numpy().reshape(len(gaussians), -1)
+        for number in range(min(values.shape[1], 4)):  # of the harmonics the constant color
+            columns[name if values.shape[1] == 1 else f"{name} {number}"] = values[:, number]
+    found = {}
+    for name, column in columns.items():
+        low, high = np.percentile(column, [0.5, 99.5])
+        plane = np.zeros(side * side, np.uint8)
+        plane[: len(column)] = np.clip((column - low) / max(high - low, 1e-12) * 255, 0, 255)
+        found[name] = plane.reshape(side, side)
+    return found
+
+
+class BakeView(StageView):
+    """See the module."""
+
+    modes = ("bytes", "try other QPs", "planes")
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self._trial = QpTrial()
+
+    def state(self) -> Hashable:
+        """The stream on disk; in the planes' mode the frame; what was tried."""
+        take = self.workspace.take
+        path = take.stream / "manifest.json" if take is not None else None
+        stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
+        return (take, stamp, self.mode, self.frame if self.mode == "planes" else 0, self._trial.changes, self.em)
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        take, config = self.workspace.take, self.workspace.config
+        if take is None:
+            raise StudioError("There is no take.")
+        if self.mode == "try other QPs":
+            if config is None:
+                raise StudioError("This take has no settings that can be read.")
+            self._trial.start(self.workspace)
+            return self._rates(size)
+        if not (take.stream / "manifest.json").is_file():
+            raise StudioError("There is no stream yet. Run Bake.")
+        with StreamReader.open(take.stream) as reader:
+            return self._planes(size, reader) if self.mode == "planes" else self._bytes(size, reader.manifest)
+
+    def _bytes(self, size: Size, manifest: Manifest) -> np.ndarray:
+        canvas, em = Canvas(*size, GROUND), self.em
+        normal = round(em)
+        step = line_height(normal) * 1.5
+        frames = manifest.frame_count
+        y = em
+        per_frame = manifest.total_bytes / frames
+        words = (
+            f"{manifest.total_bytes:,} bytes in all, {per_frame / 1000:.1f} KB a frame, "
+            f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} frames a second"
+        )
+        canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
+        y += 2 * step
+        rows = shares(manifest)
+        most = max(row.bytes for row in rows)
+        left, right = em + 11 * em, size[0] - em - 15 * em
+        columns = (size[0] - em - 9.5 * em, size[0] - em - 4.5 * em, size[0] - em)
+        for words, place in zip(("KB a frame", "share", "QP"), columns, strict=True):
+            canvas.text(place, y - step * 0.8, words, round(0.85 * em), DIM, align="right")
+        for row in rows:
+            value, qps = row.bytes, row.qps
+            canvas.text(em, y, row.name, normal, TEXT)
+            canvas.rect(left, y + 2, right - left, normal, PANEL)
+            canvas.rect(left, y + 2, (right - left) * value / most, normal, ACCENT)
+            qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
+            numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.total_bytes:.1f} %", qp)
+            for words, place in zip(numbers, columns, strict=True):
+                canvas.text(place, y, words, normal, TEXT, align="right")
+            y += step
+        y += 0.5 * step
+        for group in manifest.groups:
+            if y + step > size[1]:
+                break
+            words = (
+                f"group {group.index}: frames {group.first_frame} to {group.first_frame + group.frame_count - 1}, "
+                f"{group.splats:,} splats, "
+                f"{group.bytes / group.frame_count / 1000:.1f} KB a frame"
+            )
+            canvas.text(em, y, words, round(0.9 * em), DIM, width=size[0] - 2 * em)
+            y += step * 0.8
+        return canvas.pixels
+
+    def _rates(self, size: Size) -> np.ndarray:
+        canvas, em = Canvas(*size, GROUND), self.em
+        normal = round(em)
+        step = line_height(normal) * 1.5
+        trial, config = self._trial, self.workspace.config
+        assert config is not None
+        canvas.text(em, em, trial.words, normal, TEXT, width=size[0] - 2 * em)
+        small = round(0.85 * em)
+        note = "Set qp on the left and run Bake to take one."
+        canvas.text(em, em + step * 0.8, note, small, DIM, width=size[0] - 2 * em)
+        y = em + 3 * step
+        columns = (6 * em, 14 * em, 21 * em)
+        for words, place in zip(("QP", "KB a frame", "Mbit/s"), columns, strict=True):
+            canvas.text(place, y - step * 0.8, words, small, DIM, align="right")
+        results = dict(trial.results)
+        most = max(results.values(), default=1.0)
+        for qp in TRIED_QPS:
+            now = qp == config.bake.qp
+            if now:
+                canvas.rect(em, y - 0.2 * em, size[0] - 2 * em, step, RAISED)
+            canvas.text(columns[0], y, str(qp), normal, TEXT, align="right")
+            if qp in results:
+                size_kb = results[qp] / 1000
+                canvas.text(columns[1], y, f"{size_kb:.1f}", normal, TEXT, align="right")
+                canvas.text(columns[2], y, f"{results[qp] * trial.fps * 8 / 1e6:.2f}", normal, TEXT, align="right")
+                left, right = 23 * em, size[0] - 8 * em
+                if right > left:
+                    canvas.rect(left, y + 3, (right - left) * results[qp] / most, 0.8 * em, ACCENT)
+            else:
+                canvas.text(columns[1], y, "..." if trial.running else "", normal, FAINT, align="right")
+            if now:
+                canvas.text(size[0] - 1.5 * em, y, "as set", normal, ACCENT, align="right")
+            y += step
+        return canvas.pixels
+
+    def _planes(self, size: Size, reader: StreamReader) -> np.ndarray:
+        import cv2
+
+        canvas, em = Canvas(*size, GROUND), self.em
+        small = round(0.8 * em)
+        frame = min(self.frame, reader.frame_count - 1)
+        group = reader.manifest.group_of(frame)
+        decoder = reader.open_group(group)
+        try:
+            for _ in range(frame - group.first_frame + 1):
+                decoded = decoder.read()
+        finally:
+            decoder.close()
+        planes = getattr(decoded, "planes", None)
+        components = getattr(group, "components", None)
+        if planes is not None and components is not None:  # the profile "planes": as they are stored
+            names = [
+                f"{component.name} {plane.part.replace('_', ' ')}".removesuffix(" all")
+                for component in components
+                for plane in component.planes
+            ]
+            pictures = dict(zip(names, planes, strict=True))
+            words = "as stored, one byte a splat"
+        else:
+            pictures = attribute_planes(decoded.gaussians())
+            words = "as decoded, each from its lowest value (black) to its highest"
+        side = len(next(iter(pictures.values())))
+        words = f"frame {frame}: {len(pictures)} planes of {side} x {side}, {words}"
+        canvas.text(em, 0.6 * em, words, small, DIM, width=size[0] - 2 * em)
+        from gui.presenters.stages.capture import grid
+
+        top = 2 * em
+        width, height = grid(len(pictures), size[0] - round(em), size[1] - top - 0.5 * em, 1.0, small)
+        columns = max((size[0] - round(em)) // width, 1)
+        for number, (name, plane) in enumerate(pictures.items()):
+            x, y = 0.5 * em + number % columns * width, top + number // columns * height
+            side = max(min(width - 6, height - small - 11), 8)
+            shown = cv2.resize(
+                plane, (side, side), interpolation=cv2.INTER_AREA if side < len(plane) else cv2.INTER_NEAREST
+            )
+            left = x + (width - side) / 2
+            canvas.image(left, y, np.repeat(shown[..., None], 3, axis=2))
+            canvas.text(x + width / 2, y + side + 2, name, small, TEXT, align="middle", width=width - 4)
+        return canvas.pixels
+
+    def close(self) -> bool:
+        """See `StageView`."""
+        self._trial.stop()
+        return super().close()

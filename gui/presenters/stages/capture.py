@@ -1,0 +1,212 @@
+"""Capture: all cameras at the current frame, with masks; and what is missing or bad, by name."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Hashable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
+from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, RAISED, TEXT
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.stage_view import Size, StageView, sentence
+from pipelines.config import Config
+from pipelines.stages.arguments import capture_spec
+from studio.capture import Footage, check_footage, open_footage
+from studio.errors import Cancelled, StudioError
+
+TINT = np.array(ACCENT, np.float32)
+
+
+class CaptureView(StageView):
+    """Thumbnails of every camera. Modes: the mask laid over, the image alone, the performer alone."""
+
+    modes = ("mask overlay", "images", "performer")
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self._footage: Footage | None = None
+        self._footage_of: Config | None = None
+        self._check = FootageCheck()
+
+    def state(self) -> Hashable:
+        """The settings of the capture, the frame, the mode, what the check found."""
+        config = self.workspace.config
+        capture = config.capture if config is not None else None
+        return (capture, self.frame, self.mode, self._check.words, tuple(self._check.problems), self.em)
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        footage = self._open()
+        if footage is None:
+            return sentence(size, "This take has no settings that can be read, so no footage is known.", self.em)
+        problems = [*footage.problems, *self._check.problems]
+        lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
+        room = min(len(lines), 8)
+        bottom = (room + 1.2) * line_height(self._small) if lines or self._check.words else 0
+        canvas = Canvas(*size, GROUND)
+        frame = footage.frames[min(self.frame, len(footage.frames) - 1)]
+        self._thumbnails(canvas, footage, frame, size[1] - bottom)
+        y = size[1] - bottom
+        words = self._check.words or (f"{len(problems)} problems with the set of files" if problems else "")
+        canvas.text(self.em, y, words, self._small, BAD if problems else DIM)
+        for line in lines[:room]:
+            y += line_height(self._small)
+            canvas.text(self.em, y, line, self._small, BAD)
+        return canvas.pixels
+
+    @property
+    def _small(self) -> int:
+        return round(0.85 * self.em)
+
+    def _open(self) -> Footage | None:
+        config = self.workspace.config
+        if config is None:
+            return None
+        if self._footage is None or self._footage_of is None or self._footage_of.capture != config.capture:
+            self._footage = open_footage(
+                capture_spec(config.capture, config.run), None, strict=False, cache_folder=self._cache_folder()
+            )
+            self._footage_of = config
+        return self._footage
+
+    def _cache_folder(self) -> Path | None:
+        take = self.workspace.take
+        return take.footage_cache if take is not None else None
+
+    def _thumbnails(self, canvas: Canvas, footage: Footage, frame: int, height: float) -> None:
+        names = footage.camera_names
+        width, row = grid(len(names), canvas.width, height, _aspect(footage, names[0]), self._small)
+        columns = max(canvas.width // width, 1)
+        for number, name in enumerate(names):
+            x, y = number % columns * width, number // columns * row
+            held_out = name in footage.held_out_cameras
+            try:
+                picture = self._thumbnail(footage, name, frame)
+                left, top, wide, high = canvas.fit_image(x + 3, y + 3, width - 6, row - self._small - 11, picture)
+                if held_out:
+                    canvas.frame(left, top, wide, high, ACCENT)
+            except StudioError as error:
+                canvas.rect(x + 3, y + 3, width - 6, row - self._small - 11, RAISED)
+                step = line_height(self._small)
+                for line, words in enumerate(
+                    wrapped(str(error), self._small, width - 18)[: max(int(row // step) - 2, 1)]
+                ):
+                    canvas.text(x + 9, y + 9 + line * step, words, self._small, BAD)
+            label = f"{name}, held out" if held_out else name
+            canvas.text(x + width / 2, y + row - self._small - 7, label, self._small, TEXT, align="middle", width=width)
+
+    def _thumbnail(self, footage: Footage, name: str, frame: int) -> np.ndarray:
+        import cv2
+
+        image = footage.raw_image(name, frame)
+        scale = min(1.0, 480 / image.shape[1])
+        size = max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1)
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        if self.mode == "images":
+            return small
+        matte = cv2.resize(footage.raw_matte(name, frame), size, interpolation=cv2.INTER_AREA)[..., None] / np.float32(
+            255
+        )
+        if self.mode == "performer":
+            return (small * matte + np.array(GROUND) * (1 - matte)).astype(np.uint8)
+        dark = small * (0.35 + 0.65 * matte)
+        edge = cv2.morphologyEx((matte > 0.5).astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
+        dark[edge] = TINT
+        return dark.astype(np.uint8)
+
+    def check(self) -> None:
+        """Read all of the footage once and name what is bad, on a thread of its own."""
+        config = self.workspace.config
+        if config is not None:
+            self._check.start(config, self._cache_folder())
+
+    def stop_check(self) -> None:
+        """Stop it."""
+        self._check.stop()
+
+    @property
+    def checking(self) -> bool:
+        """Whether the check runs."""
+        return self._check.running
+
+    def close(self) -> bool:
+        """See `StageView`."""
+        self._check.stop()
+        return super().close()
+
+
+def _aspect(footage: Footage, camera: str) -> float:
+    width, height = footage.raw_size(camera)
+    return width / height
+
+
+def grid(count: int, width: int, height: float, aspect: float, label: int) -> tuple[int, int]:
+    """(width, height) of the largest cells that hold `count` pictures of an aspect, a label under each."""
+    best = (1, 1)
+    for columns in range(1, count + 1):
+        rows = -(-count // columns)
+        wide = width // columns
+        high = min(round((wide - 6) / aspect) + label + 11, int(height // rows))
+        area = min(wide - 6, (high - label - 11) * aspect)
+        if area > min(best[0] - 6, (best[1] - label - 11) * aspect):
+            best = (wide, high)
+    return best
+
+
+class FootageCheck:
+    """`Footage.check` on a thread.
+
+    Attributes:
+        words: how far it is, or what came of it; "" before.
+        problems: what it found.
+    """
+
+    def __init__(self) -> None:
+        self.words = ""
+        self.problems: Sequence[str] = ()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it is at work."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def start(self, config: Config, cache_folder: Path | None = None) -> None:
+        """Begin, unless it is at work."""
+        if self.running:
+            return
+        self._stop.clear()
+        self.words, self.problems = "checking the footage", ()
+        self._thread = threading.Thread(
+            target=self._run, args=(config, cache_folder), name="v3studio check", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop at the next image."""
+        self._stop.set()
+
+    def _run(self, config: Config, cache_folder: Path | None) -> None:
+        def tell(done: int, total: int, **figures: object) -> None:
+            if self._stop.is_set():
+                raise Cancelled
+            self.words = f"checking the footage, {done} of {total} images"
+
+        try:
+            spec = replace(capture_spec(config.capture, config.run), cache_bytes=64 << 20)
+            problems = check_footage(open_footage(spec, None, strict=False, cache_folder=cache_folder), tell)
+        except Cancelled:
+            self.words = "the check was stopped"
+        except StudioError as error:
+            self.words, self.problems = "the footage cannot be checked", (str(error),)
+        else:
+            count = len(problems)
+            self.problems = problems
+            self.words = (
+                f"{count} problem{'s' * (count != 1)} found" if problems else "all images were read: no problem"
+            )

@@ -1,0 +1,100 @@
+"""What other quantization parameters would cost, measured on the first frames of a take."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+from collections.abc import Hashable
+from pathlib import Path
+
+from gui.presenters.run.workspace import Workspace
+from pipelines.config import BakeSection
+from pipelines.stages.arguments import bake_settings
+from pipelines.takes.frame_files import read_frame
+from studio.errors import StudioError
+
+TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
+TRIED_FRAMES = 5
+
+NO_TARGET: dict[str, None] = {
+    name: None for name in ("target_kb_per_frame", "target_psnr") if name in BakeSection.model_fields
+}
+"""A target would choose the QP by itself."""
+
+
+class QpTrial:
+    """Encodes the first frames of the take at several QPs on a thread, to tell what each would cost.
+
+    Attributes:
+        results: QP to bytes a frame.
+        words: what is being done.
+        fps: frames a second of the take.
+        changes: grows with each result.
+    """
+
+    def __init__(self) -> None:
+        self.results: dict[int, float] = {}
+        self.words = ""
+        self.fps = 30.0
+        self.changes = 0
+        self._of: Hashable = None
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it is at work."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def start(self, workspace: Workspace) -> None:
+        """Begin, unless these frames and settings were tried already.
+
+        Raises:
+            StudioError: nothing is trained yet.
+        """
+        take, context = workspace.take, workspace.context
+        assert take is not None
+        assert context is not None
+        files, starts = take.trained_files()
+        if not files:
+            raise StudioError("Nothing is trained yet, so nothing can be baked. Run Train.")
+        end = starts[1] if len(starts) > 1 else len(files)
+        files = files[: min(end, TRIED_FRAMES)]
+        of = (
+            tuple(files),
+            files[-1].stat().st_mtime_ns,
+            context.config.bake.model_copy(update={"qp": 0}).model_dump_json(),
+        )
+        if of == self._of:
+            return
+        self.stop()
+        self._of, self.results = of, {}
+        self.fps = float(context.footage.raw.fps)
+        self.words = f"The first {len(files)} frames, encoded at other QPs:"
+        self._stop = threading.Event()
+        section = context.config.bake
+        self._thread = threading.Thread(
+            target=self._run, args=(files, section, self._stop), name="v3studio trial", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop before the next QP."""
+        self._stop.set()
+
+    def _run(self, files: list[Path], section: BakeSection, stop: threading.Event) -> None:
+        from studio.stream import bake_group
+
+        try:
+            frames = [read_frame(path) for path in files]
+            for qp in TRIED_QPS:
+                if stop.is_set():
+                    return
+                with tempfile.TemporaryDirectory() as folder:
+                    settings = bake_settings(section.model_copy(update={"qp": qp, **NO_TARGET}), 1)
+                    entry = bake_group(frames, Path(folder), 0, 0, settings)
+                self.results[qp] = entry.bytes / entry.frame_count
+                self.changes += 1
+        except StudioError as error:
+            self.words = str(error)
+        self.changes += 1

@@ -1,0 +1,153 @@
+"""Boards: what the middle of the window shows for a stage. A picture made on a thread from a snapshot of the state."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import ClassVar
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas, line_height, wrapped
+from gui.presenters.drawing.palette import DIM, GROUND
+from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.worker import LatestWorker
+from studio.errors import StudioError
+
+Size = tuple[int, int]
+
+
+class StageView:
+    """A stage's picture. Subclasses say what it depends on (`state`) and how it is made (`draw`, on a thread).
+
+    Args:
+        workspace: the take.
+
+    Attributes:
+        modes: what can be shown; the first is shown at first.
+        mode: what is shown.
+        em: the window's font size, pixels.
+        frame: that the transport stands at.
+    """
+
+    modes: ClassVar[tuple[str, ...]] = ()
+    orbits: ClassVar[bool] = False
+    """Whether drags turn a view."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace = workspace
+        self.mode = self.modes[0] if self.modes else ""
+        self.em = 16.0
+        self.frame = 0
+        self._worker: LatestWorker[tuple[Size, Hashable], np.ndarray] = LatestWorker(
+            self._work, f"v3studio {type(self).__name__}"
+        )
+        self._asked: tuple[Size, Hashable] | None = None
+
+    def state(self) -> Hashable:
+        """All that the picture depends on, besides its size; compared for equality."""
+        raise NotImplementedError
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """(height, width, 3) uint8, on the board's thread.
+
+        Raises:
+            StudioError: what the board then shows as a sentence.
+        """
+        raise NotImplementedError
+
+    def poll(self, size: Size) -> np.ndarray | None:
+        """A new picture if there is one; asks for one where something has changed. Never waits."""
+        request = (size, self.state())
+        if request != self._asked:
+            self._asked = request
+            self._worker.ask(request)
+        done = self._worker.take()
+        if done is None:
+            return None
+        if done.result is not None:
+            return done.result
+        error = done.error
+        words = str(error) if isinstance(error, StudioError) else f"{type(error).__name__}: {error}"
+        return sentence(size, words, self.em)
+
+    def show_again(self) -> None:
+        """The viewport has shown something else: the next poll makes the picture again."""
+        self._asked = None
+
+    @property
+    def settled(self) -> bool:
+        """True where the newest picture shows what was last asked for."""
+        return self._worker.idle
+
+    def _work(self, request: tuple[Size, Hashable]) -> np.ndarray:
+        return self.draw(*request)
+
+    # Gestures; boards that have none ignore them
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """A drag in pixels; `turn` with the left button, else moving."""
+
+    def wheel(self, notches: float) -> None:
+        """The wheel."""
+
+    def click(self, x: float, y: float) -> None:
+        """A click at a pixel of the picture."""
+
+    def hover(self, x: float, y: float) -> None:
+        """Where the mouse is when the wheel turns."""
+
+    def reset(self) -> None:
+        """Back to the first view."""
+
+    @property
+    def status(self) -> str:
+        """A line of figures."""
+        return ""
+
+    def close(self) -> bool:
+        """End the thread. Returns whether it ended in time."""
+        return self._worker.close()
+
+
+class OrbitView(StageView):
+    """A board that shows something from a viewer's camera; drags turn and move it, the wheel comes nearer.
+
+    Attributes:
+        orbit: where the viewer stands; None for `_home`, which `draw` sets.
+    """
+
+    orbits = True
+
+    def __init__(self, workspace: Workspace) -> None:
+        super().__init__(workspace)
+        self.orbit: OrbitCamera | None = None
+        self._home: OrbitCamera | None = None
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """See `StageView`."""
+        orbit = self.orbit or self._home
+        if orbit is not None:
+            self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
+
+    def wheel(self, notches: float) -> None:
+        """See `StageView`."""
+        orbit = self.orbit or self._home
+        if orbit is not None:
+            self.orbit = orbit.zoom(notches)
+
+    def reset(self) -> None:
+        """Back to the first view."""
+        self.orbit = None
+
+
+def sentence(size: Size, words: str, em: float) -> np.ndarray:
+    """Words in the middle of an empty picture."""
+    canvas = Canvas(*size, GROUND)
+    text_size = round(em)
+    lines = wrapped(words, text_size, 0.8 * size[0])
+    step = line_height(text_size)
+    top = (size[1] - step * len(lines)) / 2
+    for number, line in enumerate(lines):
+        canvas.text(size[0] / 2, top + number * step, line, text_size, DIM, align="middle")
+    return canvas.pixels

@@ -1,0 +1,217 @@
+"""What the middle of the window shows for each stage: a board, or the player."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.points.view import PointsView
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.bake import BakeView
+from gui.presenters.stages.calibrate import CalibrateView
+from gui.presenters.stages.capture import CaptureView
+from gui.presenters.stages.initialize import InitializeView, Mesh
+from gui.presenters.stages.stage_view import StageView
+from gui.presenters.stages.train import TrainView
+
+Choice = tuple[str, str, str]
+
+REVIEW_CHOICES: tuple[Choice, ...] = (
+    ("truth", "Ground truth", "What a capture camera filmed, without the room (1)"),
+    ("trained", "Trained", "The trained Gaussians (2)"),
+    ("decoded", "Decoded", "The Gaussians as the stream gives them back (3)"),
+    ("", "", ""),
+    ("side by side", "Side by side", "Beside each other (S)"),
+    ("wipe", "Wipe", "Drag the line between ground truth, or trained, and what is chosen (W)"),
+    ("difference", "Difference", "Heat map of the difference to ground truth, or to trained (D)"),
+)
+
+TOOLTIPS = {
+    "mask overlay": "Images with the room darkened and the mask's edge drawn",
+    "images": "Images as filmed",
+    "performer": "What the masks leave",
+    "cameras": "Cameras where they stand, with their images; sparse points where they were found",
+    "report": "Errors camera by camera",
+    "points by hand": "Mark the same points in several cameras, where these find too little in common by themselves",
+    "mesh": "The visual hull of the group's first frame",
+    "points": "The points that training starts from",
+    "progress": "Loss, PSNR and splats as they change, and a held-out camera beside its newest render",
+    "gaussians": "The newest trained frames, to be turned and played",
+    "bytes": "Bytes by attribute, and by group",
+    "try other QPs": "What other quantization parameters would cost, measured on the first frames",
+    "planes": "The attribute planes of the frame as pictures",
+}
+
+
+class StageViews:
+    """Boards by stage, and which one is shown.
+
+    Args:
+        workspace: the take.
+        player: the playback.
+        read_mesh: see `InitializeView`.
+    """
+
+    def __init__(self, workspace: Workspace, player: PlayerPresenter, read_mesh: Callable[[Path], Mesh]) -> None:
+        self.workspace, self.player = workspace, player
+        self.capture = CaptureView(workspace)
+        self.stage_views: dict[str, StageView] = {
+            "capture": self.capture,
+            "calibrate": CalibrateView(workspace),
+            "initialize": InitializeView(workspace, read_mesh),
+            "train": TrainView(workspace),
+            "bake": BakeView(workspace),
+        }
+        self.points = PointsView(workspace)
+        self.stage = "review"
+
+    def choices(self) -> dict[str, tuple[Choice, ...]]:
+        """Buttons over the viewport, by stage."""
+        found: dict[str, tuple[Choice, ...]] = {
+            stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
+            for stage, stage_view in self.stage_views.items()
+        }
+        return {**found, "review": REVIEW_CHOICES}
+
+    def chosen(self) -> set[str]:
+        """Which of them are on."""
+        if self.stage != "review":
+            return {self.stage_views[self.stage].mode}
+        return {self.player.what, self.player.mode}
+
+    def choose(self, key: str) -> None:
+        """One was pressed; a comparison that is on is switched off."""
+        player = self.player
+        if self.stage != "review":
+            self.stage_views[self.stage].mode = key
+            self.shown_anew()
+        elif key in ("truth", "trained", "decoded"):
+            if key == "truth" and player.mode != "single":
+                player.choose_mode("single")
+            player.choose(key)
+        else:
+            player.choose_mode("single" if player.mode == key else key)
+
+    def select(self, stage: str) -> None:
+        """Show a stage."""
+        if stage != self.stage:
+            self.stage = stage
+            self.shown_anew()
+
+    def shown_anew(self) -> None:
+        """What is shown must be drawn again, because something else was shown."""
+        self.player.show_again()
+        for stage_view in (*self.stage_views.values(), self.points):
+            stage_view.show_again()
+
+    @property
+    def shows_player(self) -> bool:
+        """Whether the viewport shows the playback."""
+        return self.stage == "review" or (self.stage == "train" and self.stage_views["train"].mode == "gaussians")
+
+    @property
+    def stage_view(self) -> StageView | None:
+        """What is shown otherwise."""
+        if self.shows_player:
+            return None
+        return self.points if self.marks_points else self.stage_views[self.stage]
+
+    @property
+    def marks_points(self) -> bool:
+        """Whether points are marked by hand."""
+        return self.stage == "calibrate" and self.stage_views["calibrate"].mode in self.points.modes
+
+    def fit_transport(self) -> bool:
+        """Let the transport run over what the shown stage has frames of; returns whether it did not before."""
+        found = self.workspace.assessment
+        over_footage = not (self.shows_player or self.stage == "bake") or self.player.source is None
+        if over_footage and found.numbers:
+            return self.player.span(len(found.numbers), found.group_starts, found.fps)
+        return self.player.span_source()
+
+    def poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
+        """A new picture if there is one. Never waits; call at each tick.
+
+        Args:
+            size: of the viewport, pixels.
+            drawn_size: of pictures that are drawn splat by splat.
+            em: font size, pixels.
+        """
+        stage_view = self.stage_view
+        if stage_view is None:
+            self.player.context = self.workspace.context
+            self.player.filmed = self.workspace.assessment.numbers
+            self.player.resize(*drawn_size)
+            picture = self.player.poll()
+            return picture.image if picture is not None else None
+        stage_view.em = em
+        stage_view.frame = self.player.transport.frame
+        return stage_view.poll(drawn_size if stage_view.orbits else size)
+
+    @property
+    def settled(self) -> bool:
+        """True where the newest picture shows what was last asked for."""
+        stage_view = self.stage_view
+        return self.player.settled if stage_view is None else stage_view.settled
+
+    @property
+    def message(self) -> str:
+        """What to write over the viewport; boards write into their own picture."""
+        if self.player.opened is None or self.stage_view is None:
+            return self.player.message
+        return ""
+
+    # Gestures, as gui.viewport wants them
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        """Turn or move what is shown."""
+        stage_view = self.stage_view
+        if stage_view is not None:
+            stage_view.drag(dx, dy, turn, height)
+        elif turn:
+            self.player.drag_orbit(dx, dy)
+        else:
+            self.player.drag_pan(dx, dy)
+
+    def wheel(self, notches: float) -> None:
+        """Nearer or farther."""
+        stage_view = self.stage_view
+        if stage_view is not None:
+            stage_view.wheel(notches)
+        else:
+            self.player.wheel(notches)
+
+    def click(self, x: float, y: float) -> None:
+        """A click."""
+        if self.stage_view is not None:
+            self.stage_view.click(x, y)
+
+    def hover(self, x: float, y: float) -> None:
+        """Where the mouse is."""
+        if self.stage_view is not None:
+            self.stage_view.hover(x, y)
+
+    def grabs(self, x: float) -> bool:
+        """Whether a press at a column takes hold of the wipe's line."""
+        return self.stage_view is None and self.player.wipe_at(x)
+
+    def pull(self, x: float) -> None:
+        """Move it."""
+        self.player.move_wipe(x)
+
+    def reset(self) -> None:
+        """Back to the first view of what is shown."""
+        stage_view = self.stage_view
+        if stage_view is None:
+            self.player.reset_view()
+        else:
+            stage_view.reset()
+
+    def close(self) -> bool:
+        """End all threads. Returns whether they ended in time."""
+        return all(
+            [stage_view.close() for stage_view in (*self.stage_views.values(), self.points)] + [self.player.close()]
+        )

@@ -1,0 +1,143 @@
+"""Train: curves as they grow, and a held-out camera beside its newest render."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from pathlib import Path
+
+import numpy as np
+
+from gui.presenters.drawing.canvas import Canvas, line_height
+from gui.presenters.drawing.palette import ACCENT, DIM, GROUND, RAISED, SECOND
+from gui.presenters.drawing.plots import curve
+from gui.presenters.drawing.splats import draw
+from gui.presenters.playback.compare import label
+from gui.presenters.playback.frame_renderer import RenderRequest, ground_truth
+from gui.presenters.playback.image_zoom import ImageZoom
+from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.run.run_state import Curve
+from gui.presenters.stages.stage_view import Size, StageView
+from pipelines.takes.frame_files import read_frame
+from studio.errors import StudioError
+
+CURVES = (
+    ("loss", "Loss", "{:.4f}"),
+    ("psnr", "PSNR of the training views, dB", "{:.2f}"),
+    ("splats", "Splats", "{:,.0f}"),
+)
+
+
+class TrainView(StageView):
+    """See the module. The mode "gaussians" is the player's: the window shows its picture then."""
+
+    modes = ("progress", "gaussians")
+
+    def state(self) -> Hashable:
+        """What the run has told, and which frames are there."""
+        run, take = self.workspace.run, self.workspace.take
+        preview = max((event.time for event in run.previews.values()), default=0.0)
+        points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
+        frames = len(take.trained_files()[0]) if take is not None else 0
+        return (take, frames, preview, points, run.stage, run.outcome, self.em)
+
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`."""
+        canvas = Canvas(*size, GROUND)
+        run, em = self.workspace.run, self.em
+        share = 0.44 * size[1]
+        each = (size[0] - 4 * em) / 3
+        colors = (SECOND, ACCENT, SECOND)
+        for number, ((name, title, form), color) in enumerate(zip(CURVES, colors, strict=True)):
+            lines = list(run.curves.get(name, {}).values())
+            last = max((line for line in lines if line.values), key=lambda line: line.positions[-1], default=None)
+            newest = form.format(last.values[-1]) if last is not None else ""
+            area = (em + number * (each + em), 0.7 * em, each, share - em)
+            short = title if each > 15 * em else title.split(" of ")[0]
+            series = [snapshot(line) for line in lines]
+            curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0 %", "100 %"), newest)
+        self._pictures(canvas, share)
+        return canvas.pixels
+
+    def _pictures(self, canvas: Canvas, top: float) -> None:
+        em, small = self.em, round(0.85 * self.em)
+        height = canvas.height - top - 1.2 * em - line_height(small)
+        width = (canvas.width - 3 * em) / 2
+        try:
+            words, render, truth = self._newest()
+        except StudioError as error:
+            canvas.text(em, top + em, str(error), small, DIM, width=canvas.width - 2 * em)
+            return
+        canvas.text(em, top, words, small, DIM, width=canvas.width - 2 * em)
+        y = top + line_height(small)
+        for number, (name, picture) in enumerate((("filmed", truth), ("trained", render))):
+            x = em + number * (width + em)
+            if picture is None:
+                canvas.rect(x, y, width, height, RAISED)
+                canvas.text(x + em, y + em, "the footage cannot be read", small, DIM)
+                continue
+            left, upper, _, _ = canvas.fit_image(x, y, width, height, picture)
+            label(canvas, left + 6, upper + 6, name, size=round(0.88 * self.em))
+
+    def _newest(self) -> tuple[str, np.ndarray, np.ndarray | None]:
+        """Words, the newest render from a held-out camera, and what that camera filmed."""
+        import cv2
+
+        take, context = self.workspace.take, self.workspace.context
+        if take is None or context is None:
+            raise StudioError("There is no take.")
+        if not take.rig.is_file():
+            raise StudioError(
+                "Nothing is trained yet, and there are no cameras. Run Train: it does what comes before it."
+            )
+        footage = context.footage.calibrated
+        held_out = footage.held_out_cameras
+        run = self.workspace.run
+        preview = max(run.previews.values(), key=lambda event: event.time, default=None)
+        if preview is not None and Path(preview.path).is_file() and preview.camera and preview.frame is not None:
+            pixels = cv2.imread(preview.path)
+            if pixels is not None and preview.camera in footage.camera_names and preview.frame in footage.frames:
+                index = footage.frames.index(preview.frame)
+                step = f", step {preview.iteration}" if preview.iteration is not None else ""
+                render = np.ascontiguousarray(pixels[..., ::-1])
+                words = f"{_kind(preview.camera, held_out)}, frame {preview.frame}{step}"
+                return words, render, self._truth(preview.camera, index, render.shape[1::-1])
+        files, _ = take.trained_files()
+        if not files:
+            raise StudioError("Nothing is trained yet. Pictures appear here while training runs.")
+        camera = (*held_out, *footage.train_cameras)[0]
+        index = len(files) - 1
+        view = footage.rig[camera]
+        view = view.scaled(min(1.0, 640 / view.width))
+        background = context.config.capture.background
+        render = draw(read_frame(files[index]), view, background)
+        words = f"{_kind(camera, held_out)}, frame {footage.frames[index]}"
+        return words, render, self._truth(camera, index, (view.width, view.height))
+
+    def _truth(self, camera: str, index: int, size: tuple[int, int]) -> np.ndarray | None:
+        context = self.workspace.context
+        assert context is not None
+        wanted = RenderRequest(
+            {}, index, "single", "truth", "truth", OrbitCamera(), camera, ImageZoom(), size,
+            context.config.capture.background, 0.5, context, None,
+        )  # fmt: skip
+        try:
+            return ground_truth(wanted, *size)
+        except StudioError:
+            return None
+
+    @property
+    def status(self) -> str:
+        """What the training does now."""
+        progress = self.workspace.run.progress
+        return progress.label if progress is not None and progress.stage == "train" else ""
+
+
+def snapshot(line: Curve) -> tuple[list[float], list[float]]:
+    """Positions and values, as many of each; the window's thread may be adding one."""
+    xs, ys = list(line.positions), list(line.values)
+    count = min(len(xs), len(ys))
+    return xs[:count], ys[:count]
+
+
+def _kind(camera: str, held_out: tuple[str, ...]) -> str:
+    return f"{camera}, held out" if camera in held_out else f"{camera}, a training camera"

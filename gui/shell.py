@@ -1,0 +1,64 @@
+"""What actions and the state log may use of the main window. `gui.window.MainWindow` is the one that has it all."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from open3d.visualization import gui
+
+from gui.layout import Layout
+from gui.panels.controls import ControlsPanel
+from gui.panels.dialogs import Dialogs
+from gui.panels.inspector import InspectorPanel
+from gui.panels.modes import ModesPanel
+from gui.panels.stages import StagesPanel
+from gui.panels.timeline import TimelinePanel
+from gui.presenters.marks import Marks
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.preferences import Preferences
+from gui.presenters.run.exports import Exports
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.stage_views import StageViews
+from gui.viewport import Viewport
+
+
+class Shell(Protocol):
+    """The main window, as the rest of the window sees it."""
+
+    preferences: Preferences
+    device: str
+    workspace: Workspace
+    player: PlayerPresenter
+    views: StageViews
+    exports: Exports
+    marks: Marks
+    opening: str
+    pictures: int
+    wants_close: bool
+    dialogs: Dialogs
+    layout: Layout
+    viewport: Viewport
+    timeline: TimelinePanel
+    controls: ControlsPanel
+    modes: ModesPanel
+    stages: StagesPanel
+    inspector: InspectorPanel
+    message: gui.Label
+
+    def open(self, path: str) -> None:
+        """Open a take, a stream or an address."""
+
+    def select(self, stage: str) -> None:
+        """Show a stage."""
+
+    def run(self, stage: str, again: bool) -> None:
+        """Run a stage, or check the footage."""
+
+    def ask_close(self) -> None:
+        """Close, unless a job runs: then ask first."""
+
+    def apply_preferences(self) -> None:
+        """Let the preferences hold."""
+
+    def marks_changed(self) -> None:
+        """The timeline shows them."""

@@ -1,0 +1,1 @@
+"""Ablation studies: one take per variant, and the table that compares them."""

@@ -1,0 +1,77 @@
+"""What `v3studio ablate` leaves out. Nothing heavy is imported: the command line names these in its help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from studio.errors import StudioError
+
+QPS = (12, 16, 20, 24, 28, 32)
+FULL = "full"
+_WHOLE_TAKE = 1000
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way of training.
+
+    Attributes:
+        name: as on the command line and in the folder.
+        title: what it leaves out, for people.
+        settings: overrides of the base configuration, by dotted name.
+    """
+
+    name: str
+    title: str
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+VARIANTS = (
+    Variant(FULL, "full method"),
+    Variant("no-entropy", "no residual entropy loss", {"train.entropy_weight": 0.0}),
+    Variant("no-temporal", "no temporal loss", {"train.temporal_weight": 0.0}),
+    Variant(
+        "no-motion",
+        "no motion stage (positions are fine-tuned instead)",
+        {
+            "train.motion_iterations": 0,
+            "train.motion_first_iterations": None,
+            "train.motion_velocity": False,
+            "train.finetune_means": True,
+        },
+    ),
+    Variant("no-finetune", "no fine-tuning", {"train.finetune_iterations": 0}),
+    Variant("no-grouping", "one group for the whole take", {"train.group_size": _WHOLE_TAKE}),
+    *(Variant(f"group-{size}", f"groups of {size}", {"train.group_size": size}) for size in (10, 15, 20, 25, 30)),
+)
+"""The paper's (section 6 and its figure of groups) and group sizes around its 20."""
+
+OPTIONS = (
+    Variant("by-motion", "groups that follow the motion", {"train.grouping": "motion"}),
+    Variant("no-velocity", "no velocity guess", {"train.motion_velocity": False}),
+    Variant("splat-velocity", "velocity of each splat alone", {"train.motion_velocity_neighbors": 0}),
+    Variant("warm-start", "motion network of the frame before", {"train.motion_warm_start": True}),
+    Variant("fixed-positions", "positions are not fine-tuned", {"train.finetune_means": False}),
+    Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
+    Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
+    Variant("simulated-quantization", "fine-tuned on rounded attributes", {"train.simulate_quantization": True}),
+    Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),
+    Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
+)
+"""Settings beyond the paper, measured where they are asked for by name."""
+
+
+def chosen(names: Sequence[str]) -> tuple[Variant, ...]:
+    """Variants by name, the full method first; all of `VARIANTS` where none is named.
+
+    Raises:
+        StudioError: no variant is called that.
+    """
+    known = {variant.name: variant for variant in (*VARIANTS, *OPTIONS)}
+    for name in names:
+        if name not in known:
+            raise StudioError(f"There is no variant '{name}'; there are {', '.join(known)}.")
+    wanted = {FULL, *(names or [variant.name for variant in VARIANTS])}
+    return tuple(variant for variant in known.values() if variant.name in wanted)

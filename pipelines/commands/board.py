@@ -1,0 +1,124 @@
+"""`v3studio board` and `v3studio sync`: what is done before calibrating."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_board_command(commands: Any) -> None:
+    """Add the command to the parser's commands."""
+    board = commands.add_parser(
+        "board",
+        help="make a calibration board to print (PDF, true scale)",
+        description="Make a calibration board to print (PDF, true scale), and print the settings that describe it.",
+        allow_abbrev=False,
+    )
+    board.add_argument("file", type=Path, metavar="FILE.pdf", help="where to write it")
+    board.add_argument("--kind", choices=("charuco", "chessboard"), default="charuco")
+    board.add_argument("--columns", type=int, default=8, metavar="N", help="squares in a row (8)")
+    board.add_argument("--rows", type=int, default=5, metavar="N", help="rows of squares (5)")
+    board.add_argument("--square", type=float, default=60.0, metavar="MM", help="side of a square in mm (60)")
+    board.add_argument("--marker", type=float, metavar="MM", help="side of a marker in mm (three quarters of a square)")
+    board.add_argument("--dictionary", default="DICT_4X4_50", metavar="NAME", help="of the markers (DICT_4X4_50)")
+    board.add_argument("--inverted", action="store_true", help="exchange black and white")
+    board.add_argument(
+        "--paper", default="fit", metavar="NAME", help="a4, a3, a2, a1, a0, letter, tabloid, or fit: as large as needed"
+    )
+    board.set_defaults(command=_board)
+
+
+def _board(arguments: argparse.Namespace) -> int:
+    import yaml
+
+    from studio.calibration import CalibrationTarget, write_target_pdf
+    from studio.errors import StudioError
+
+    if arguments.file.suffix.lower() != ".pdf":
+        raise StudioError(f"{arguments.file}: the board is written as a PDF; give a name that ends in .pdf.")
+    marker = arguments.marker if arguments.marker is not None else 0.75 * arguments.square
+    # told here in millimeters, as they were given: `CalibrationTarget` knows meters
+    if not 0 < arguments.square < 10_000:
+        raise StudioError(
+            f"--square is {arguments.square:g}; give the side of a square in millimeters, above 0 and below 10000, as "
+            "in 60."
+        )
+    if arguments.kind == "charuco" and not 0 < marker < arguments.square:
+        raise StudioError(
+            f"--marker is {marker:g} mm; give the side of a marker in millimeters, above 0 and below that of a square, "
+            f"which is {arguments.square:g} mm."
+        )
+    board = CalibrationTarget(
+        kind=arguments.kind,
+        columns=arguments.columns,
+        rows=arguments.rows,
+        square=arguments.square / 1000,
+        marker=marker / 1000,
+        dictionary=arguments.dictionary,
+        inverted=arguments.inverted,
+    )
+    width, height = write_target_pdf(board, arguments.file, paper=arguments.paper)
+    names = ["kind", "columns", "rows", "square"]
+    names += ["marker", "dictionary"] if board.kind == "charuco" else []
+    names += ["inverted"] if board.inverted else []
+    values = {"calibrate": {"board": {name: getattr(board, name) for name in names}}}
+    print(
+        f"{arguments.file}: {width:g} x {height:g} mm. Print it at 100 %, measure a square, and set what you measure:"
+    )
+    print(yaml.safe_dump(values, sort_keys=False), end="")
+    return 0
+
+
+def add_sync_command(commands: Any) -> None:
+    """Add the command to the parser's commands."""
+    sync = commands.add_parser(
+        "sync",
+        help="check whether the cameras are synchronized",
+        description="Estimate the offsets between cameras from their sound or from what moves in them.",
+        allow_abbrev=False,
+    )
+    sync.add_argument("config", type=Path, metavar="CONFIG", help="YAML file; its capture section is used")
+    sync.add_argument("--method", choices=("auto", "sound", "motion"), default="auto")
+    sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset looked for (1)")
+    sync.add_argument("--json", action="store_true", help="print JSON")
+    sync.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    sync.set_defaults(command=_sync)
+
+
+def _sync(arguments: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from pipelines.config import load_config
+    from pipelines.stages.arguments import capture_spec
+    from studio.capture import open_footage, refuse_unknown_cameras
+    from studio.capture.sync import check_sync
+
+    capture = load_config(arguments.config, arguments.overrides).capture
+    spec = replace(capture_spec(capture), offsets={}, masks="none", evaluation_mattes="")
+    footage = open_footage(spec, None, strict=False)
+    try:
+        # they do not count here, where offsets are looked for; one that names no camera is a slip all the same
+        refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "The setting capture.offsets")
+        report = check_sync(footage, method=arguments.method, seconds=arguments.seconds)
+    finally:
+        footage.close()
+    if arguments.json:
+        import json
+
+        values = {"method": report.method, "offsets": report.offsets, "confidence": report.confidence}
+        print(
+            json.dumps({**values, "whole": report.whole, "unsure": list(report.unsure)}, indent=1),
+            file=arguments.output,
+        )
+        return 0
+    for name, offset in report.offsets.items():
+        print(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")
+    for sentence in report.sentences():
+        print(sentence)
+    if not report.sentences():
+        print(f"By their {report.method} all cameras are within half a frame of each other.")
+    elif report.whole:
+        words = ", ".join(f"{name}: {offset}" for name, offset in report.whole.items())
+        print(f"capture: {{offsets: {{{words}}}}}")
+    return 0

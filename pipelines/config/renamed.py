@@ -1,0 +1,167 @@
+"""What settings, values and stages were called before. Old names are taken, and told once in one line.
+
+Digests (what a result was made from) are taken over the names that things had first, so that a new name makes nothing
+stale: see `first_names`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from studio.errors import StudioError
+
+STAGES = {"initialise": "initialize"}
+"""Stages, and their folders in a take and sections of settings, before and now."""
+
+SETTINGS = {
+    "calibrate.lens": "calibrate.camera_model",
+    "calibrate.shared_lens": "calibrate.shared_intrinsics",
+    "calibrate.lens_groups": "calibrate.intrinsics_groups",
+    "calibrate.lens_images": "calibrate.intrinsics_images",
+    "calibrate.known": "calibrate.known_cameras",
+    "calibrate.keep_known": "calibrate.fix_intrinsics",
+    "calibrate.keep_poses": "calibrate.fix_poses",
+    "calibrate.board_stands": "calibrate.board_upright",
+    "train.density": "train.strategy",
+    "train.motion_velocity_neighbours": "train.motion_velocity_neighbors",
+    "train.motion_neighbours": "train.motion_neighbors",
+    "train.simulate_quantisation": "train.simulate_quantization",
+}
+"""Dotted names of settings, before and now. A section of `STAGES` is renamed as a whole."""
+
+VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
+"""Of a setting as it is called now: values before and now."""
+
+REPORT_KEYS = {"explained": "match_inlier_ratio", "neighbours": "neighbors"}
+"""Keys of calibrate/report.json, before and now."""
+
+_FIRST_STAGES = {now: before for before, now in STAGES.items()}
+_FIRST_SETTINGS = {now: before for before, now in SETTINGS.items()}
+_FIRST_VALUES = {name: {now: before for before, now in values.items()} for name, values in VALUES.items()}
+_told: set[str] = set()
+
+
+def current_name(name: str) -> str:
+    """What a dotted name of a setting (or a stage) is called now."""
+    section, dot, rest = name.partition(".")
+    return SETTINGS.get(name) or f"{STAGES.get(section, section)}{dot}{rest}"
+
+
+def first_name(name: str) -> str:
+    """What a dotted name of a setting (or a stage) was called first."""
+    section, dot, rest = name.partition(".")
+    return _FIRST_SETTINGS.get(name) or f"{_FIRST_STAGES.get(section, section)}{dot}{rest}"
+
+
+def current_value(name: str, value: Any) -> Any:
+    """What the value of a setting, by its name of now, is called now."""
+    return VALUES.get(name, {}).get(value, value) if isinstance(value, str) else value
+
+
+def current_names(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by dotted name, and "result of STAGE", with the names and values of now."""
+    found = {}
+    for key, value in params.items():
+        name = _result_of(key, STAGES) or current_name(key)
+        found[name] = current_value(name, value)
+    return found
+
+
+def first_names(params: Mapping[str, Any]) -> dict[str, Any]:
+    """The other way: with the names and values that settings had first, which digests are taken over."""
+    found = {}
+    for key, value in params.items():
+        values = _FIRST_VALUES.get(key, {})
+        name = _result_of(key, _FIRST_STAGES) or first_name(key)
+        found[name] = values.get(value, value) if isinstance(value, str) else value
+    return found
+
+
+def first_tree(tree: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """All sections of settings, in their order, with the names and values that they had first."""
+    return {
+        first_name(section): {
+            key.partition(".")[2]: value
+            for key, value in first_names({f"{section}.{name}": value for name, value in values.items()}).items()
+        }
+        for section, values in tree.items()
+    }
+
+
+def current_path(path: str) -> str:
+    """Path of a file relative to its take, as it is called now."""
+    head, slash, rest = path.partition("/")
+    return f"{STAGES.get(head, head)}{slash}{rest}"
+
+
+def first_path(path: str) -> str:
+    """Path of a file relative to its take, as it was called first."""
+    head, slash, rest = path.partition("/")
+    return f"{_FIRST_STAGES.get(head, head)}{slash}{rest}"
+
+
+def renamed(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
+    """Sections of settings with the names and values of now.
+
+    Args:
+        values: sections by name, as read from a file.
+        where: the file, for messages.
+
+    Returns:
+        the sections, and what was renamed ("calibrate.lens is now calibrate.camera_model").
+
+    Raises:
+        StudioError: a setting is given under its old name and under its new one.
+    """
+    found: dict[str, Any] = {}
+    changes: list[str] = []
+    for old_section, content in values.items():
+        section = STAGES.get(old_section, old_section)
+        if section != old_section:
+            changes.append(f"{old_section} is now {section}")
+            if section in values:
+                raise StudioError(
+                    f"{where}: {old_section} is now called {section}, and both are given; keep {section}."
+                )
+        if not isinstance(content, Mapping):
+            found[section] = content
+            continue
+        settings: dict[str, Any] = {}
+        for key, value in content.items():
+            old = f"{section}.{key}"
+            name = SETTINGS.get(old, old)
+            if name != old:
+                changes.append(f"{old} is now {name}")
+                if name.partition(".")[2] in content:
+                    raise StudioError(f"{where}: {old} is now called {name}, and both are given; keep {name}.")
+            now = current_value(name, value)
+            if now != value:
+                changes.append(f"{name}: {value} is now {now}")
+            settings[name.partition(".")[2]] = now
+        found[section] = settings
+    return found, changes
+
+
+def renamed_override(name: str, value: Any) -> tuple[str, Any, list[str]]:
+    """A (dotted name, value) pair of the command line with the names of now, and what was renamed."""
+    now = current_name(name)
+    new = current_value(now, value)
+    changes = [f"{name} is now {now}"] if now != name else []
+    return now, new, changes + ([f"{now}: {value} is now {new}"] if new != value else [])
+
+
+def tell(where: str, changes: list[str]) -> None:
+    """One line on stderr, once in a process for each file and set of names."""
+    if not changes:
+        return
+    line = f"{where}: {', '.join(dict.fromkeys(changes))}."
+    if line not in _told:
+        _told.add(line)
+        print(f"note: {line}", file=sys.stderr)
+
+
+def _result_of(key: str, stages: Mapping[str, str]) -> str | None:
+    begin = "result of "
+    return f"{begin}{stages.get(key[len(begin) :], key[len(begin) :])}" if key.startswith(begin) else None

@@ -1,0 +1,168 @@
+"""The HTML report of a take: one file with pictures and plots in it."""
+
+from __future__ import annotations
+
+import base64
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipelines.config import Config
+from pipelines.reports.pictures import encode
+from pipelines.reports.plots import mark_rows, plots
+from pipelines.takes.atomic_files import read_json, write_text
+from pipelines.takes.groups import Group
+from pipelines.takes.marks import read_marks
+from pipelines.takes.migration import current_report
+from pipelines.takes.records import note_rewritten, read_record
+from pipelines.takes.take import Take, program_version
+from studio.errors import StudioError
+
+_BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
+
+DIFFERENCE_GAIN = 4.0
+"""Differences are shown this many times as strong, or nothing would be seen."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Pictures of one view, cropped alike: (h, w, 3) float32 in 0 to 1."""
+
+    frame: int
+    camera: str
+    truth: np.ndarray
+    trained: np.ndarray
+    decoded: np.ndarray
+
+
+def render_report(
+    take: Take, config: Config, groups: Sequence[Group], evaluation: dict[str, Any], samples: Sequence[Sample]
+) -> str:
+    """The whole report as text.
+
+    Args:
+        take: what is reported on.
+        config: its settings.
+        groups: its groups of frames.
+        evaluation: what evaluation.json holds.
+        samples: pictures to show.
+    """
+    width = config.evaluate.report_width
+    return _rendered(
+        "report.html.j2",
+        title=take.root.name,
+        made=datetime.datetime.now().isoformat(sep=" ", timespec="minutes"),
+        version=program_version(),
+        evaluation=evaluation,
+        gain=DIFFERENCE_GAIN,
+        pictures=[_pictures(sample, width) for sample in samples],
+        over_time=_over_time(take, groups, evaluation),
+        calibration=_calibration(take),
+        timings=_timings(take),
+        settings=config.model_dump(mode="json"),
+    )
+
+
+def update_marks(take: Take, groups: Sequence[Group]) -> bool:
+    """Bring the report's marks in line with marks.json without measuring anything; returns whether it has changed.
+
+    Raises:
+        StudioError: there is no report, or one of an older version, which has no place for marks.
+    """
+    if not (take.report.is_file() and take.evaluation.is_file()):
+        raise StudioError(f"{take.root}: there is no report yet; run `v3studio evaluate`.")
+    text = take.report.read_text(encoding="utf-8")
+    head, begin, rest = text.partition(_BEGIN)
+    _, end, tail = rest.partition(_END)
+    if not (begin and end):
+        raise StudioError(
+            f"{take.report} was written by a version that knew no marks; "
+            f"`v3studio evaluate --take {take.root} --force` writes it anew."
+        )
+    new = head + _over_time(take, groups, read_json(take.evaluation)) + tail
+    if new == text:
+        return False
+    write_text(take.report, new)
+    note_rewritten(take, "evaluate")
+    return True
+
+
+def _over_time(take: Take, groups: Sequence[Group], evaluation: dict[str, Any]) -> str:
+    """The part of the report that marks appear in, between two comments that it is found by."""
+    error, marks = "", dict[int, str]()
+    try:
+        marks = read_marks(take.marks)
+    except StudioError as found:  # the figures are worth a report all the same
+        error = str(found)
+    body = _rendered(
+        "over_time.html.j2",
+        plots=plots(take, groups, evaluation, marks),
+        marks=mark_rows(evaluation, marks),
+        marks_error=error,
+    )
+    return f"{_BEGIN}\n{body}\n{_END}"
+
+
+def _rendered(template: str, **values: Any) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("pipelines.reports", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    return environment.get_template(template).render(**values)
+
+
+def _pictures(sample: Sample, width: int) -> dict[str, Any]:
+    difference = np.clip(np.abs(sample.decoded - sample.truth) * DIFFERENCE_GAIN, 0, 1)
+    return {
+        "frame": sample.frame,
+        "camera": sample.camera,
+        "images": [
+            (label, _embedded(image, width))
+            for label, image in (
+                ("filmed", sample.truth),
+                ("trained", sample.trained),
+                ("decoded", sample.decoded),
+                (f"difference x{DIFFERENCE_GAIN:g}", difference),
+            )
+        ],
+    }
+
+
+def _embedded(image: np.ndarray, width: int) -> str:
+    """A data URI, at most `width` pixels wide."""
+    import cv2
+
+    if image.shape[1] > width:
+        size = (width, max(1, round(image.shape[0] * width / image.shape[1])))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return "data:image/jpeg;base64," + base64.b64encode(encode(image, ".jpg")).decode()
+
+
+def _calibration(take: Take) -> dict[str, Any]:
+    """The plain values of the calibration's report; tables by camera stay in calibrate/report.json."""
+    if not take.calibration_report.is_file():
+        return {}
+    found: dict[str, Any] = {}
+    for name, value in current_report(read_json(take.calibration_report)).items():
+        if isinstance(value, dict) and len(value) <= 4:
+            found |= {f"{name} {key}": item for key, item in value.items() if isinstance(item, (int, float))}
+        elif isinstance(value, (str, int, float)):
+            found[name] = value
+    return found
+
+
+def _timings(take: Take) -> list[tuple[str, float]]:
+    """Seconds of each stage that went before."""
+    found = []
+    for stage in ("calibrate", "initialize", "train", "bake"):
+        record = read_record(take, stage)
+        if record is not None:
+            found.append((stage, float(record["seconds"])))
+    return found

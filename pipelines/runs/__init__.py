@@ -1,0 +1,1 @@
+"""What must run, in what order; running it, and showing how it goes."""

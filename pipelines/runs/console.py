@@ -1,0 +1,184 @@
+"""Events for people: progress bars, warnings and a line a stage; or one JSON object a line for programs."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, TextIO
+
+from pipelines.events import (
+    Event,
+    Log,
+    Preview,
+    Progress,
+    RunFinished,
+    RunStarted,
+    StageFailed,
+    StageFinished,
+    StageStarted,
+    Warned,
+)
+from pipelines.reports.terminal import console, duration
+from studio.standard_output import NativeLines, discard
+
+
+class JsonLines:
+    """Prints each event as a JSON object on a line of its own, at once.
+
+    When the reader goes away (the window is closed) the run goes on in silence; its log is in the take.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream: TextIO | None = stream
+        self._lock = threading.Lock()
+
+    def __call__(self, event: Event) -> None:
+        with self._lock:
+            if self._stream is None:
+                return
+            try:
+                self._stream.write(event.to_json() + "\n")
+                self._stream.flush()
+            except BrokenPipeError:
+                discard(self._stream)
+                self._stream = None
+
+    def __enter__(self) -> JsonLines:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+
+class Bars:
+    """Two bars in the terminal, the stage's and the run's, each with the time left; plain lines where there is no
+    terminal. In a terminal, what native libraries print appears above the bars."""
+
+    def __init__(self) -> None:
+        from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+        from rich.progress import Progress as RichProgress
+
+        self.console = console()
+        self._bars = RichProgress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=28),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[left]}", markup=False),
+            TextColumn("{task.fields[note]}", style="dim", markup=False),
+            console=self.console,
+            transient=True,
+            disable=not self.console.is_terminal,
+        )
+        self._stage: Any = None
+        self._total: Any = None
+        self._last_percent = -1
+        self._native: NativeLines | None = None
+
+    def __enter__(self) -> Bars:
+        if self.console.is_terminal:
+            self._native = NativeLines()
+        self._bars.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stop()
+
+    def _stop(self) -> None:
+        if self._native is not None:
+            self._say_native(self._native.close())
+        self._bars.stop()
+
+    def __call__(self, event: Event) -> None:
+        if self._native is not None:
+            self._say_native(self._native.take())
+        if isinstance(event, RunStarted):
+            self._run_started(event)
+        elif isinstance(event, StageStarted):
+            self._say(f"[bold]{event.stage}[/bold]: {_plain(event.reason)}")
+            self._new_stage_bar(event.stage)
+        elif isinstance(event, Progress):
+            self._progress(event)
+        elif isinstance(event, Warned):
+            self._say(f"[yellow]warning[/yellow] {_plain(event.message)}")
+        elif isinstance(event, StageFinished):
+            figures = ", ".join(f"{name} {_short(value)}" for name, value in event.summary.items())
+            self._say(f"[bold]{event.stage}[/bold]: done in {duration(event.seconds)}. {_plain(figures)}")
+            self._drop_stage_bar()
+        elif isinstance(event, StageFailed):
+            self._drop_stage_bar()  # the command line prints the sentence, or the traceback
+        elif isinstance(event, RunFinished):
+            self._stop()  # gives the cursor back, even if the process is about to be ended the hard way
+            if event.outcome == "cancelled":
+                self._say(f"[yellow]stopped[/yellow]: {_plain(event.message)}")
+        elif isinstance(event, Log | Preview):
+            pass  # for the log and the window
+
+    def _run_started(self, event: RunStarted) -> None:
+        if event.done:
+            self._say(f"up to date: {', '.join(event.done)}")
+        if event.stages:
+            self._say(f"to do: {', '.join(event.stages)}")
+        if len(event.stages) > 1:
+            self._total = self._bars.add_task("all stages", total=1.0, left="", note="")
+
+    def _new_stage_bar(self, stage: str) -> None:
+        self._drop_stage_bar()
+        self._last_percent = -1
+        self._stage = self._bars.add_task(stage, total=1.0, left="", note="")
+
+    def _drop_stage_bar(self) -> None:
+        if self._stage is not None:
+            self._bars.remove_task(self._stage)
+            self._stage = None
+
+    def _progress(self, event: Progress) -> None:
+        note = _note(event)
+        if self._stage is not None:
+            self._bars.update(self._stage, completed=event.fraction, left=_left(event.seconds_left), note=note)
+        if self._total is not None:
+            self._bars.update(self._total, completed=event.total_fraction, left=_left(event.total_seconds_left))
+        if not self.console.is_terminal:  # a log file: a line every five percent
+            percent = int(event.fraction * 20) * 5
+            if percent > self._last_percent:
+                self._last_percent = percent
+                self.console.print(
+                    f"{event.stage} {percent:3d} %  {_left(event.seconds_left)}  {note}".rstrip(),
+                    markup=False,
+                    soft_wrap=True,
+                )
+
+    def _say_native(self, lines: list[str]) -> None:
+        from rich.text import Text
+
+        for line in lines:
+            self.console.print(Text(line, "dim"), soft_wrap=True)
+
+    def _say(self, text: str) -> None:
+        self._bars.console.print(text, soft_wrap=True)
+
+
+def _left(seconds: float | None) -> str:
+    return "" if seconds is None or seconds < 1 else f"{duration(seconds)} left"
+
+
+def _note(event: Progress) -> str:
+    figures = event.figures
+    parts = [event.label]
+    if isinstance(figures.get("psnr"), float):
+        parts.append(f"PSNR {figures['psnr']:.1f}")
+    if isinstance(figures.get("splats"), int):
+        parts.append(f"{figures['splats']} splats")
+    return ", ".join(part for part in parts if part)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1000 else f"{value:,.0f}"
+    text = str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _plain(text: str) -> str:
+    """Text from elsewhere, with rich's markup switched off."""
+    from rich.markup import escape
+
+    return escape(text)

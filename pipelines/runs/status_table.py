@@ -1,0 +1,34 @@
+"""How each stage of a take stands: a table for people, JSON for programs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+from pipelines.config import Config
+from pipelines.reports.tables import escaped, table_of
+from pipelines.reports.terminal import console, duration
+from pipelines.runs.runner import status
+from pipelines.takes.take import Take
+
+_COLORS = {"done": "green", "partial": "yellow", "stale": "yellow", "failed": "red", "missing": "dim"}
+
+
+def print_status(take: Take, config: Config) -> None:
+    """A row a stage, and who holds the take."""
+    screen = console()
+    table = table_of("stage", "state", "finished", "took", "why", left=(0, 1, 4))
+    for name, state in status(take, config).items():
+        units = f"{state.units_done}/{state.units} {state.unit}" if state.units else ""
+        took = duration(state.seconds) if state.seconds is not None and state.state == "done" else ""
+        table.add_row(name, f"[{_COLORS[state.state]}]{state.state}[/]", units, took, escaped(state.reason))
+    screen.print(table)
+    holder = take.running()
+    if holder is not None:
+        screen.print(f"running now: process {holder.get('pid')}, {holder.get('command')}", markup=False)
+
+
+def status_json(take: Take, config: Config) -> str:
+    """The same for programs."""
+    stages = {name: asdict(state) for name, state in status(take, config).items()}
+    return json.dumps({"take": str(take.root), "running": take.running(), "stages": stages}, indent=1)

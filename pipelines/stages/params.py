@@ -1,0 +1,51 @@
+"""What a result is made from, as plain values that are compared and digested."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pipelines.config import Config
+from pipelines.config.renamed import first_name, first_names
+from pipelines.takes.atomic_files import digest_of
+
+Params = dict[str, Any]
+"""What a result is made from: settings by dotted name, digests of inputs and of other stages' results."""
+
+
+def settings_of(config: Config, *names: str) -> Params:
+    """Settings by dotted name; a section stands for all settings in it (`capture.root` never counts: a capture may
+    move, its files' digest tells whether it is the same)."""
+    tree = config.model_dump(mode="json")
+    found: Params = {}
+
+    def collect(prefix: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, item in value.items():
+                collect(f"{prefix}.{key}", item)
+        else:
+            found[prefix] = value
+
+    for name in names:
+        value: Any = tree
+        for part in name.split("."):
+            value = value[part]
+        collect(name, value)
+    return found
+
+
+def without(params: Params, *names: str) -> Params:
+    """Params without the named ones."""
+    return {name: value for name, value in params.items() if name not in names}
+
+
+def key_of(stage: str, version: int, *parts: Any) -> str:
+    """Digest that names one unit's recipe. Settings count by the names that they had first: see `renamed`."""
+    return digest_of(
+        [first_name(stage), version, *(first_names(part) if isinstance(part, dict) else part for part in parts)]
+    )
+
+
+def derived_seed(seed: int, *path: int | str) -> int:
+    """A seed for one unit of work, so that going on after a stop equals never having stopped."""
+    named = [first_name(part) if isinstance(part, str) else part for part in path]
+    return int(digest_of([seed, *named])[:15], 16) % (2**31)

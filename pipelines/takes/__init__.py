@@ -1,0 +1,1 @@
+"""A take's folder: where results lie, how they are written, records, groups, marks."""

@@ -1,0 +1,63 @@
+"""Meshes and point clouds as binary PLY, which any viewer opens."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from studio.errors import StudioError
+
+
+def write_mesh(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
+    """Binary PLY: float32 vertices, triangles."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = np.empty(len(faces), dtype=[("n", "u1"), ("v", "<i4", 3)])
+    rows["n"], rows["v"] = 3, faces
+    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+
+
+_POINT = np.dtype(
+    [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [(name, "u1") for name in ("red", "green", "blue")]
+)
+
+
+def write_points(path: Path, points: np.ndarray, normals: np.ndarray | None, colors: np.ndarray) -> None:
+    """Positions (N, 3), normals (N, 3) or None (zeros then), colors (N, 3) in 0 to 255."""
+    rows = np.zeros(len(points), dtype=_POINT)
+    for column, name in enumerate(("x", "y", "z")):
+        rows[name] = points[:, column]
+        if normals is not None:
+            rows["n" + name] = normals[:, column]
+    for column, name in enumerate(("red", "green", "blue")):
+        rows[name] = np.clip(colors[:, column], 0, 255)
+    names = [f"property {'uchar' if _POINT[name] == np.uint8 else 'float'} {name}" for name in _POINT.names or ()]
+    header = "\n".join(
+        ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *names, "end_header", ""]
+    )
+    path.write_bytes(header.encode() + rows.tobytes())
+
+
+def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (N, 3) float32 and colors (N, 3) float32 in 0 to 1, from what `write_points` wrote.
+
+    Raises:
+        StudioError: not there, or damaged.
+    """
+    try:
+        header, _, body = path.read_bytes().partition(b"end_header\n")
+    except OSError as error:
+        raise StudioError(f"{path}: cannot be read ({error.strerror}); run `v3studio initialize --force`.") from None
+    found = re.search(rb"^element vertex ([0-9]{1,12})$", header, re.MULTILINE)
+    count = int(found[1]) if found else -1
+    if count < 0 or len(body) != count * _POINT.itemsize:
+        raise StudioError(f"{path}: is damaged; run `v3studio initialize --force`.")
+    rows = np.frombuffer(body, dtype=_POINT)
+    points = np.column_stack([rows["x"], rows["y"], rows["z"]])
+    colors = np.column_stack([rows["red"], rows["green"], rows["blue"]]).astype(np.float32) / 255
+    return points, colors

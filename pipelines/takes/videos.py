@@ -1,0 +1,95 @@
+"""The Gaussian video that a take, a stream or an address holds."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+from pipelines.takes.locate_stream import stream_place
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from studio.splat_video import SplatVideo
+    from studio.stream import StreamReader
+
+FALLBACK_FPS = 30.0
+"""Rate of trained frames where neither stream nor settings tell: still images have none."""
+
+
+def is_take(text: str) -> bool:
+    """Whether a take's folder is named."""
+    return "://" not in text and (Path(text).expanduser() / "take.json").is_file()
+
+
+def trained_video(root: Path) -> SplatVideo:
+    """A take's trained frames, from the first up to the first that is missing.
+
+    Raises:
+        StudioError: no take there, or nothing is trained in it.
+    """
+    from pipelines.config import load_config
+    from pipelines.takes.frame_files import read_frame
+    from studio.camera_files import read_rig
+    from studio.splat_video import SplatVideo
+
+    take = Take.open(root)
+    files, starts = take.trained_files()
+    if not files:
+        raise StudioError(f"{root}: nothing is trained in this take yet; run `v3studio train`.")
+    capture = load_config(take.config if take.config.is_file() else None).capture
+    rig = read_rig(take.rig) if take.rig.is_file() else None
+    fps = capture.fps
+    if fps is None and (take.stream / "manifest.json").is_file():
+        from studio.stream import StreamReader
+
+        with StreamReader.open(take.stream) as reader:
+            fps = reader.fps
+    return SplatVideo(
+        name=str(root),
+        fps=float(fps or FALLBACK_FPS),
+        frame_count=len(files),
+        group_starts=starts,
+        read=lambda index: read_frame(files[index]),
+        up=None if rig is None else rig.up,
+        view=None if rig is None else next(iter(rig)).undistorted(),
+        background=(capture.background[0], capture.background[1], capture.background[2]),
+    )
+
+
+def decoded_video(reader: StreamReader) -> SplatVideo:
+    """A stream's frames as its players see them."""
+    import numpy as np
+
+    from studio.cameras import Camera
+    from studio.splat_video import SplatVideo
+
+    metadata: dict[str, Any] = reader.manifest.metadata
+    camera, up, background = (metadata.get(key) for key in ("suggested_camera", "up", "background"))
+    return SplatVideo(
+        name=reader.source.name,
+        fps=reader.fps,
+        frame_count=reader.frame_count,
+        group_starts=tuple(group.first_frame for group in reader.manifest.groups),
+        read=reader.gaussians,
+        up=np.array(up, np.float64) if _is_vector(up) and any(up) else None,
+        view=Camera.from_dict(camera).undistorted() if isinstance(camera, dict) else None,
+        background=(background[0], background[1], background[2]) if _is_vector(background) else (0.0, 0.0, 0.0),
+    )
+
+
+def _is_vector(value: object) -> TypeGuard[list[float]]:
+    """Three finite numbers: metadata is free, and may be anything."""
+    return (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(isinstance(item, int | float) and math.isfinite(item) for item in value)
+    )
+
+
+def open_reader(text: str) -> StreamReader:
+    """The stream that is named: a stream's folder, a take's, or an address. Close it."""
+    from studio.stream import StreamReader
+
+    return StreamReader.open(stream_place(text))

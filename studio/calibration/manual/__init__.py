@@ -1,0 +1,1 @@
+"""Calibration from points marked by hand."""

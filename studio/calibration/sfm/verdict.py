@@ -1,0 +1,64 @@
+"""How far a solution can be trusted. Runs inside the worker's process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+TRUSTED = 0.6
+"""Share of explained matches above which a solution is believed: right ones have 0.75 and more, a ring of cameras
+that was closed wrongly 0.45."""
+
+
+def match_inlier_ratio(model: Any, database: Path) -> float:
+    """Share of the verified matches whose two features see the same point of the model.
+
+    A small reprojection error proves little: cameras that were put in the wrong place keep the few points that fit
+    there. What they lose is the matches with the others.
+
+    Args:
+        model: pycolmap.Reconstruction.
+        database: what it was made from.
+
+    Returns:
+        0 to 1, over pairs of cameras that have a place; 0 without any.
+    """
+    import pycolmap
+
+    seen: dict[int, np.ndarray] = {}
+    for image_id in model.reg_image_ids():
+        points = model.images[image_id].points2D
+        seen[image_id] = np.array([point.point3D_id if point.has_point3D() else -1 for point in points], np.int64)
+    source = pycolmap.Database.open(database)
+    good = total = 0
+    for key in source.read_two_view_geometry_num_inliers()[0]:
+        first, second = pycolmap.pair_id_to_image_pair(key)
+        if first in seen and second in seen:
+            matches = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
+            ids = seen[first][matches[:, 0]]
+            good += int(((ids >= 0) & (ids == seen[second][matches[:, 1]])).sum())
+            total += len(matches)
+    source.close()
+    return good / total if total else 0.0
+
+
+def reprojection_errors(model: Any) -> np.ndarray:
+    """(N,) pixels, of every observation."""
+    errors = []
+    for image_id in model.reg_image_ids():
+        image = model.images[image_id]
+        for feature in image.points2D:
+            if feature.has_point3D():
+                drawn = image.project_point(model.points3D[feature.point3D_id].xyz)
+                if drawn is not None:
+                    errors.append(float(np.linalg.norm(drawn - feature.xy)))
+    return np.array(errors)
+
+
+def noise(model: Any) -> float:
+    """Standard deviation of the features in pixels, an axis, from the median reprojection error: outliers aside."""
+    errors = reprojection_errors(model)
+    # the length of a Gaussian error of two axes has the median 1.177 standard deviations; rounding makes 0.01
+    return max(float(np.median(errors)) / 1.177, 0.01) if len(errors) else 1.0

@@ -1,0 +1,173 @@
+"""One camera's lens from views of a board, and where a board stands before a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
+from studio.cameras import Camera
+from studio.errors import StudioError
+
+MOST_VIEWS = 40
+"""Views that the lens is first estimated from; bundle adjustment then uses all."""
+LEAST_VIEWS = 3
+LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+
+
+def check_lens_size(lens: Camera, size: tuple[int, int]) -> None:
+    """Refuse a known lens for pictures of another size.
+
+    Raises:
+        StudioError: the size (width, height) is not the lens's.
+    """
+    if (lens.width, lens.height) != size:
+        raise StudioError(
+            f"Camera '{lens.name}': its pictures are {size[0]}x{size[1]} but the known lens is for "
+            f"{lens.width}x{lens.height}; scale one of them."
+        )
+
+
+def lens_from_views(
+    name: str,
+    size: tuple[int, int],
+    board: CalibrationTarget,
+    views: Sequence[TargetObservation],
+    model: str,
+    *,
+    principal_point: bool,
+) -> Camera:
+    """Focal lengths, principal point and distortion of a camera (Zhang's method, by OpenCV), at the identity pose.
+
+    Args:
+        name: the camera's.
+        size: width and height of its images.
+        board: what it sees.
+        views: of several positions and tilts of the board.
+        model: COLMAP's name of the lens model, as in `SfmSettings.camera_model`.
+        principal_point: estimate it; else it is the image's middle.
+
+    Raises:
+        StudioError: too few views, or they do not fix the lens.
+    """
+    import cv2
+
+    if len(views) < LEAST_VIEWS:
+        raise StudioError(
+            f"Camera '{name}' sees the board in {len(views)} pictures; its lens needs {LEAST_VIEWS} at least, better "
+            "20, with the board tilted differently: film more, or give the lens."
+        )
+    chosen = _spread(views, size)
+    world = [board.corners[view.ids].astype(np.float32) for view in chosen]
+    pixels = [(view.pixels - 0.5).astype(np.float32) for view in chosen]
+    flags = {
+        "SIMPLE_PINHOLE": cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | _fix(1, 2, 3),
+        "PINHOLE": cv2.CALIB_ZERO_TANGENT_DIST | _fix(1, 2, 3),
+        "SIMPLE_RADIAL": cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | _fix(2, 3),
+        "RADIAL": cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | _fix(3),
+        "OPENCV": _fix(3),
+        "FULL_OPENCV": cv2.CALIB_RATIONAL_MODEL,
+    }[model]
+    if not principal_point or len(chosen) < 6:  # few views cannot tell a shifted principal point from a turned camera
+        flags |= cv2.CALIB_FIX_PRINCIPAL_POINT
+    K: np.ndarray = _first_guess(world, pixels, size)
+    distortion: np.ndarray = np.zeros(8)
+    # little by little: all terms at once can run into a far-off minimum
+    steps = [flags | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST | _fix(2, 3), flags]
+    for step in steps:
+        step |= cv2.CALIB_USE_INTRINSIC_GUESS
+        _, new_K, new_distortion, _, _ = cv2.calibrateCamera(world, pixels, size, K, distortion, flags=step)
+        K, distortion = np.array(new_K, np.float64), np.array(new_distortion, np.float64)
+    K[:2, 2] += 0.5
+    lens = np.ravel(distortion)[: 8 if model == "FULL_OPENCV" else 4]
+    if not np.isfinite(K).all() or not 0.1 < K[0, 0] / max(size) < 50:
+        raise StudioError(
+            f"Camera '{name}': the {len(views)} pictures of the board do not fix its focal length (found {K[0, 0]:g} "
+            f"pixels for images of {size[0]}x{size[1]}); film the board tilted and nearer, or give the lens."
+        )
+    return Camera(name, *size, K, np.eye(4), lens if lens.any() else np.zeros(0))
+
+
+def _first_guess(world: Sequence[np.ndarray], pixels: Sequence[np.ndarray], size: tuple[int, int]) -> np.ndarray:
+    """K of a pinhole camera; of several focal lengths to start from, the one that ends best."""
+    import cv2
+
+    flags = (
+        cv2.CALIB_USE_INTRINSIC_GUESS
+        | cv2.CALIB_FIX_ASPECT_RATIO
+        | cv2.CALIB_FIX_PRINCIPAL_POINT
+        | cv2.CALIB_ZERO_TANGENT_DIST
+        | _fix(1, 2, 3)
+    )
+    some = np.unique(np.linspace(0, len(world) - 1, min(12, len(world))).astype(int))
+    best, found = np.inf, np.eye(3)
+    for factor in (0.5, 0.8, 1.2, 1.8, 3.0):
+        focal = factor * max(size)
+        start = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
+        error, K, _, _, _ = cv2.calibrateCamera(
+            [world[i] for i in some], [pixels[i] for i in some], size, start, np.zeros(5), flags=flags
+        )
+        if error < best and 0.1 < K[0, 0] / max(size) < 50:
+            best, found = error, np.array(K)
+    return found
+
+
+def _fix(*terms: int) -> int:
+    import cv2
+
+    return sum(getattr(cv2, f"CALIB_FIX_K{term}") for term in terms)
+
+
+def _spread(views: Sequence[TargetObservation], size: tuple[int, int]) -> list[TargetObservation]:
+    """At most `MOST_VIEWS`, each adding parts of the image or distances that those before have not shown."""
+    if len(views) <= MOST_VIEWS:
+        return list(views)
+    marks = np.array([_mark(view, size) for view in views])
+    chosen = [int(np.argmax([len(view.ids) for view in views]))]
+    nearest = np.full(len(views), np.inf)
+    while len(chosen) < MOST_VIEWS:
+        nearest = np.minimum(nearest, np.linalg.norm(marks - marks[chosen[-1]], axis=1))
+        nearest[chosen] = -1
+        chosen.append(int(np.argmax(nearest)))
+    return [views[index] for index in sorted(chosen)]
+
+
+def _mark(view: TargetObservation, size: tuple[int, int]) -> np.ndarray:
+    """Where in the image, how large, and which way the corners lean."""
+    scaled = view.pixels / max(size)
+    spread = np.cov(scaled.T)
+    return np.concatenate([scaled.mean(0), np.sqrt(np.diag(spread)), [spread[0, 1] / np.sqrt(np.trace(spread) + 1e-9)]])
+
+
+def target_pose(camera: Camera, board: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, float]:
+    """Where the board stands before the camera.
+
+    Returns:
+        (4, 4) from board to camera coordinates, and the root mean square of the reprojection errors in pixels; of the
+        two poses that a flat thing allows, the one that fits better.
+    """
+    import cv2
+
+    world = board.corners[view.ids]
+    lens = camera.distortion if camera.distortion.size else None
+    found, turns, shifts, _ = cv2.solvePnPGeneric(
+        world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, lens, flags=cv2.SOLVEPNP_IPPE
+    )
+    best, pose = np.inf, np.eye(4)
+    for index in range(int(found)):
+        turn, shift = cv2.solvePnPRefineLM(
+            world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, lens, turns[index], shifts[index]
+        )
+        candidate = np.eye(4)
+        candidate[:3, :3], candidate[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
+        error = float(np.sqrt((reprojection(camera, candidate, world, view.pixels) ** 2).mean()))
+        if error < best and candidate[2, 3] > 0:
+            best, pose = error, candidate
+    return pose, best
+
+
+def reprojection(camera: Camera, to_camera: np.ndarray, world: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(N,) distances in pixels between where points are seen and where a pose (4, 4) puts them."""
+    return np.linalg.norm(replace(camera, world_to_camera=to_camera).project(world)[0] - pixels, axis=1)

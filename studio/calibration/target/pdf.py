@@ -1,0 +1,158 @@
+"""A board on paper: a PDF page at true scale, drawn as vectors."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.calibration.target.pattern import CalibrationTarget
+from studio.errors import StudioError
+
+PAPERS = {  # millimeters, portrait
+    "a4": (210.0, 297.0),
+    "a3": (297.0, 420.0),
+    "a2": (420.0, 594.0),
+    "a1": (594.0, 841.0),
+    "a0": (841.0, 1189.0),
+    "letter": (215.9, 279.4),
+    "tabloid": (279.4, 431.8),
+}
+_EDGE = 8.0  # millimeters that printers leave white
+_TEXT = 9.0  # millimeters for the ruler and the words below the board
+
+
+def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit") -> tuple[float, float]:
+    """Draw a board.
+
+    Args:
+        board: what to draw.
+        path: the PDF; written under another name first.
+        paper: "fit" makes the page as large as the board, with a square of white around it; else a key of `PAPERS`, of
+            which the page is taken upright or lying, as the board fits.
+
+    Returns:
+        width and height of the page in millimeters.
+
+    Raises:
+        StudioError: an unknown paper, a board too large for it, an unwritable place.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+    from matplotlib.figure import Figure
+
+    width, height = _page(board, paper)
+    figure = Figure(figsize=(width / 25.4, height / 25.4))
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set(xlim=(0, width), ylim=(height, 0))  # millimeters from the upper left corner
+    axes.axis("off")
+    left = (width - board.columns * board.square * 1000) / 2
+    top = (height - _TEXT - board.rows * board.square * 1000) / 2
+    if board.inverted:
+        margin = min(left, top, board.square * 1000)
+        _rectangles(axes, [_outline(board, left, top, margin)], "black")
+    ink = "white" if board.inverted else "black"
+    _rectangles(axes, [(left + 1000 * x, top + 1000 * y, 1000 * w, 1000 * h) for x, y, w, h in dark(board)], ink)
+    _foot(axes, board, left, height)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # nothing of the day or the machine in the file: the same board gives the same bytes
+        with rc_context({"pdf.compression": 6}):
+            about = {"Title": describe(board), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
+            FigureCanvasPdf(figure).print_pdf(str(temporary), metadata=about)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise StudioError(f"{path}: cannot be written ({error.strerror}).") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+    return width, height
+
+
+def describe(board: CalibrationTarget) -> str:
+    """One line that says which board it is."""
+    base = f"{board.kind}, {board.columns} x {board.rows} squares of {board.square * 1000:g} mm"
+    if board.kind == "charuco":
+        base += f", markers {board.marker * 1000:g} mm, {board.dictionary}" + (", legacy" if board.legacy else "")
+    return base + (", inverted" if board.inverted else "")
+
+
+def dark(board: CalibrationTarget) -> list[tuple[float, float, float, float]]:
+    """What is black (white on an inverted board): rectangles x, y, width, height in meters, board coordinates.
+
+    Where a marker lies in a white square, its black cells are listed one by one.
+    """
+    s = board.square
+    if board.kind == "chessboard":
+        # as OpenCV's pattern: the first square is black
+        return [(i * s, j * s, s, s) for j in range(board.rows) for i in range(board.columns) if (i + j) % 2 == 0]
+    charuco = board.charuco
+    import cv2
+
+    dictionary = charuco.getDictionary()
+    cells = dictionary.markerSize + 2  # a border of one cell
+    found: list[tuple[float, float, float, float]] = []
+    with_marker = set()
+    for number, corners in zip(np.ravel(charuco.getIds()), charuco.getObjPoints(), strict=True):
+        x0, y0 = np.asarray(corners)[0, :2].astype(float)
+        with_marker.add((int(x0 / s), int(y0 / s)))
+        picture = cv2.aruco.generateImageMarker(dictionary, int(number), cells)
+        size = board.marker / cells
+        for row in range(cells):
+            column = 0
+            while column < cells:  # runs of black cells are one rectangle
+                end = column
+                while end < cells and picture[row, end] < 128:
+                    end += 1
+                if end > column:
+                    found.append((x0 + column * size, y0 + row * size, (end - column) * size, size))
+                column = end + 1
+    found += [
+        (i * s, j * s, s, s) for j in range(board.rows) for i in range(board.columns) if (i, j) not in with_marker
+    ]
+    return found
+
+
+def _page(board: CalibrationTarget, paper: str) -> tuple[float, float]:
+    width, height = board.columns * board.square * 1000, board.rows * board.square * 1000
+    if paper == "fit":
+        white = max(_EDGE, board.square * 1000)
+        return width + 2 * white, height + 2 * white + _TEXT
+    if paper not in PAPERS:
+        raise StudioError(f"The paper '{paper}' is unknown; choose fit or one of {', '.join(PAPERS)}.")
+    sizes = [PAPERS[paper], PAPERS[paper][::-1]]
+    if width > height:
+        sizes.reverse()
+    for page in sizes:
+        if width + 2 * _EDGE <= page[0] and height + 2 * _EDGE + _TEXT <= page[1]:
+            return page
+    raise StudioError(
+        f"The board is {width:g} x {height:g} mm and does not fit on {paper}; take smaller squares, fewer squares or "
+        "a larger paper."
+    )
+
+
+def _outline(board: CalibrationTarget, left: float, top: float, margin: float) -> tuple[float, float, float, float]:
+    width, height = board.columns * board.square * 1000, board.rows * board.square * 1000
+    return (left - margin, top - margin, width + 2 * margin, height + 2 * margin)
+
+
+def _rectangles(axes: Any, rectangles: list[tuple[float, float, float, float]], color: str) -> None:
+    from matplotlib.collections import PolyCollection
+
+    corners = [[(x, y), (x + w, y), (x + w, y + h), (x, y + h)] for x, y, w, h in rectangles]
+    axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors="none", antialiaseds=False))
+
+
+def _foot(axes: Any, board: CalibrationTarget, left: float, height: float) -> None:
+    """A ruler to check the print with, and which board this is."""
+    left, y = max(left, _EDGE), height - _EDGE / 2 - 2
+    length = 50.0
+    gray = "0.35"
+    axes.plot([left, left + length], [y, y], color=gray, linewidth=0.6)
+    for at in range(0, int(length) + 1, 10):
+        axes.plot([left + at, left + at], [y - 1.5, y], color=gray, linewidth=0.6)
+    text = f"50 mm; print at 100 %, then measure. {describe(board)}"
+    axes.text(left + length + 3, y, text, fontsize=5, color=gray, verticalalignment="bottom")

@@ -1,0 +1,1 @@
+"""Mattes: one file per source, and what they share."""

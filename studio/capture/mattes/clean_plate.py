@@ -1,0 +1,263 @@
+"""A soft foreground matte from an image and the same view of the empty set.
+
+Steps: evidence a pixel (difference to the plate in units of the noise, shadows discounted; then how much likelier the
+color is in the foreground than in the background), smoothing of the evidence along the image's own edges (a guided
+filter, He et al. 2010, in place of a graph cut), connected pieces, and at the silhouette a matte solved from the known
+background: I = a F + (1 - a) B.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from studio.capture.mattes.filters import color_table, guided_filter, keep_components, look_up, masked_mean
+
+_NO_CHROMA = 127.5  # gray in Cr and Cb
+_FADED = 4.0  # levels of chroma: what a shadow takes away below that is not noticed
+_WORK_SIDE = 960  # evidence is gathered at this size; edges are solved at full size
+
+
+@dataclass(frozen=True)
+class DifferenceSettings:
+    """How `difference_matte` decides.
+
+    Attributes:
+        sensitivity: above 1 finds more foreground, below 1 less.
+        components: how many foreground pieces to keep, largest first; 0 keeps all that are larger than noise.
+        shadows: discount pixels that look like the plate under less light.
+    """
+
+    sensitivity: float = 1.0
+    components: int = 0
+    shadows: bool = True
+
+
+def noise_of(difference: np.ndarray) -> np.ndarray:
+    """Robust standard deviation of each channel of an image difference, taken as if most pixels were background.
+
+    Args:
+        difference: (H, W, C) float32.
+
+    Returns:
+        (C,) float32, at least 0.7 (8-bit rounding and compression).
+    """
+    flat = difference.reshape(-1, difference.shape[-1])[::7]
+    center = np.median(flat, axis=0)
+    return np.maximum(1.4826 * np.median(np.abs(flat - center), axis=0), 0.7).astype(np.float32)
+
+
+def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
+    """Gain a channel that takes the plate to the image's exposure and white balance: median of ratios, 0.7 to 1.4.
+
+    Args:
+        image, plate: (H, W, 3) float32 in 0..255.
+        known: (H, W) bool, where to look; None is everywhere.
+
+    Returns:
+        (3,) float32.
+    """
+    red, green, blue = plate[..., 0], plate[..., 1], plate[..., 2]
+    usable = (red > 20) & (green > 20) & (blue > 20) & (red < 240) & (green < 240) & (blue < 240)
+    if known is not None:
+        usable &= known
+    if usable.sum() < 500:
+        return np.ones(3, np.float32)
+    chosen = np.flatnonzero(usable.reshape(-1))[::5]
+    ratio = image.reshape(-1, 3)[chosen] / plate.reshape(-1, 3)[chosen]
+    return np.clip(np.median(ratio, axis=0), 0.7, 1.4).astype(np.float32)
+
+
+def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: DifferenceSettings) -> np.ndarray:
+    """Log-odds of foreground from the difference to the plate alone.
+
+    Args:
+        image, plate: (H, W, 3) float32 RGB in 0..255, the plate at the image's exposure.
+
+    Returns:
+        (H, W) float32, between -4 (as the plate) and 6 (surely not).
+    """
+    import cv2
+
+    luma_chroma = []
+    for picture in (image, plate):
+        # Chroma is recorded at half the size: compare it more blurred than luma.
+        scaled = (cv2.GaussianBlur(picture, (0, 0), 0.7) / 255.0).astype(np.float32)
+        values = cv2.cvtColor(scaled, cv2.COLOR_RGB2YCrCb) * np.float32(255.0)
+        values[..., 1:] = cv2.GaussianBlur(values[..., 1:], (0, 0), 1.3)
+        luma_chroma.append(values)
+    ours, empty = luma_chroma
+    difference = ours - empty
+    noise = noise_of(difference)
+    # A little misregistration or ringing at the plate's own edges is no foreground.
+    across, down = cv2.Sobel(empty, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(empty, cv2.CV_32F, 0, 1, scale=1 / 8)
+    slope = across * across + down * down
+    variance = noise * noise + slope * np.array([0.15**2, 0.5**2, 0.5**2], np.float32)
+    if settings.shadows:
+        shadow, factor = _shadow(ours[..., 0], empty[..., 0], noise)
+        variance[..., 0] += shadow * difference[..., 0] ** 2
+        # less light takes color away by the same factor, which shows where the set is colorful
+        faded = (shadow * (1 - factor))[..., None] * (empty[..., 1:] - np.float32(_NO_CHROMA))
+        difference[..., 1:] += faded * np.clip(np.abs(faded) - _FADED, 0.0, 1.0)
+    # The floor keeps faint reflections and flicker out of very clean footage.
+    difference *= difference
+    difference /= variance + np.array([9.0, 2.25, 2.25], np.float32)
+    score = np.sqrt(cv2.transform(difference, np.ones((1, 3), np.float32)))
+    return np.clip(1.2 * (score * settings.sensitivity - 4.0), -4.0, 6.0).astype(np.float32)
+
+
+def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) in 0..1: how much a pixel is the plate's luma times one factor below 1 all around it; and the factor."""
+    import cv2
+
+    size = (9, 9)
+    sums = [cv2.boxFilter(values, -1, size) for values in (ours * empty, empty * empty, ours * ours)]
+    factor = sums[0] / np.maximum(sums[1], 1.0)
+    residual = np.maximum(sums[2] - factor * sums[0], 0.0)  # mean squared error of ours = factor * empty
+    fits = np.exp(-residual / (2.0 * (9.0 + (1.5 * noise[0]) ** 2)))
+    return fits * ((factor > 0.45) & (factor < 0.99)), factor
+
+
+def difference_matte(
+    image: np.ndarray,
+    plate: np.ndarray,
+    settings: DifferenceSettings | None = None,
+    known: np.ndarray | None = None,
+    doubtful: np.ndarray | None = None,
+    colors: np.ndarray | None = None,
+) -> np.ndarray:
+    """Foreground matte of `image` by comparison with `plate`.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        plate: (H, W, 3) uint8 RGB, the same view without the performer.
+        settings: None is the defaults.
+        known: (H, W) bool, where the plate can be believed; None is everywhere. Elsewhere only colors decide.
+        doubtful: (H, W) bool, where the plate may show the performer; likeness to it does not make a hole there.
+        colors: `color_table` of performer against set, learned from the whole footage; None learns from this image.
+
+    Returns:
+        (H, W) uint8, 255 foreground, soft at the edges.
+    """
+    import cv2
+
+    settings = settings or DifferenceSettings()
+    height, width = image.shape[:2]
+    shrink = min(1.0, _WORK_SIDE / max(height, width))
+    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+    small, small_plate = image, plate
+
+    def reduced(area: np.ndarray | None) -> np.ndarray | None:
+        if area is None or shrink == 1.0:
+            return area
+        return cv2.resize(area.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
+
+    if shrink < 1.0:
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        small_plate = cv2.resize(plate, size, interpolation=cv2.INTER_AREA)
+    ours, empty = small.astype(np.float32), small_plate.astype(np.float32)
+    gain = match_exposure(ours, empty, reduced(known))
+    empty *= gain
+    mask = foreground_mask(ours, empty, settings, reduced(known), reduced(doubtful), colors)
+    if not mask.any():
+        return np.zeros((height, width), np.uint8)
+    if shrink < 1.0:
+        mask = (cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5).astype(
+            np.uint8
+        )
+    return solve_edges(image, plate, gain, mask, reach=max(2.0, 2.0 / shrink), known=known)
+
+
+def foreground_mask(
+    image: np.ndarray,
+    plate: np.ndarray,
+    settings: DifferenceSettings,
+    known: np.ndarray | None = None,
+    doubtful: np.ndarray | None = None,
+    colors: np.ndarray | None = None,
+) -> np.ndarray:
+    """Binary foreground (H, W) uint8 0 or 1 of float32 images; see `difference_matte`."""
+    import cv2
+
+    evidence = difference_evidence(image, plate, settings)
+    sure, empty = evidence > 4.0, evidence < -1.0
+    ratio: np.ndarray | None = None
+    if colors is not None:
+        ratio = cv2.blur(np.clip(look_up(colors, image), -4.0, 4.0), (3, 3))
+        if known is not None:
+            evidence = np.where(known, evidence, ratio)
+        evidence += 0.7 * ratio
+        sure &= ratio > -1.0
+    else:
+        if known is not None:
+            evidence = np.where(known, evidence, 0.0).astype(np.float32)
+        if sure.sum() > 50:
+            table = color_table(image[sure], image[empty])
+            evidence = evidence + 0.7 * np.clip(look_up(table, image), -3.0, 3.0)
+    gray = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
+    smooth = guided_filter(gray, evidence, radius=3, epsilon=4e-4)
+    mask = (smooth > 0.0).astype(np.uint8)
+    minimum = int(1e-4 * mask.size)
+    mask = keep_components(mask, settings.components, minimum, core=sure, likeness=ratio)
+    if doubtful is None or ratio is None or not mask.any():
+        return mask
+    # Dents and holes where the plate may show the performer: closed where the colors are the performer's.
+    reach = max(1, round(0.04 * max(cv2.boundingRect(mask)[2:])))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    padded = cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[reach:-reach, reach:-reach]
+    outside = cv2.copyMakeBorder(closed, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    cv2.floodFill(outside, None, (0, 0), 2)
+    enclosed = outside[1:-1, 1:-1] != 2
+    added = enclosed & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
+    return keep_components((mask > 0) | added, settings.components, minimum, core=sure, likeness=ratio)
+
+
+def solve_edges(
+    image: np.ndarray, plate: np.ndarray, gain: np.ndarray, mask: np.ndarray, reach: float, known: np.ndarray | None
+) -> np.ndarray:
+    """A soft matte from a binary one: within `reach` pixels of the silhouette, solve I = a F + (1 - a) B for a.
+
+    F is the mean foreground color just inside, B the plate. Where the two are hardly told apart the distance to the
+    silhouette decides.
+
+    Args:
+        image, plate: (H, W, 3) uint8.
+        gain: (3,) exposure of the plate.
+        mask: (H, W) uint8, 0 or 1.
+        reach: pixels.
+        known: where the plate can be believed, or None.
+
+    Returns:
+        (H, W) uint8.
+    """
+    import cv2
+
+    height, width = mask.shape
+    matte = mask * np.uint8(255)
+    left, top, across, down = cv2.boundingRect(mask)
+    margin = int(np.ceil(4 * reach))
+    rows = slice(max(0, top - margin), min(height, top + down + margin))
+    columns = slice(max(0, left - margin), min(width, left + across + margin))
+    inner = mask[rows, columns]
+    radius = int(np.ceil(reach))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    core, grown = cv2.erode(inner, disc), cv2.dilate(inner, disc)
+    ours = image[rows, columns].astype(np.float32)
+    behind = plate[rows, columns].astype(np.float32) * gain
+    front, weight = masked_mean(ours, core, 1.5 * reach)
+    contrast = front - behind
+    total = np.ones((1, 3), np.float32)
+    power = cv2.transform(contrast * contrast, total)
+    by_color = cv2.transform((ours - behind) * contrast, total) / np.maximum(power, 1.0)
+    by_place = cv2.GaussianBlur(inner.astype(np.float32), (0, 0), 0.5 * reach)
+    # Variance of the color solution: noise and texture of about 12 levels; of the place: 0.25.
+    trust = power / (12.0**2 * 3) * 0.25**2 * 16
+    trust = np.where(weight > 1e-3, trust, 0.0)
+    if known is not None:
+        trust = np.where(known[rows, columns], trust, 0.0)
+    alpha = (trust * np.clip(by_color, 0.0, 1.0) + by_place) / (trust + 1.0)
+    band = (grown > 0) & (core == 0)
+    matte[rows, columns] = np.where(band, np.rint(255.0 * alpha), matte[rows, columns]).astype(np.uint8)
+    return matte

@@ -1,0 +1,56 @@
+"""Taking the screen's light off the performer's outline.
+
+At the outline a pixel mixes performer and screen, I = a F + (1 - a) B, and the screen's light colors the performer
+himself. The first is undone with the matte and the screen as it is seen beside him, the second by the usual rule: the
+screen's channel may be no brighter than the brighter of the other two. Both touch the outline only, because clothes of
+the screen's hue would lose their color.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+_LEAST_COVER = 0.1  # of a pixel by the performer, below which his color is not solved for: noise would rule
+
+
+def key_channels(color: np.ndarray) -> tuple[list[int], list[int]]:
+    """Channels (0 red, 1 green, 2 blue) that a screen's (3,) color is bright in, and the others.
+
+    One for green, blue and red screens; two for yellow, cyan and magenta ones.
+    """
+    order = np.argsort(-np.asarray(color, np.float64), kind="stable")
+    high, middle, low = (float(color[index]) for index in order)
+    count = 1 if high - middle >= middle - low else 2
+    return [int(index) for index in order[:count]], [int(index) for index in order[count:]]
+
+
+def despill(image: np.ndarray, matte: np.ndarray, behind: np.ndarray, color: np.ndarray) -> np.ndarray:
+    """The image without the screen's light at the performer's outline.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        matte: (H, W) uint8, 255 = performer.
+        behind: (H, W, 3) uint8 RGB, the screen without the performer.
+        color: (3,) the screen's color.
+
+    Returns:
+        (H, W, 3) uint8. Pixels further from the outline than 1 % of the performer's size (at least 3 pixels) are as
+        they were.
+    """
+    import cv2
+
+    result = image.copy()
+    across, down = cv2.boundingRect((matte > 127).astype(np.uint8))[2:]
+    if not across:
+        return result
+    reach = max(3, round(0.01 * max(across, down)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    outline = np.nonzero((cv2.dilate(matte, disc) > 2) & (cv2.erode(matte, disc) < 253))
+    cover = matte[outline].astype(np.float32)[:, None] / 255
+    colors = (image[outline] - (1 - cover) * behind[outline]) / np.maximum(cover, _LEAST_COVER)
+    colors = np.where(cover > 0.02, np.clip(colors, 0, 255), image[outline])
+    bright, others = key_channels(color)
+    surplus = np.maximum(colors[:, bright].min(axis=1) - colors[:, others].max(axis=1), 0)
+    colors[:, bright] -= surplus[:, None]
+    result[outline] = np.rint(colors).astype(np.uint8)
+    return result

@@ -1,0 +1,50 @@
+"""Mattes on disk: what a slow model made of a picture is made once."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+
+
+class MatteCache:
+    """PNG files named by a digest of the recipe and of the picture itself, so that a file is never out of date.
+
+    Args:
+        folder: where they lie; made when the first is written. Files may be deleted at any time.
+        recipe: everything that decides the mattes apart from the picture.
+    """
+
+    def __init__(self, folder: Path, recipe: str) -> None:
+        self._folder, self._recipe = folder, recipe
+
+    def _path(self, image: np.ndarray) -> Path:
+        digest = hashlib.blake2b(f"{self._recipe}\0{image.shape}\0".encode(), digest_size=16)
+        digest.update(np.ascontiguousarray(image).data)
+        return self._folder / f"matte_{digest.hexdigest()}.png"
+
+    def read(self, image: np.ndarray) -> np.ndarray | None:
+        """(H, W) uint8 matte of an (H, W, 3) uint8 picture; None where none is kept or its file is damaged."""
+        from PIL import Image
+
+        try:
+            with Image.open(self._path(image)) as file:
+                matte = np.array(file)
+        except (OSError, ValueError, SyntaxError):  # not there, or cut off: made again
+            return None
+        return matte if matte.dtype == np.uint8 and matte.shape == image.shape[:2] else None
+
+    def write(self, image: np.ndarray, matte: np.ndarray) -> None:
+        """Keep the (H, W) uint8 `matte` of a picture. Raises OSError where the disk does not take it."""
+        from PIL import Image
+
+        path = self._path(image)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.{os.getpid()}.partial.png")
+        try:
+            Image.fromarray(matte).save(partial, compress_level=1)
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)

@@ -1,0 +1,54 @@
+"""Numbers to bytes and back: rounding to levels over a range, and the two bytes of a position."""
+
+from __future__ import annotations
+
+import numpy as np
+
+LEVELS_8 = 255
+LEVELS_16 = 65535
+
+
+def quantize(values: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
+    """Round values to `levels + 1` equally spaced ones from `low` to `high`.
+
+    Args:
+        values: any shape, finite. Values outside the range are moved to its end.
+        low, high: the range; where they are equal every value becomes 0.
+        levels: 255 or 65535.
+
+    Returns:
+        uint16, same shape, at most half a step (high - low) / levels from the input within the range.
+    """
+    if high <= low:
+        return np.zeros(values.shape, dtype=np.uint16)
+    scaled = (values.astype(np.float64) - low) * (levels / (high - low))
+    return np.clip(np.rint(scaled), 0, levels).astype(np.uint16)
+
+
+def dequantize(codes: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
+    """Inverse of `quantize`: float32, low + code (high - low) / levels."""
+    return codes.astype(np.float32) * np.float32((high - low) / levels) + np.float32(low)
+
+
+def split_bytes(codes: np.ndarray, mirrored: bool) -> tuple[np.ndarray, np.ndarray]:
+    """High and low byte of uint16 codes.
+
+    A plain low byte jumps between 255 and 0 wherever the high byte steps: an edge in space and time that costs a
+    video codec many bits, and that a lossy codec blurs. Mirrored, it runs backwards where the high byte is odd
+    (255 - low), so that it is continuous wherever the position is.
+
+    Returns:
+        high, low: uint8, same shape.
+    """
+    high = (codes >> 8).astype(np.uint8)
+    low = (codes & 255).astype(np.uint8)
+    if mirrored:
+        low = np.where(high & 1, 255 - low, low).astype(np.uint8)
+    return high, low
+
+
+def join_bytes(high: np.ndarray, low: np.ndarray, mirrored: bool) -> np.ndarray:
+    """Inverse of `split_bytes`: uint16 codes. An error in the low byte never reaches the high one."""
+    if mirrored:
+        low = np.where(high & 1, 255 - low, low)
+    return (high.astype(np.uint16) << 8) | low

@@ -1,0 +1,194 @@
+"""Residual entropy and temporal losses (paper section 4.2, equations 8 to 12).
+
+Both act on the values that the baker quantizes: unit quaternions with continuous sign, log scales, opacities, SH.
+Positions are the motion stage's alone (the paper sums over R, S, o, c, SH). All channels stand side by side in one
+(N, C) tensor: many small tensors would cost more in overhead than in arithmetic.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from studio.gaussians import Gaussians
+
+_TAIL = 1e-3
+"""Probability under which the float32 difference of two CDF values has lost too many digits."""
+
+_MIN_STEP = 1e-3
+
+
+def channels(sh_degree: int) -> dict[str, slice]:
+    """Which columns of `baked_values` belong to which attribute."""
+    columns = {"rotation": slice(0, 4), "scale": slice(4, 7), "opacity": slice(7, 8), "color": slice(8, 11)}
+    if sh_degree > 0:
+        columns["sh"] = slice(11, 8 + 3 * (sh_degree + 1) ** 2)
+    return columns
+
+
+def baked_values(gaussians: Gaussians, reference_quats: Tensor) -> Tensor:
+    """(N, C) values as the stream stores them, columns as in `channels`: rotation, scale, opacity, color, SH rest.
+
+    Args:
+        gaussians: N splats.
+        reference_quats: (N, 4) unit quaternions; each of ours takes the sign that is nearer to its reference (q and
+            -q are one rotation).
+    """
+    quats = gaussians.unit_quats
+    sign = torch.where((quats.detach() * reference_quats).sum(-1, keepdim=True) < 0, -1.0, 1.0)
+    return torch.cat([quats * sign, gaussians.log_scales, gaussians.opacities[:, None], gaussians.sh.flatten(1)], dim=1)
+
+
+def quantization_steps(values: Tensor, levels: int = 256) -> Tensor:
+    """(C,) step of each channel when its range is cut into `levels` values, as the baker does; at least 1e-3.
+
+    The floor is for channels that are (nearly) constant in the frame they are measured in: their range over the group,
+    which the baker takes, is not known yet.
+    """
+    return ((values.amax(0) - values.amin(0)) / (levels - 1)).clamp_min(_MIN_STEP).detach()
+
+
+class _Bits(torch.autograd.Function):
+    """-log2 P with its closed-form gradient: a third of the passes over memory that autograd would make."""
+
+    @staticmethod
+    def forward(ctx: Any, residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
+        centered = residual - mu
+        inverse = 1 / sigma
+        upper = (centered + 0.5) * inverse
+        lower = (centered - 0.5) * inverse
+        probability = 0.5 * (torch.erf(upper * math.sqrt(0.5)) - torch.erf(lower * math.sqrt(0.5)))
+        bits = -torch.log2(probability.clamp_min(_TAIL))
+        # Phi's derivative at both ends, divided by P: all that the gradients are made of.
+        scale = 1 / (math.sqrt(2 * math.pi) * probability.clamp_min(_TAIL))
+        upper_slope = torch.exp(-0.5 * upper * upper) * scale
+        lower_slope = torch.exp(-0.5 * lower * lower) * scale
+        tail = probability < _TAIL
+        if tail.any():
+            _mend_tail(tail, centered, inverse.expand_as(centered), bits, upper_slope, lower_slope)
+        ctx.save_for_backward(upper, lower, upper_slope, lower_slope, inverse)
+        ctx.mu_shape = mu.shape
+        return bits
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        upper, lower, upper_slope, lower_slope, inverse = ctx.saved_tensors
+        weight = gradients[0] * inverse * (-1 / math.log(2))
+        by_residual = weight * (upper_slope - lower_slope)
+        by_sigma = weight * (lower * lower_slope - upper * upper_slope)
+        return by_residual, -by_residual.sum_to_size(ctx.mu_shape), by_sigma.sum_to_size(ctx.mu_shape)
+
+
+def _mend_tail(
+    tail: Tensor, centered: Tensor, inverse: Tensor, bits: Tensor, upper_slope: Tensor, lower_slope: Tensor
+) -> None:
+    """Values far from the mean, in float64 and in logarithms: P is symmetric, so mirror to the lower tail."""
+    sign = torch.where(centered[tail] > 0, -1.0, 1.0).double()
+    scale = inverse[tail].double()
+    near = (-centered[tail].double().abs() + 0.5) * scale
+    far = near - scale
+    log_near = torch.special.log_ndtr(near)
+    log_p = log_near + torch.log1p(-torch.exp((torch.special.log_ndtr(far) - log_near).clamp(max=-1e-12)))
+    near_slope = torch.exp(-0.5 * near * near - 0.5 * math.log(2 * math.pi) - log_p)
+    far_slope = torch.exp(-0.5 * far * far - 0.5 * math.log(2 * math.pi) - log_p)
+    below = sign > 0  # not mirrored: the upper end is the one nearer to the mean
+    bits[tail] = (-log_p / math.log(2)).to(bits.dtype)
+    upper_slope[tail] = torch.where(below, near_slope, far_slope).to(bits.dtype)
+    lower_slope[tail] = torch.where(below, far_slope, near_slope).to(bits.dtype)
+
+
+def bits_of_residual(residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
+    """-log2 P of equation 10 for each element: P = Phi((r + 1/2 - mu) / sigma) - Phi((r - 1/2 - mu) / sigma).
+
+    Exact in the tails too, where the difference of two float32 CDF values would be 0 and its logarithm infinite.
+
+    Args:
+        residual: (..., C) in quantization steps, noise included.
+        mu, sigma: () or (C,), the same shape, in quantization steps; sigma > 0.
+    """
+    return _Bits.apply(residual, mu, sigma)  # type: ignore[no-untyped-call,no-any-return]
+
+
+class ResidualEntropy(nn.Module):
+    """Equations 8 to 11: expected bits a splat of the quantized frame-to-frame residuals.
+
+    Each attribute has its own learnable mean and deviation (in quantization steps). Equation 9 subtracts y_min from
+    the residual; being constant, that offset is part of the learnable mean here.
+
+    Args:
+        previous: (N, C) baked values of frame t-1.
+        steps: (C,) quantization step of each channel.
+        sh_degree: of the splats; says which columns share a mean and a deviation.
+    """
+
+    _owner: Tensor
+    _previous: Tensor
+    _steps: Tensor
+
+    def __init__(self, previous: Tensor, steps: Tensor, sh_degree: int) -> None:
+        super().__init__()
+        attributes = channels(sh_degree)
+        owner = torch.zeros(previous.shape[1], dtype=torch.long)
+        for index, columns in enumerate(attributes.values()):
+            owner[columns] = index
+        self.register_buffer("_owner", owner.to(previous.device))
+        self.register_buffer("_previous", previous.detach() / steps)
+        self.register_buffer("_steps", steps)
+        self.mu = nn.Parameter(torch.zeros(len(attributes), device=previous.device))
+        self.log_sigma = nn.Parameter(torch.zeros(len(attributes), device=previous.device))
+
+    def forward(self, current: Tensor, generator: torch.Generator) -> Tensor:
+        """Scalar: bits a splat, summed over the elements of all attributes, averaged over the N splats.
+
+        Args:
+            current: (N, C) baked values of frame t.
+            generator: draws the uniform noise, one value an element, that stands for rounding.
+        """
+        noise = torch.rand(current.shape, generator=generator, dtype=current.dtype).to(current.device) - 0.5
+        residual = current / self._steps - self._previous + noise
+        bits = bits_of_residual(residual, self.mu[self._owner], self.log_sigma.exp()[self._owner])
+        return bits.sum() / current.shape[0]
+
+
+def temporal_loss(
+    current: Tensor, previous: Tensor, plane_pixels: int, steps: Tensor | None = None, huber: float = 0.0
+) -> Tensor:
+    """Equation 12: sum over attributes of |y_t - y_{t-1}|_1, divided by W x H of the Gaussian video's plane.
+
+    Args:
+        current, previous: (N, C) baked values.
+        plane_pixels: W x H.
+        steps: (C,) quantization steps; needed where `huber` is above 0.
+        huber: above 0, differences up to this many quantization steps count by their square, halved and divided by
+            that width, and larger ones as in equation 12 but for the constant that joins the two.
+    """
+    difference = (current - previous).abs()
+    if huber > 0:
+        if steps is None:
+            raise ValueError("a Huber loss needs the quantization steps")
+        width = huber * steps
+        difference = torch.where(difference < width, 0.5 * difference * difference / width, difference - 0.5 * width)
+    return difference.sum() / plane_pixels
+
+
+def as_baked(gaussians: Gaussians, values: Tensor, low: Tensor, steps: Tensor) -> Gaussians:
+    """The splats with attributes rounded as the baker rounds them; gradients pass as if nothing were rounded.
+
+    Args:
+        gaussians: N splats; positions and the number of coefficients are taken from here.
+        values: (N, C) their baked values, columns as in `channels`.
+        low, steps: (C,) where each channel's levels begin, and how far they are apart.
+    """
+    rounded = torch.round((values.detach() - low) / steps) * steps + low
+    values = values + (rounded - values).detach()
+    opacities = values[:, 7].clamp(1e-4, 1 - 1e-4)
+    return Gaussians(
+        gaussians.means,
+        values[:, :4],
+        values[:, 4:7],
+        torch.logit(opacities),
+        values[:, 8:].reshape(gaussians.sh.shape),
+    )

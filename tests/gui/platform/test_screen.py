@@ -1,0 +1,50 @@
+"""How large the window is made for a screen."""
+
+from __future__ import annotations
+
+import pytest
+
+from gui.platform import screen
+
+
+@pytest.mark.parametrize(
+    ("resources", "scale"),
+    [
+        ("", 1.0),
+        ("Xft.dpi:\t192\n", 2.0),
+        ("Xcursor.size: 48\nXft.dpi: 144.0\nXft.hinting: 1\n", 1.5),
+        ("Xft.dpi: 72", 1.0),  # letters are never smaller than usual
+        ("Xft.dpi: 1.2.3", 1.0),
+        ("MyXft.dpi: 192", 1.0),
+    ],
+)
+def test_scale_is_read_from_the_resources(resources: str, scale: float) -> None:
+    assert screen.scale_of(resources) == scale
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "dpi", "expected"),
+    [
+        (1920, 1080, 96, (1280, 800)),
+        (3840, 2160, 192, (2560, 1600)),
+        (2560, 1600, 192, (2432, 1520)),  # no larger than the screen
+        (1024, 768, 96, (1280, 800)),  # what was asked for stays
+    ],
+)
+def test_windows_grow_with_letters(
+    monkeypatch: pytest.MonkeyPatch, width: int, height: int, dpi: int, expected: tuple[int, int]
+) -> None:
+    monkeypatch.setattr(screen, "_screen", lambda: (width, height, f"Xft.dpi: {dpi}"))
+    assert screen.fitting_size((1280, 800)) == expected
+
+
+def test_without_x_the_size_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":9999")
+    assert screen.fitting_size((1280, 800)) == (1280, 800)
+
+
+def test_the_screen_is_asked(display: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", display)
+    found = screen._screen()
+    assert found is not None
+    assert found[:2] == (1400, 900)

@@ -1,0 +1,39 @@
+"""The Vulkan probe: its sentences, and its answer where there is a driver."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from gui.app import check_display
+from gui.platform.vulkan import VulkanDevice, vulkan_devices
+from studio.errors import StudioError
+
+
+def test_missing_loader_names_the_packages() -> None:
+    with pytest.raises(StudioError, match="libvulkan1 mesa-vulkan-drivers"):
+        vulkan_devices("libthere-is-no-such-loader.so.1")
+
+
+def test_missing_driver_names_the_package() -> None:
+    code = "from gui.platform.vulkan import vulkan_devices; vulkan_devices()"
+    nowhere = {"VK_ICD_FILENAMES": "/dev/null/none.json", "VK_DRIVER_FILES": "/dev/null/none.json", "PYTHONPATH": "."}
+    done = subprocess.run([sys.executable, "-c", code], env=nowhere, capture_output=True, text=True, timeout=60)
+    assert "mesa-vulkan-drivers" in done.stderr
+    assert done.returncode == 1  # an exception, no native abort
+
+
+def test_devices_are_listed_where_a_driver_is_installed() -> None:
+    devices = vulkan_devices()
+    assert devices
+    assert all(device.name for device in devices)
+    assert VulkanDevice("llvmpipe", "software").is_software
+
+
+def test_no_display_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(StudioError, match="DISPLAY"):
+        check_display()

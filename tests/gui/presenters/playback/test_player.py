@@ -1,0 +1,313 @@
+"""The playback presenter without a window: opening, frames in order, views, bad input."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from gui.presenters.evaluation import Evaluation
+from gui.presenters.marks import Marks
+from gui.presenters.playback.frame_cache import FrameCache
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.playback.sources import open_path
+from gui.presenters.playback.stream_source import LeftOut, StreamSource
+from gui.presenters.run.inspector import review_blocks
+from gui.presenters.worker import LatestWorker
+from pipelines.takes.take import Take
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.stream import StreamReader
+
+
+def flat(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+    """A stand-in for drawing: the background, with the first splat's place in one pixel."""
+    image = np.empty((camera.height, camera.width, 3), np.uint8)
+    image[:] = np.round(np.array(background) * 255)
+    image[0, 0, 0] = int(gaussians.means[0, 0].item() * 100) % 256
+    return image
+
+
+@pytest.fixture
+def player() -> Iterator[PlayerPresenter]:
+    presenter = PlayerPresenter(flat)
+    yield presenter
+    assert presenter.close()
+
+
+def settle(player: PlayerPresenter, seconds: float = 20.0) -> None:
+    """Poll until the newest picture shows what is due."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        player.poll()
+        if player.settled and player.poll() is None and player.settled:
+            return
+        time.sleep(0.005)
+    pytest.fail("the picture never came")
+
+
+def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, stream_folder: Path) -> None:
+    assert player.open(stream_folder), player.message
+    settle(player)
+    assert player.picture is not None
+    assert (player.picture.frame, player.picture.splats) == (0, 600)
+    player.resize(320, 200)
+    player.transport.seek(7)
+    player.next_background()
+    settle(player)
+    assert player.picture.frame == 7
+    assert player.picture.image.shape == (200, 320, 3)
+    assert (player.picture.image[5, 5] == 0).all()
+    assert "frame 7 (0 to 11)" in player.status
+    before = player.orbit.eye
+    player.drag_orbit(30, 0)
+    player.wheel(1)
+    assert np.linalg.norm(player.orbit.eye - before) > 0.1
+    player.reset_view()
+    assert player.orbit.eye == pytest.approx(before)
+
+
+def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, stream_folder: Path) -> None:
+    player.open(stream_folder)
+    player.transport.set_loop(False)
+    player.transport.speed = 2.0
+    player.transport.play()
+    shown = []
+    end = time.monotonic() + 20
+    while time.monotonic() < end and (not shown or shown[-1] < 11):
+        picture = player.poll()
+        if picture is not None:
+            shown.append(picture.frame)
+        time.sleep(0.002)
+    assert shown == sorted(shown)
+    assert shown[-1] == 11
+    assert len(set(shown)) >= 6  # 24 frames a second are drawn in next to no time; most of them must be seen
+
+
+def test_decoded_frames_are_the_readers(stream_folder: Path) -> None:
+    source = StreamSource(stream_folder)
+    with StreamReader.open(stream_folder) as reader:
+        for frame in (0, 1, 2, 11, 3, 8, 7):
+            expected = reader.gaussians(frame)
+            for name, tensor in source.gaussians(frame).items():
+                assert torch.equal(tensor, getattr(expected, name)), (frame, name)
+    source.close()
+
+
+def damaged(stream: Path, folder: Path, group: int) -> Path:
+    """A copy of a stream with a video of one group cut short; returns the video."""
+    shutil.copytree(stream, folder)
+    victim = sorted((folder / f"group_{group:03d}").glob("*.mp4"))[0]
+    victim.write_bytes(victim.read_bytes()[:-100])
+    return victim
+
+
+def test_damage_is_played_past_with_a_sentence(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
+    victim = damaged(stream_folder, tmp_path / "broken", 1)
+    assert player.open(tmp_path / "broken")
+    settle(player)
+    player.transport.seek(9)
+    settle(player)
+    assert victim.name in player.message
+    assert "Group 1, frames 8 to 11, was left out" in player.message
+    player.transport.seek(3)
+    settle(player)
+    assert player.message == ""
+    assert player.picture is not None
+    assert player.picture.frame == 3
+    blocks = {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None), 1.0)}
+    assert victim.name in blocks["Damaged, left out"]
+
+    # playing goes through the damaged group and on at the beginning, again and again
+    player.transport.seek(6)
+    player.transport.play()
+    shown: list[int] = []
+    end = time.monotonic() + 30
+    while time.monotonic() < end and sum(b < a for a, b in itertools.pairwise(shown)) < 2:
+        picture = player.poll()
+        if picture is not None:
+            shown.append(picture.frame)
+        time.sleep(0.005)
+    assert player.transport.playing
+    assert sum(b < a for a, b in itertools.pairwise(shown)) >= 2, shown
+    assert set(shown) <= set(range(8))
+    assert "1 damaged group left out" in player.status
+
+
+def test_a_stream_whose_beginning_is_damaged_opens_all_the_same(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    victim = damaged(stream_folder, tmp_path / "broken", 0)
+    assert player.open(tmp_path / "broken"), player.message
+    settle(player)
+    assert victim.name in player.message
+    player.transport.seek(8)
+    settle(player)
+    assert player.picture is not None
+    assert player.picture.frame == 8
+    assert player.message == ""
+
+
+def test_nothing_whole_is_a_sentence_and_playing_ends(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    source = StreamSource(stream_folder)
+    shutil.copytree(stream_folder, tmp_path / "gone")
+    source.close()
+    source = StreamSource(tmp_path / "gone")
+    for group in ("group_000", "group_001"):
+        shutil.rmtree(tmp_path / "gone" / group)
+    with pytest.raises(LeftOut, match="Group 1"):
+        source.gaussians(8)
+    with pytest.raises(StudioError, match="Nothing of the stream can be played"):
+        source.gaussians(0)
+    source.close()
+    assert not player.open(tmp_path / "gone")
+    assert "group_00" in player.message
+
+
+def test_what_cannot_be_opened_is_a_sentence_and_what_was_open_stays(
+    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
+) -> None:
+    player.open(stream_folder)
+    (tmp_path / "empty").mkdir()
+    for path, said in ((tmp_path / "nothing", "no such folder"), (tmp_path / "empty", "neither a take")):
+        assert not player.open(path)
+        assert said in player.message
+        assert str(path) in player.message
+    manifest = tmp_path / "empty" / "manifest.json"
+    manifest.write_text("{")
+    assert not player.open(tmp_path / "empty")
+    assert "manifest.json" in player.message
+    assert player.source_names == ["decoded"]
+
+
+def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
+    """A take as the stages leave it: trained frames in groups of 8, a rig, perhaps a stream."""
+    from studio.camera_files import write_rig
+
+    take = Take.create(root)
+    generator = torch.Generator().manual_seed(1)
+    for index in range(frames):
+        path = take.trained_frame(index // 8, index)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        splats = Gaussians.from_activated(
+            torch.rand(50, 3, generator=generator) + index,
+            torch.ones(50, 4),
+            torch.full((50, 3), 0.01),
+            torch.full((50,), 0.9),
+            torch.zeros(50, 1, 3),
+        )
+        save_file(splats.state_dict(), path)
+    pose = np.array([[1, 0, 0, 0], [0, 0, -1, 0.9], [0, 1, 0, 4], [0, 0, 0, 1]], dtype=float)
+    camera = Camera("front", 640, 360, np.array([[500.0, 0, 320], [0, 500, 180], [0, 0, 1]]), pose)
+    take.rig.parent.mkdir(exist_ok=True)
+    write_rig(Rig((camera,)), take.rig)
+    if stream is not None:
+        shutil.copytree(stream, take.stream)
+    return take
+
+
+def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
+    take = make_take(tmp_path / "take", 12, stream_folder)
+    assert player.open(take.root), player.message
+    assert player.source_names == ["decoded", "trained"]
+    eye = player.orbit.eye  # through the rig's first camera
+    assert eye == pytest.approx([0.0, -4.0, 0.9], abs=1e-6)
+    player.transport.seek(9)
+    assert player.choose("trained")
+    settle(player)
+    assert player.picture is not None
+    assert (player.picture.source, player.picture.frame, player.picture.splats) == ("trained", 9, 50)
+    assert player.transport.group_starts == (0, 8)
+    assert not player.choose("truth")  # nobody has told of any footage
+    assert "footage" in player.message
+
+
+def test_a_take_without_a_stream_shows_what_is_trained_so_far(tmp_path: Path) -> None:
+    take = make_take(tmp_path / "take", 10)
+    take.trained_frame(1, 8).unlink()  # frame 9 is there, but not the one before it
+    opened = open_path(take.root)
+    assert list(opened.sources) == ["trained"]
+    assert opened.default is not None
+    assert opened.default.frame_count == 8
+    with pytest.raises(StudioError, match="Frame 8 is not trained yet"):
+        opened.default.gaussians(8)
+    take.trained_frame(0, 3).write_bytes(b"not a tensor")
+    with pytest.raises(StudioError, match=r"frame_000003\.safetensors"):
+        opened.default.gaussians(3)
+
+
+def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    assert player.open(take.root), player.message
+    assert "Nothing is trained" in player.message
+    assert not player.refresh()
+    make_take(take.root, 3)
+    assert player.refresh()
+    assert (player.what, player.transport.frame_count) == ("trained", 3)
+    settle(player)
+    assert player.picture is not None
+    player.transport.seek(2)
+    make_take(take.root, 9)
+    assert player.refresh()
+    assert (player.transport.frame_count, player.transport.frame, player.transport.group_starts) == (9, 2, (0, 8))
+    settle(player)
+    assert player.picture.frame == 2
+
+
+def test_foreign_takes_are_sentences(tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    assert open_path(take.root).sources == {}
+    (take.root / "take.json").write_text(json.dumps({"format": 99, "created_by": "v3studio 9"}))
+    with pytest.raises(StudioError, match="99"):
+        open_path(take.root)
+
+
+def test_cache_forgets_the_longest_unused() -> None:
+    def frame() -> Gaussians:
+        return Gaussians(torch.zeros(1000, 3), torch.ones(1000, 4), torch.zeros(1000, 3), torch.zeros(1000),
+                         torch.zeros(1000, 1, 3))  # fmt: skip
+
+    cache = FrameCache(limit=8 * 56_000)  # 56 bytes a splat
+    for number in range(8):
+        cache.put(number, frame())
+    assert cache.get(0) is not None
+    cache.put(8, frame())
+    assert cache.has(0)
+    assert not cache.has(1)
+
+
+def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
+    started: list[int] = []
+
+    def work(number: int) -> int:
+        started.append(number)
+        time.sleep(0.1)
+        if number == 7:
+            raise ValueError("seven")
+        return number * 10
+
+    worker: LatestWorker[int, int] = LatestWorker(work, "test")
+    for number in range(8):
+        worker.ask(number)
+        if number == 0:
+            time.sleep(0.03)
+    end = time.monotonic() + 10
+    while not worker.idle and time.monotonic() < end:
+        time.sleep(0.01)
+    assert started == [0, 7]
+    done = worker.take()
+    assert done is not None
+    assert isinstance(done.error, ValueError)
+    assert worker.take() is None
+    assert worker.close()

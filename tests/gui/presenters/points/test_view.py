@@ -1,0 +1,257 @@
+"""Marking points by hand: the board with clicks, keys and the file, and the window with a real mouse."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.presenters.drawing.palette import ACCENT, FAIR
+from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.marks import TieMarks, advice, expected
+from gui.presenters.points.view import PointsView
+from gui.presenters.run.workspace import Workspace
+from pipelines.takes.take import Take
+from studio.calibration import TiePoint, read_tie_points
+from studio.camera_files import read_rig
+
+SIZE = (900, 600)
+
+
+@pytest.fixture
+def stage_view(take_copy: Path) -> Iterator[PointsView]:
+    workspace = Workspace()
+    workspace.open(Take.open(take_copy))
+    found = PointsView(workspace)
+    yield found
+    assert found.close()
+    assert workspace.close()
+
+
+def picture(stage_view: PointsView) -> np.ndarray:
+    """What the board shows, once it is what was asked for."""
+    end, shown = time.monotonic() + 30, None
+    while time.monotonic() < end:
+        new = stage_view.poll(SIZE)
+        shown = new if new is not None else shown
+        if shown is not None and stage_view.settled:
+            return shown
+        time.sleep(0.02)
+    pytest.fail("the picture never came")
+
+
+def colored(pixels: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int((np.abs(pixels.astype(int) - color).max(axis=2) < 12).sum())
+
+
+def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:
+    before = picture(stage_view)
+    stage_view.snaps = False
+    zoom = stage_view._zooms[stage_view.camera]
+    stage_view.click(*zoom.shown(30.0, 20.0))
+    assert stage_view.path is not None
+    (point,) = read_tie_points(stage_view.path)
+    assert point.pixels[stage_view.camera] == pytest.approx((30.0, 20.0), abs=0.02)
+    assert point.frame == 0
+    assert colored(picture(stage_view), ACCENT) > colored(before, ACCENT) + 20
+    stage_view.click(*zoom.shown(40.0, 25.0))  # the same point, moved
+    (point,) = read_tie_points(stage_view.path)
+    assert point.pixels[stage_view.camera] == pytest.approx((40.0, 25.0), abs=0.02)
+    first = stage_view.camera
+    stage_view.step_camera(1)
+    picture(stage_view)
+    stage_view.click(*stage_view._zooms[stage_view.camera].shown(10.0, 12.0))
+    assert stage_view.camera != first
+    assert set(read_tie_points(stage_view.path)[0].pixels) == {first, stage_view.camera}
+    stage_view.unmark()
+    assert set(read_tie_points(stage_view.path)[0].pixels) == {first}
+    stage_view.remove()
+    assert read_tie_points(stage_view.path) == ()
+
+
+def test_buttons_and_list_in_the_picture(stage_view: PointsView) -> None:
+    picture(stage_view)
+    for label, action in stage_view._buttons()[:1]:
+        assert label.startswith("New point")
+        action()
+        action()
+    assert stage_view.marks is not None
+    assert [point.name for point in stage_view.marks.points] == ["point 1", "point 2"]
+    assert stage_view.marks.chosen == 1
+    picture(stage_view)
+    step = 0.85 * stage_view.em * 1.45 + 3
+    stage_view.click(20, 1.5 * step)  # the first row
+    assert stage_view.marks.chosen == 0
+    stage_view.step_point(1)
+    stage_view.step_point(1)
+    assert stage_view.marks.chosen == 1
+    picture(stage_view)
+    stage_view.click(20, SIZE[1] - 12)  # the last button
+    assert stage_view.asks == "run"
+
+
+def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Path) -> None:
+    """The finished take's cameras are known, so a point's place in one follows from its marks in others."""
+    rig = read_rig(Take.open(take_copy).rig)
+    place = np.array([[0.05, -0.03, 0.1]]) + rig.focus
+    pixels = {camera.name: tuple(camera.project(place)[0][0].tolist()) for camera in rig}
+    names = rig.names
+    two = TiePoint("both", {name: pixels[name] for name in names[:2]})
+    found = expected(two, rig[names[2]], rig)
+    assert found is not None
+    assert found == pytest.approx(np.array([pixels[names[2]]]), abs=1e-3)
+    one = TiePoint("one", {names[0]: pixels[names[0]]})
+    line = expected(one, rig[names[2]], rig)
+    assert line is not None
+    ways = np.linalg.norm(line - np.array(pixels[names[2]]), axis=1)
+    assert ways.min() < 0.05 * rig[names[2]].width  # the line passes the true place
+    assert expected(one, rig[names[0]], rig) is None
+    picture(stage_view)
+    assert stage_view.marks is not None
+    for name in names[:2]:
+        stage_view.marks.mark(name, *pixels[name], 0)
+    before = colored(picture(stage_view), FAIR)
+    stage_view.show_camera(names[2])
+    assert colored(picture(stage_view), FAIR) > before
+
+
+def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None:
+    picture(stage_view)
+    assert stage_view.marks is not None
+    assert stage_view.path is not None
+    stage_view.marks.mark(stage_view.camera, 3, 4, 0)
+    text = stage_view.path.read_text()
+    stage_view.path.write_text(text.replace("point 1", "a name from an editor"))
+    picture(stage_view)
+    assert [point.name for point in stage_view.marks.points] == ["a name from an editor"]
+    stage_view.path.write_text("points: [")
+    picture(stage_view)
+    assert "this is no YAML" in stage_view.status
+    stage_view.click(500, 300)
+    assert stage_view.path.read_text() == "points: ["  # nothing is written over it
+    stage_view.path.write_text(text)
+    picture(stage_view)
+    assert [point.name for point in stage_view.marks.points] == ["point 1"]
+    assert "this is no YAML" not in stage_view.status
+
+
+def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
+    settings = take_copy / "config.yaml"
+    lines = settings.read_text().splitlines()
+    settings.write_text("\n".join(f"  root: {tmp_path}/gone" if line.startswith("  root:") else line for line in lines))
+    workspace = Workspace()
+    workspace.open(Take.open(take_copy))
+    stage_view = PointsView(workspace)
+    picture(stage_view)
+    assert stage_view.names() == ()
+    assert stage_view.status == ""
+    stage_view.new_point()
+    stage_view.step_camera(1)
+    stage_view.unmark()
+    stage_view.undo()
+    stage_view.click(450, 300)
+    stage_view.wheel(1)
+    assert not (take_copy / "points.yaml").exists()
+    assert stage_view.close()
+    assert workspace.close()
+
+
+def test_names_and_places(tmp_path: Path) -> None:
+    marks = TieMarks(tmp_path / "points.yaml")
+    assert marks.describe("x") == "Choose a point first."
+    marks.mark("a", 1, 2, 0)
+    assert marks.describe("mat corner; 0 0.3, 1") == ""
+    assert read_tie_points(marks.path) == (TiePoint("mat corner", {"a": (1.0, 2.0)}, (0.0, 0.3, 1.0), 0),)
+    assert "is no place" in marks.describe("mat corner; 0 0.3")
+    assert "is no place" in marks.describe("mat corner; 0 0.3 x")
+    assert marks.describe(" ; 1 2 3") == "A point needs a name."
+    marks.add()
+    assert "Another point is called 'mat corner'" in marks.describe("mat corner")
+    assert marks.describe("bolt") == ""
+    marks.choose(0)
+    assert marks.describe("mat corner") == ""
+    assert read_tie_points(marks.path)[0].world is None
+
+
+def test_changes_are_taken_back(tmp_path: Path) -> None:
+    marks = TieMarks(tmp_path / "points.yaml")
+    marks.mark("a", 1, 2, 0)
+    marks.mark("a", 50, 60, 0)
+    marks.undo()
+    assert read_tie_points(marks.path)[0].pixels == {"a": (1.0, 2.0)}
+    marks.add()
+    marks.mark("b", 3, 4, 0)
+    marks.choose(0)
+    marks.remove()
+    marks.undo()
+    assert [point.name for point in read_tie_points(marks.path)] == ["point 1", "point 2"]
+    assert marks.chosen == 0
+    for _ in range(5):
+        marks.undo()
+    assert read_tie_points(marks.path) == ()
+
+
+def test_what_a_click_does_is_said(tmp_path: Path) -> None:
+    marks, names = TieMarks(tmp_path / "points.yaml"), [f"cam{number}" for number in range(9)]
+    assert advice(marks, names, "cam0", 0) == (
+        "a click begins a point; fewer than 6 marks: cam0, cam1, cam2 and 6 more"
+    )
+    marks.mark("cam0", 1, 2, 7)
+    assert "a click moves 'point 1' in cam0" in advice(marks, names, "cam0", 7)
+    assert "a click marks 'point 1' in cam1" in advice(marks, names, "cam1", 7)
+    assert "was marked in frame 7, this is 9" in advice(marks, names, "cam1", 9)
+
+
+def test_zoom_keeps_the_place_under_the_mouse() -> None:
+    zoom = Zoom((1000, 500))
+    zoom.place((100, 50, 400, 400))
+    assert zoom.shown(0, 0) == pytest.approx((100, 150))
+    before = zoom.pixel(220, 240)
+    zoom.nearer(4, 220, 240)
+    assert zoom.scale == pytest.approx(1.25**4)
+    assert zoom.pixel(220, 240) == pytest.approx(before)
+    assert zoom.shown(*zoom.pixel(333, 222)) == pytest.approx((333, 222))
+    zoom.pan(10_000, 10_000)  # no farther than the picture goes
+    assert zoom.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
+    zoom.nearer(-100, 0, 0)
+    assert (zoom.scale, zoom.center) == (1.0, (500, 250))
+
+
+def test_points_in_the_window(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
+    window = open_window(str(take_copy))
+    window.wait_for("the take", lambda s: s["stages"]["calibrate"][0] == "done")
+    window.stage("calibrate")
+    window.click("points by hand")
+    window.wait_for("the board", lambda s: s["mode"] == ["points by hand"] and s["settled"])
+    time.sleep(1.0)
+    file = take_copy / "points.yaml"
+    end = time.monotonic() + 30
+    while not file.is_file() and time.monotonic() < end:
+        window.click("viewport", 0.6, 0.5)
+        time.sleep(1.0)
+    (point,) = read_tie_points(file)
+    assert len(point.pixels) == 1
+    window.key("c")
+    time.sleep(1.5)
+    window.click("viewport", 0.6, 0.55)
+    end = time.monotonic() + 20
+    while len(read_tie_points(file)[0].pixels) < 2 and time.monotonic() < end:
+        time.sleep(0.2)
+    assert len(read_tie_points(file)[0].pixels) == 2
+    window.key("e")
+    window.wait_for("the dialog", lambda s: s["dialog"] == "point")
+    time.sleep(1.0)
+    window.click("dialog line")
+    window.key("End")
+    for _ in range(12):  # on busy cores X loses some
+        window.key("BackSpace")
+    window.type("corner; 0 0 1")
+    window.key("Return")
+    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.screenshot(artifacts / "points_by_hand.png")
+    assert read_tie_points(file)[0].name == "corner"
+    assert read_tie_points(file)[0].world == (0, 0, 1)
+    assert window.close() == 0

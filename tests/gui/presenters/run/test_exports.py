@@ -1,0 +1,118 @@
+"""Exports from the window: child processes with progress, refusals as sentences, camera paths from collected views."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.presenters.playback.orbit import OrbitCamera
+from gui.presenters.run.exports import ExportRequest, Exports, PathKey, fitted
+from studio.errors import StudioError
+
+
+def finish(exports: Exports, seconds: float = 60.0) -> set[str]:
+    words = set()
+    end = time.monotonic() + seconds
+    while exports.running and time.monotonic() < end:
+        exports.poll()
+        words.add(exports.words)
+        time.sleep(0.02)
+    assert not exports.running
+    return words
+
+
+def wanted(kind: str, source: Path | str, target: Path) -> ExportRequest:
+    found = ExportRequest(kind, str(source), "walk", target.parent)
+    found.set_target(str(target))
+    return found
+
+
+def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, tmp_path: Path) -> None:
+    exports = Exports()
+    exports.start(wanted("ply", stream_folder, tmp_path / "out"))
+    with pytest.raises(StudioError, match="runs already"):
+        exports.start(wanted("spz", stream_folder, tmp_path / "other"))
+    words = finish(exports)
+    assert exports.result == f"Written: {tmp_path / 'out'}"
+    assert not exports.failed
+    assert len(list((tmp_path / "out").glob("*.ply"))) == 12
+    assert any("of 12" in word for word in words)
+    with pytest.raises(StudioError, match="is there already"):
+        exports.start(wanted("ply", stream_folder, tmp_path / "out"))
+
+
+def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
+    exports = Exports()
+    exports.start(wanted("ply", tmp_path / "nothing", tmp_path / "out"))
+    finish(exports)
+    assert exports.failed
+    assert "nothing" in exports.result
+    assert not (tmp_path / "out").exists()
+
+
+def test_views_become_a_camera_path(tmp_path: Path) -> None:
+    from studio.export import read_path_keys
+
+    exports = Exports()
+    orbit = OrbitCamera()
+    exports.keys.append(PathKey(orbit.camera(700, 560), 0))
+    with pytest.raises(StudioError, match="two views"):
+        exports.start(wanted("camera-path", "x", tmp_path / "out.mp4"))
+    exports.keys.append(PathKey(orbit.orbit(90, 0).camera(700, 560), 9))
+    path = exports._write_path(tmp_path, (1280, 720))
+    assert json.loads(path.read_text())["format"] == "v3studio-camera-path"
+    keys = read_path_keys(path, 10.0)
+    assert [(key.time, key.frame) for key in keys] == [(0.0, 0.0), (2.0, 9.0)]
+    assert (keys[0].camera.width, keys[0].camera.height) == (1280, 720)
+
+
+def test_a_view_keeps_its_height_in_another_shape() -> None:
+    camera = OrbitCamera(target=np.array([0.2, 0.1, 0.3]), yaw=0.4, pitch=0.2).camera(700, 560)
+    wide = fitted(camera, 1280, 720)
+    points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
+    before, after = camera.project(points)[0], wide.project(points)[0]
+    assert after[:, 1] == pytest.approx(before[:, 1] * 720 / 560)
+    assert after[:, 0] - 640 == pytest.approx((before[:, 0] - 350) * 720 / 560)
+
+
+def test_a_wish_becomes_the_command_line(tmp_path: Path) -> None:
+    found = ExportRequest("turntable", "/takes/walk", "walk", tmp_path, "decoded")
+    assert found.target == str(tmp_path / "walk-decoded-turntable.mp4")
+    found.of, found.seconds, found.size, found.background = "trained", "2.5", "640x360", "white"
+    assert found.target == str(tmp_path / "walk-trained-turntable.mp4"), "named after what is exported"
+    arguments = [word for word in found.arguments() if word != "--json"]
+    options = dict(zip(arguments[1::2], arguments[2::2], strict=False))
+    assert options["--out"] == found.target
+    assert options["--of"] == "trained"
+    assert (options["--seconds"], options["--size"], options["--background"]) == ("2.5", "640x360", "1,1,1")
+    found.background = "as captured"
+    assert "--background" not in found.arguments()
+    found.set_target(str(tmp_path / "mine.mp4"))
+    found.of = "decoded"
+    assert found.target == str(tmp_path / "mine.mp4"), "a name that was typed stays"
+    found.move_to(tmp_path / "deep")
+    assert found.path == tmp_path / "deep" / "mine.mp4"
+    for seconds in ("", "0", "-1", "long", "nan"):
+        found.seconds = seconds
+        with pytest.raises(StudioError, match="length"):
+            found.arguments()
+
+
+def test_a_turntable_has_the_length_and_size_that_were_chosen(stream_folder: Path, tmp_path: Path) -> None:
+    import av
+
+    exports = Exports()
+    chosen = wanted("turntable", stream_folder, tmp_path / "turn.mp4")
+    chosen.seconds, chosen.size, chosen.background = "0.5", "640x360", "white"
+    exports.start(chosen)
+    finish(exports)
+    assert not exports.failed, exports.result
+    with av.open(str(tmp_path / "turn.mp4")) as movie:
+        frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+    assert len(frames) == 6  # half a second at 12 a second
+    assert frames[0].shape == (360, 640, 3)
+    assert frames[0][:20, :20].min() > 240

@@ -1,0 +1,195 @@
+"""Boards of the stages over a take that was really made; settings, preferences and new takes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.presenters.drawing.palette import ACCENT, BAD, GROUND
+from gui.presenters.playback.player import PlayerPresenter
+from gui.presenters.preferences import RECENT, Preferences
+from gui.presenters.run.new_take import NewTake
+from gui.presenters.run.settings import SECTIONS, fields_of
+from gui.presenters.run.workspace import Workspace
+from gui.presenters.stages.bake import shares
+from gui.presenters.stages.stage_views import StageViews
+from gui.raycast import MeshPicture
+from pipelines.config import Config, load_config
+from pipelines.config.loading import all_names
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+from studio.stream import StreamReader
+
+SIZE = (720, 500)
+
+
+@pytest.fixture
+def views() -> Iterator[StageViews]:
+    workspace, player = Workspace(), PlayerPresenter()
+    found = StageViews(workspace, player, MeshPicture)
+    yield found
+    assert found.close()
+    assert workspace.close()
+
+
+def opened(views: StageViews, take: Path) -> None:
+    assert views.player.open(take), views.player.message
+    views.workspace.open(Take.open(take))
+
+
+def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
+    """The picture, once it is what was asked for."""
+    end = time.monotonic() + 30
+    picture = None
+    while time.monotonic() < end:
+        views.workspace.poll()
+        new = views.poll(SIZE, SIZE, 16.0)
+        picture = new if new is not None else picture
+        if picture is not None and views.settled and accept(picture):
+            return picture
+        time.sleep(0.02)
+    pytest.fail("the picture never came")
+
+
+def colored(picture: np.ndarray) -> int:
+    return int(((picture.max(axis=2).astype(int) - picture.min(axis=2)) > 60).sum())
+
+
+def has(picture: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int((picture == color).all(axis=2).sum())
+
+
+def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finished_project: Path) -> None:
+    opened(views, finished_project / "take")
+    for stage, least in (("capture", 3000), ("calibrate", 100), ("initialize", 0), ("train", 3000), ("bake", 1000)):
+        views.select(stage)
+        stage_view = views.stage_views[stage]
+        for mode in stage_view.modes:
+            if (stage, mode) == ("train", "gaussians"):
+                continue
+            views.choose(mode)
+            picture = shown(views, lambda picture: (picture != GROUND).any())
+            stage_view.draw(SIZE, stage_view.state())  # raises where the board above is but a sentence
+            assert picture.shape == (SIZE[1], SIZE[0], 3), (stage, mode)
+            if mode == stage_view.modes[0]:
+                assert colored(picture) >= least, (stage, mode)
+    views.select("initialize")
+    views.choose("mesh")
+    before = shown(views)
+    gray = (before == before[..., :1]).all(axis=2).sum()
+    assert (before != GROUND).any(axis=2).sum() > 0.05 * SIZE[0] * SIZE[1], gray
+    views.drag(60, 20, True, SIZE[1])
+    assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
+
+
+def test_a_missing_image_is_named_and_the_others_are_shown(
+    views: StageViews, tmp_path: Path, footage_project: Path
+) -> None:
+    import shutil
+
+    shutil.copytree(footage_project / "capture", tmp_path / "capture")
+    (tmp_path / "capture" / "images" / "cam2" / "001.png").unlink()
+    (tmp_path / "capture" / "images" / "cam3" / "002.png").write_bytes(b"no picture")
+    new = NewTake(str(tmp_path / "capture"), str(footage_project / "ball.yaml"))
+    assert "cam2" in new.found()
+    opened(views, new.create())
+    views.select("capture")
+    picture = shown(views, lambda picture: has(picture, BAD) > 20)
+    assert colored(picture) > 3000
+    views.capture.check()
+    shown(views, lambda picture: not views.capture.checking)
+    words = " ".join(views.capture._check.problems)
+    assert "cam3" in words
+
+
+def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_project: Path, tmp_path: Path) -> None:
+    new = NewTake(str(footage_project / "capture"), "", str(tmp_path / "fresh"))
+    opened(views, new.create())
+    for stage, said in (("calibrate", "Run Calibrate"), ("initialize", "Run Initialize"), ("bake", "Run Bake")):
+        views.select(stage)
+        stage_view = views.stage_views[stage]
+        with pytest.raises(StudioError, match=said):
+            stage_view.draw(SIZE, stage_view.state())
+        shown(views)  # the sentence, not an exception
+    views.select("review")
+    assert "Nothing is trained" in views.message
+    assert not views.player.choose("decoded")
+    assert "Bake" in views.player.message
+
+
+def test_shares_add_up_to_all_bytes(finished_project: Path) -> None:
+    with StreamReader.open(finished_project / "take" / "stream") as reader:
+        rows = shares(reader.manifest)
+        assert sum(row.bytes for row in rows) == reader.manifest.total_bytes
+        assert rows[-1].name == "manifest"
+        folder = finished_project / "take" / "stream"
+        assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) == reader.manifest.total_bytes
+
+
+def test_each_setting_has_a_field_with_words_and_its_text_reads_back() -> None:
+    fields = [field for stage in SECTIONS for field in fields_of(stage)]
+    assert sorted(field.name for field in fields) == sorted(all_names())
+    for field in fields:
+        assert len(field.documentation) > 10, field.name
+        value = field.parsed(field.shown(Config()))
+        if field.name != "capture.root":  # becomes absolute
+            assert load_config(None, [(field.name, value)]) == Config(), field.name
+    by_name = {field.name: field for field in fields}
+    assert by_name["bake.preset"].kind == "choice"
+    assert by_name["train.use_plates"].kind == "switch"
+    assert by_name["capture.images"].parsed("{frame}/{camera}.png") == "{frame}/{camera}.png"
+    assert by_name["capture.fps"].parsed("") is None
+    assert by_name["capture.held_out"].parsed("[a, b]") == ["a", "b"]
+
+
+def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
+    new = NewTake()
+    assert "Choose the folder" in new.found()
+    new.footage = str(tmp_path / "nowhere")
+    assert "no such folder" in new.found()
+    new.footage = str(footage_project / "capture")
+    assert "6 cameras" in new.found()
+    assert "cameras.json" in new.found()
+    assert Path(new.proposed_take()).parent == footage_project
+    new.settings, new.take = str(footage_project / "ball.yaml"), str(tmp_path / "take")
+    root = new.create()
+    assert load_config(root / "config.yaml").train.group_size == 3
+    assert load_config(root / "config.yaml").capture.root == footage_project / "capture"
+    with pytest.raises(StudioError, match="is a take already"):
+        new.create()
+    new.take = str(footage_project)
+    with pytest.raises(StudioError, match="not empty"):
+        new.create()
+
+
+def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "window.json"
+    preferences = Preferences.read(path)
+    for number in range(RECENT + 3):
+        preferences.opened(f"/takes/{number}")
+    preferences.opened("/takes/5")
+    preferences.background = "white"
+    assert preferences.save(path)
+    again = Preferences.read(path)
+    assert again == preferences
+    assert again.recent[0] == "/takes/5"
+    assert len(again.recent) == len(set(again.recent)) == RECENT
+    path.write_text('{"background": "pink", "recent": 5, "picture_size": ["x"]}')
+    assert Preferences.read(path) == Preferences()
+    path.write_text("{")
+    assert Preferences.read(path) == Preferences()
+
+
+def test_the_accent_is_the_only_bright_color_of_the_list(views: StageViews, finished_project: Path) -> None:
+    from gui.presenters.stages import stage_list
+
+    opened(views, finished_project / "take")
+    rows = views.workspace.rows()
+    picture = stage_list.picture(rows, "train", 280, 16.0)
+    assert has(picture[round(3 * stage_list.row_height(16.0)) :], ACCENT) > 50
+    assert stage_list.row_at(3.5 * stage_list.row_height(16.0), 16.0, 6) == 3
+    assert stage_list.row_at(-1, 16.0, 6) is None

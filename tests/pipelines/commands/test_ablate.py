@@ -1,0 +1,94 @@
+"""The ablation: Bjontegaard figures of curves whose distance is known, and a run over a tiny capture."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import cv2
+import pytest
+
+from pipelines.ablation.study import compare
+from pipelines.ablation.variants import chosen
+from pipelines.takes.frame_files import read_about
+from studio.errors import StudioError
+
+
+def curve(factor: float, shift: float) -> list[dict]:
+    """PSNR linear in the logarithm of the rate, as Bjontegaard assumes."""
+    rates = [10.0, 20.0, 40.0, 80.0, 160.0]
+    return [
+        {"qp": index, "kb_per_frame": rate * factor, "psnr_decoded": 20 + 3 * math.log2(rate) + shift}
+        for index, rate in enumerate(rates)
+    ]
+
+
+def test_distances_between_curves_that_are_known():
+    entries = [
+        {"points": curve(1, 0)},
+        {"points": curve(0.8, 0)},
+        {"points": curve(1, -0.5)},
+        {"points": curve(1, 100)},
+        {"points": curve(1, 0)[:2]},
+    ]
+    compare(entries)
+    assert "bd_rate_percent" not in entries[0]
+    assert entries[1]["bd_rate_percent"] == pytest.approx(-20, abs=0.01)
+    assert entries[1]["bd_psnr_db"] == pytest.approx(-3 * math.log2(0.8), abs=0.002)
+    assert entries[2]["bd_psnr_db"] == pytest.approx(-0.5, abs=0.002)
+    assert entries[2]["bd_rate_percent"] == pytest.approx(100 * (2 ** (0.5 / 3) - 1), abs=0.02)
+    assert entries[3]["bd_rate_percent"] is None, "no quality is reached by both"
+    assert entries[4]["bd_rate_percent"] is None, "two points are no curve"
+
+
+def test_a_point_that_costs_more_and_is_worse_does_not_break_the_comparison():
+    bent = curve(1, 0)
+    bent.append({"qp": 9, "kb_per_frame": 200.0, "psnr_decoded": bent[-1]["psnr_decoded"] - 1})
+    entries = [{"points": curve(1, 0)}, {"points": bent}]
+    compare(entries)
+    assert entries[1]["bd_rate_percent"] == pytest.approx(0, abs=1e-6)
+
+
+def test_the_full_method_is_always_first_and_names_are_checked():
+    assert [variant.name for variant in chosen(["group-20", "no-motion"])] == ["full", "no-motion", "group-20"]
+    with pytest.raises(StudioError, match="no variant 'nothing'; there are full, no-entropy"):
+        chosen(["nothing"])
+
+
+def test_command_shares_keyframes_measures_and_goes_on(project, cli):
+    out = project / "ablation"
+    arguments = ("ablate", project / "ball.yaml", "--out", out, "--variants", "no-finetune", "--qps", "10,24,34,42")
+    done = cli(*arguments, "--set", "capture.stop=2")
+    assert done.returncode == 0, done.stderr
+    results = json.loads((out / "ablation.json").read_text())
+    assert [entry["name"] for entry in results["variants"]] == ["full", "no-finetune"]
+    assert results["protocol"]["cameras"] == ["cam4"]
+    for entry in results["variants"]:
+        assert [point["qp"] for point in entry["points"]] == [10, 20, 24, 34, 42], "the default QP is measured too"
+        rates = [point["kb_per_frame"] for point in entry["points"]]
+        assert rates == sorted(rates, reverse=True)
+    # the keyframe is the same, to the byte; the frame after it is not
+    frames = [
+        sorted((out / "takes" / name / "train" / "group_000").glob("frame_*")) for name in ("full", "no-finetune")
+    ]
+    assert frames[0][0].read_bytes() == frames[1][0].read_bytes()
+    assert frames[0][0].stat().st_mtime_ns == frames[1][0].stat().st_mtime_ns, "it was copied, not trained again"
+    assert read_about(frames[0][1])["key"] != read_about(frames[1][1])["key"]
+    assert cv2.imread(str(out / "ablation.png")).shape[1] > 500
+    page = (out / "ablation.html").read_text()
+    assert "Held-out cameras cam4" in page
+    assert "no fine-tuning" in page
+
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")}
+    again = cli(*arguments, "--set", "capture.stop=2")
+    assert again.returncode == 0, again.stderr
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")} == before
+
+    refused = cli(*arguments[:-1], "10,x")
+    assert refused.returncode == 1
+    assert "--qps is '10,x'" in refused.stderr
+
+
+def test_settings_beyond_the_paper_are_measured_by_name_only() -> None:
+    assert [variant.name for variant in chosen(["huber", "no-motion"])] == ["full", "no-motion", "huber"]
+    assert "huber" not in [variant.name for variant in chosen([])]

@@ -1,0 +1,247 @@
+"""`v3studio export` and `v3studio import` on a take and its stream."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+import torch
+
+from pipelines.takes.frame_files import write_frame
+from pipelines.takes.take import Take
+from pipelines.takes.videos import decoded_video, trained_video
+from studio.camera_files import write_rig_json
+from studio.cameras import Rig
+from studio.errors import StudioError
+from studio.export.camera_path import Key, look_at, path_to_json
+from studio.gaussians import Gaussians
+from studio.splat_files import read_splats
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+
+CENTER = np.array([0.2, 0.1, 0.3])
+
+
+def camera(name: str, eye: tuple[float, float, float]):
+    K = np.array([[80.0, 0, 48], [0, 80, 32], [0, 0, 1]])
+    return look_at(name, 96, 64, K, np.array(eye), CENTER, np.array([0.0, 0, 1]))
+
+
+RIG = Rig((camera("front", (3.0, 0.0, 0.8)), camera("side", (0.0, 3.0, 0.8)), camera("back", (-3.0, 0.5, 0.8))))
+
+
+def body(frame: int, splats: int) -> Gaussians:
+    generator = torch.Generator().manual_seed(splats)
+    means = torch.randn(splats, 3, generator=generator) * torch.tensor([0.2, 0.2, 0.4]) + torch.tensor(CENTER).float()
+    means[:, 0] += 0.01 * frame
+    quats = torch.nn.functional.normalize(torch.randn(splats, 4, generator=generator), dim=1)
+    return Gaussians(means, quats, torch.full((splats, 3), -3.0), torch.full((splats,), 2.0), torch.ones(splats, 1, 3))
+
+
+@pytest.fixture(scope="module")
+def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A take with two groups of three and two frames, trained and baked, without ever having run."""
+    take = Take.create(tmp_path_factory.mktemp("export") / "take")
+    take.config.write_text("capture: {fps: 12.5, background: [0.0, 0.0, 1.0]}\n")
+    take.rig.parent.mkdir()
+    write_rig_json(RIG, take.rig)
+    settings = BakeSettings(qp=0)
+    entries = []
+    for group, (first, count, splats) in enumerate(((0, 3, 60), (3, 2, 75))):
+        frames = [body(index, splats) for index in range(first, first + count)]
+        for index, frame in enumerate(frames, first):
+            write_frame(take.trained_frame(group, index), frame, {})
+        entries.append(bake_group(frames, take.stream, group, first, settings))
+    metadata = {"suggested_camera": RIG["side"].to_dict(), "up": [0.0, 0.0, 1.0], "background": [1.0, 0.0, 0.0]}
+    write_manifest(take.stream, entries, 12.5, settings, metadata)
+    return take.root
+
+
+def test_what_a_take_and_a_stream_hold(take):
+    trained = trained_video(take)
+    with StreamReader.open(take / "stream") as reader:
+        decoded = decoded_video(reader)
+        for video in (trained, decoded):
+            assert (video.frame_count, video.fps, video.group_starts) == (5, 12.5, (0, 3))
+            np.testing.assert_allclose(video.up, [0, 0, 1], atol=0.25)
+        assert trained.background == (0, 0, 1)
+        assert decoded.background == (1, 0, 0)
+        assert decoded.view.name == "side"
+        assert torch.equal(trained.read(4).means, body(4, 75).means)
+        assert not torch.equal(decoded.read(4).means, body(4, 75).means)
+
+
+def test_metadata_may_be_anything(take, tmp_path):
+    settings = BakeSettings()
+    entry = bake_group([body(0, 60)], tmp_path / "s", 0, 0, settings)
+    write_manifest(tmp_path / "s", [entry], 10.0, settings, {"up": "high", "background": [1, 2], "suggested_camera": 7})
+    with StreamReader.open(tmp_path / "s") as reader:
+        video = decoded_video(reader)
+        assert (video.up, video.view, video.background) == (None, None, (0, 0, 0))
+
+
+def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
+    done = here(
+        "export", take, "--of", "trained", "--format", "ply", "--out", tmp_path / "trained", "--frames", "1:5:2"
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("2 frames in ")
+    assert [path.name for path in sorted((tmp_path / "trained").iterdir())] == ["frame_0001.ply", "frame_0003.ply"]
+    assert torch.equal(read_splats(tmp_path / "trained" / "frame_0003.ply").means, body(3, 75).means)
+    done = here("export", take, "--format", "ply", "--out", tmp_path / "one.ply", "--frames", "3:4")  # the default
+    assert done.returncode == 0, done.stderr
+    with StreamReader.open(take / "stream") as reader:
+        assert torch.equal(read_splats(tmp_path / "one.ply").means, reader.gaussians(3).means)
+
+
+def test_harmonics_can_be_cut(here, tmp_path):
+    settings = BakeSettings(qp=0)
+    colored = body(0, 60).with_sh_degree(2)
+    write_manifest(tmp_path / "s", [bake_group([colored], tmp_path / "s", 0, 0, settings)], 10.0, settings)
+    for degree in (0, 1):
+        out = tmp_path / f"{degree}.ply"
+        done = here("export", tmp_path / "s", "--format", "ply", "--sh-degree", degree, "--out", out)
+        assert done.returncode == 0, done.stderr
+        assert read_splats(out).sh_degree == degree
+
+
+def test_viewer_axes(here, take, tmp_path):
+    done = here("export", take / "stream", "--format", "ply", "--axes", "viewer", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    with StreamReader.open(take / "stream") as reader:
+        world = reader.gaussians(0).means
+    found = read_splats(tmp_path / "out" / "frame_0000.ply").means
+    assert torch.allclose(found[:, 1], -world[:, 2], atol=1e-5)  # y down
+    done = here("export", take / "stream", "--format", "spz", "--frames", "0:1", "--out", tmp_path / "a.spz")
+    assert done.returncode == 0, done.stderr
+    assert torch.allclose(read_splats(tmp_path / "a.spz").means[:, 1], world[:, 2], atol=1e-3)  # y up
+
+
+def test_videogs_there_and_back(here, take, tmp_path):
+    done = here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs")
+    assert done.returncode == 0, done.stderr
+    done = here(
+        "import", tmp_path / "vgs", "--out", tmp_path / "back", "--fps", "12.5", "--bake.qp", "0", "--up", "0,0,2"
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("5 frames in 2 groups, ")
+    with StreamReader.open(tmp_path / "back") as reader:
+        assert reader.fps == 12.5
+        assert reader.manifest.settings["qp"] == 0
+        assert reader.manifest.metadata["up"] == [0, 0, 1]
+        for index in range(5):
+            meant = body(index, 60 if index < 3 else 75).means
+            found = reader.gaussians(index).means
+            assert torch.cdist(meant.double(), found.double()).min(dim=1).values.max() < 5e-3
+
+
+def test_movies(here, take, tmp_path):
+    turn = tmp_path / "turn.mp4"
+    done = here(
+        "export",
+        take,
+        "--of",
+        "trained",
+        "--format",
+        "turntable",
+        "--size",
+        "96x64",
+        "--seconds",
+        "0.4",
+        "--out",
+        turn,
+        "--json",
+    )
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert lines[-1] == {"kind": "progress", "what": "export turntable", "done": 5, "total": 5}
+    with av.open(str(turn)) as file:
+        frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
+    assert len(frames) == 5
+    assert frames[0][0, 0, 2] > 240  # the take's background is blue
+    assert frames[0][32, 48].min() > 100  # the body in the middle
+
+    keys = [Key(0, RIG["front"], 4.0), Key(1, RIG["side"], 0.0)]
+    (tmp_path / "path.json").write_text(json.dumps(path_to_json(keys)))
+    done = here(
+        "export", take / "stream", "--format", "camera-path", "--path", tmp_path / "path.json", "--size", "96x64",
+        "--fps", "4", "--background", "0,1,0", "--out", tmp_path / "path.mp4",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("4 pictures of 96x64")
+    done = here(
+        "export", take, "--format", "camera-path", "--path", take / "calibrate" / "rig.json", "--size", "48x32",
+        "--out", tmp_path / "rig.mp4",
+    )  # fmt: skip
+    assert done.stdout.startswith("5 pictures of 48x32"), done.stderr  # as long as the video
+
+
+def test_mistakes_are_one_sentence(here, take, tmp_path):
+    out = tmp_path / "out"
+    cases = [
+        ([take, "--format", "ply", "--out", tmp_path], "exists already"),
+        ([take, "--format", "ply", "--out", out, "--frames", "0:9"], "written 0:5"),
+        ([take, "--format", "ply", "--out", out, "--frames", "all"], "--frames is 'all'"),
+        ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames need a folder"),
+        ([take / "stream", "--of", "trained", "--format", "ply", "--out", out], "only a take has trained splats"),
+        ([take, "--format", "camera-path", "--out", tmp_path / "a.mp4"], "needs --path"),
+        ([take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--size", "big"], "--size is 'big'"),
+        ([take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"], "--background is 'red'"),
+        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "keeps the capture's axes"),
+        ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
+    ]
+    for arguments, message in cases:
+        done = here("export", *arguments)
+        assert done.returncode == 1
+        assert message in done.stderr
+        assert done.stderr.startswith("error: ")
+        assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+    assert here("export", take, "--format", "obj", "--out", out).returncode == 2
+    done = here("import", take, "--out", out)
+    assert done.returncode == 1
+    assert "no .ply or .spz files" in done.stderr
+
+
+def test_nothing_trained_yet(tmp_path):
+    take = Take.create(tmp_path / "new")
+    with pytest.raises(StudioError, match="nothing is trained"):
+        trained_video(take.root)
+
+
+def test_no_stream_yet_is_a_sentence_with_both_ways_out(here, take, tmp_path):
+    shutil.copytree(take, tmp_path / "take", ignore=shutil.ignore_patterns("stream"))
+    done = here("export", tmp_path / "take", "--format", "ply", "--out", tmp_path / "out")
+    assert done.returncode == 1
+    assert "v3studio bake" in done.stderr
+    assert "--of trained" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_path):
+    process = start(
+        "export",
+        take,
+        "--format",
+        "turntable",
+        "--size",
+        "640x480",
+        "--seconds",
+        "600",
+        "--out",
+        tmp_path / "a.mp4",
+        "--json",
+    )
+    while '"done": 0' in process.stdout.readline():
+        pass
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    process.wait(10)
+    assert time.monotonic() - began < 2
+    assert process.returncode == 130
+    assert list(tmp_path.iterdir()) == []

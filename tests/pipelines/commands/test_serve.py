@@ -1,0 +1,288 @@
+"""`v3studio serve` and `v3studio play http://...`, over real connections on this machine."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import shutil
+import signal
+import socket
+import threading
+import time
+import urllib.parse
+import urllib.request
+from pathlib import Path
+
+import pytest
+import torch
+import uvicorn
+
+from pipelines.commands.serve import build_app, find_streams, listen
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.playback import play_headless
+from studio.stream import BakeSettings, bake_group, write_manifest
+
+LENGTHS = (5,) * 8
+
+
+def bake(folder: Path) -> Path:
+    """40 frames at 20 fps in groups of 5; splat 0 of frame i lies at x = i."""
+    settings = BakeSettings(profile="planes", qp=0, preset="ultrafast")
+    entries, first = [], 0
+    for group, length in enumerate(LENGTHS):
+        frames = []
+        for index in range(first, first + length):
+            means = torch.zeros(30, 3)
+            means[:, 0] = index
+            quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(30, 1)
+            frames.append(Gaussians(means, quats, -3 * torch.ones(30, 3), torch.zeros(30), torch.zeros(30, 1, 3)))
+        entries.append(bake_group(frames, folder, group, first, settings))
+        first += length
+    write_manifest(folder, entries, 20.0, settings)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return bake(tmp_path_factory.mktemp("served") / "stream")
+
+
+@pytest.fixture(scope="module")
+def port(stream: Path):
+    """A server over `stream`, with things beside and in it that nobody may get."""
+    (stream.parent / "secret.txt").write_text("secret")
+    (stream / ".hidden").write_text("secret")
+    (stream / "out.txt").symlink_to(stream.parent / "secret.txt")
+    (stream / "up").symlink_to(stream.parent)
+    with listen("127.0.0.1", 0) as sock:
+        server = uvicorn.Server(uvicorn.Config(build_app(find_streams(str(stream))), log_level="error", lifespan="off"))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
+        thread.start()
+        yield sock.getsockname()[1]
+        server.should_exit = True
+        thread.join(10)
+
+
+def ask(port: int, path: str, method: str = "GET", **headers: str) -> tuple[int, dict[str, str], bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.putrequest(method, path, skip_accept_encoding=True)
+    for name, value in headers.items():
+        connection.putheader(name.replace("_", "-"), value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    return answer.status, {name.lower(): value for name, value in answer.getheaders()}, body
+
+
+def test_files_with_their_types_and_lengths(port, stream):
+    for path, kind in (("manifest.json", "application/json"), ("group_003/opacity.mp4", "video/mp4")):
+        data = (stream / path).read_bytes()
+        status, headers, body = ask(port, f"/{path}")
+        assert (status, body) == (200, data)
+        assert headers["content-type"] == kind
+        assert headers["content-length"] == str(len(data))
+        assert headers["accept-ranges"] == "bytes"
+        status, head, body = ask(port, f"/{path}", method="HEAD")
+        assert (status, head["content-length"], body) == (200, str(len(data)), b"")
+
+
+def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_path, cli, start):
+    names = ["prise é 影 1", "a #1 50% ?&'x", "plain"]
+    for name in names:
+        shutil.copytree(stream, tmp_path / name, symlinks=True)
+    process = start("serve", tmp_path, "--port", "0")
+    lines = [process.stdout.readline() for _ in range(len(names) + 1)]
+    addresses = {line.split(" is served at ")[0]: line.split(" is served at ")[1].strip() for line in lines[:-1]}
+    assert set(addresses) == {str(tmp_path / name) for name in names}
+    host = addresses[str(tmp_path / "plain")].removesuffix("/plain")
+    with urllib.request.urlopen(f"{host}/") as answer:
+        listed = answer.read().decode().splitlines()[1:]
+    assert sorted(listed) == sorted(f"{address}/manifest.json" for address in addresses.values())
+    for address in listed:
+        assert urllib.parse.urlsplit(address).geturl() == address.encode("ascii").decode()
+        with urllib.request.urlopen(address) as answer:
+            assert answer.read() == (stream / "manifest.json").read_bytes()
+    report = json.loads(
+        cli("play", addresses[str(tmp_path / names[1])], "--headless", "--frames", "2", "--json").stdout
+    )
+    assert len(report["frames"]) == 2
+    as_typed = cli("play", f"{host}/{names[0]}", "--headless", "--frames", "2")
+    assert as_typed.returncode == 0, as_typed.stderr
+    process.send_signal(signal.SIGINT)
+
+
+def test_ranges(port, stream):
+    data = (stream / "group_000" / "opacity.mp4").read_bytes()
+    path = "/group_000/opacity.mp4"
+    status, headers, body = ask(port, path, Range="bytes=100-299")
+    assert (status, body) == (206, data[100:300])
+    assert headers["content-range"] == f"bytes 100-299/{len(data)}"
+    assert ask(port, path, Range="bytes=200-")[2] == data[200:]
+    assert ask(port, path, Range="bytes=-7")[2] == data[-7:]
+    assert ask(port, path, Range=f"bytes={len(data)}-")[0] == 416
+    tag = headers["etag"]
+    assert ask(port, path, Range="bytes=5-", If_Range=tag)[0] == 206
+    assert ask(port, path, Range="bytes=5-", If_Range='"other"')[::2] == (200, data)
+
+
+def test_caches_ask_again_and_are_told_when_nothing_changed(port, stream):
+    for path in ("/manifest.json", "/group_001/quat_w.mp4"):
+        _, headers, _ = ask(port, path)
+        assert headers["cache-control"] == "no-cache"
+        status, again, body = ask(port, path, If_None_Match=headers["etag"])
+        assert (status, body) == (304, b"")
+        assert again["cache-control"] == "no-cache"
+    file = stream / "note.bin"
+    file.write_bytes(b"one")
+    tag = ask(port, "/note.bin")[1]["etag"]
+    file.write_bytes(b"other")
+    assert ask(port, "/note.bin", If_None_Match=tag)[::2] == (200, b"other")
+    assert ask(port, "/note.bin")[1]["content-type"] == "application/octet-stream"
+
+
+def test_pages_from_elsewhere_may_read(port):
+    _, headers, _ = ask(port, "/manifest.json", Origin="https://player.example")
+    assert headers["access-control-allow-origin"] == "*"
+    assert "Content-Range" in headers["access-control-expose-headers"]
+    status, headers, _ = ask(
+        port, "/manifest.json", method="OPTIONS", Origin="https://player.example",
+        Access_Control_Request_Method="GET", Access_Control_Request_Headers="range",
+    )  # fmt: skip
+    assert status == 200
+    assert "Range" in headers["access-control-allow-headers"]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../secret.txt", "/%2e%2e/secret.txt", "/..%2fsecret.txt", "/group_000/../../secret.txt",
+        "/group_000/%2e%2e/%2e%2e/secret.txt", "//secret.txt", "/.hidden", "/./.hidden", "/out.txt", "/up/secret.txt",
+        "/..\\secret.txt", "/%00", "/" + "a" * 5000, "/group_000", "/group_000/", "/nothing.mp4",
+    ],
+)  # fmt: skip
+def test_nothing_but_the_streams_files(port, path, stream):
+    status, _, body = ask(port, path)
+    assert status in (400, 404)
+    assert b"secret" not in body
+    absolute = "/" + str(stream.parent / "secret.txt")
+    assert ask(port, absolute)[0] == 404
+
+
+def test_nothing_can_be_changed(port):
+    for method in ("POST", "PUT", "DELETE", "PATCH"):
+        assert ask(port, "/manifest.json", method=method, Content_Length="0")[0] == 405
+
+
+def test_which_streams_are_found(stream, tmp_path):
+    assert find_streams(str(stream)) == {"/": stream}
+    take = tmp_path / "take"
+    shutil.copytree(stream, take / "stream", symlinks=True)
+    (take / "take.json").write_text(json.dumps({"format": 1}))
+    assert find_streams(str(take)) == {"/": take / "stream"}
+    shutil.copytree(stream, tmp_path / "plain", symlinks=True)
+    (tmp_path / "else").mkdir()
+    assert find_streams(str(tmp_path)) == {"/plain": tmp_path / "plain", "/take": take / "stream"}
+    for wrong, message in (("else", "no stream in it"), ("none", "no such folder")):
+        with pytest.raises(StudioError, match=message):
+            find_streams(str(tmp_path / wrong))
+
+
+def test_of_several_each_has_its_own_path(stream, tmp_path):
+    for name in ("a", "b"):
+        shutil.copytree(stream, tmp_path / name, symlinks=True)
+    (tmp_path / "secret.txt").write_text("secret")
+    with listen("127.0.0.1", 0) as sock:
+        app = build_app(find_streams(str(tmp_path)))
+        server = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off"))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
+        thread.start()
+        port = sock.getsockname()[1]
+        assert ask(port, "/b/manifest.json")[2] == (stream / "manifest.json").read_bytes()
+        assert ask(port, "/secret.txt")[0] == 404
+        assert ask(port, "/")[2].decode().count("manifest.json") == 2
+        server.should_exit = True
+        thread.join(10)
+
+
+def test_a_port_that_is_taken(here, stream):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        done = here("serve", stream, "--port", taken.getsockname()[1])
+    assert done.returncode == 1
+    assert "is taken by another program; choose one with --port" in done.stderr
+    assert here("serve", stream, "--port", "70000").returncode == 1
+    assert "Cannot listen at 203.0.113.1" in here("serve", stream, "--host", "203.0.113.1").stderr
+
+
+def served(start, stream: Path, port: int = 0):
+    """A server process; its address."""
+    process = start("serve", stream, "--port", port)
+    line = process.stdout.readline()
+    assert "is served at http://127.0.0.1:" in line, process.stderr.read()
+    return process, line.split(" is served at ")[1].strip()
+
+
+def test_ctrl_c_ends_it_within_two_seconds_whoever_is_connected(start, tmp_path):
+    folder = bake(tmp_path / "stream")
+    (folder / "big.bin").write_bytes(bytes(50_000_000))
+    process, address = served(start, folder)
+    assert "v3studio play --headless " + address in process.stdout.readline()
+    port = int(address.rstrip("/").rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port)) as idle, socket.create_connection(("127.0.0.1", port)) as slow:
+        idle.sendall(b"GET /manifest.json HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert idle.recv(100)
+        slow.sendall(b"GET /big.bin HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert slow.recv(100)  # and no more: the answer stays under way
+        began = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        process.wait(10)
+        assert time.monotonic() - began < 2
+    assert process.returncode == 130
+    assert process.stderr.read() == ""
+
+
+def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(start, stream):
+    process, address = served(start, stream)
+    port = int(address.rstrip("/").rpartition(":")[2])
+    seen = []
+    restarted = threading.Event()
+
+    def restart() -> None:
+        time.sleep(0.7)
+        served(start, stream, port)
+        restarted.set()
+
+    def look(played) -> None:
+        seen.append(round(played.gaussians.means[0, 0].item()))
+        if len(seen) == 1:
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait()
+            threading.Thread(target=restart).start()
+
+    report = play_headless(address, realtime=True, on_frame=look)
+    assert restarted.is_set()
+    assert report.skipped == ()
+    assert seen == sorted(set(seen))
+    assert seen[-1] == 39
+    # What was fetched before plays on and the clock waits for the rest: an outage costs time, hardly any frames.
+    assert report.shown + report.dropped == 40
+    assert report.shown > 12
+    assert report.seconds > 40 / 20
+
+
+def test_the_command_line_plays_an_address(here, start, tmp_path):
+    folder = bake(tmp_path / "stream")
+    (folder / "group_002" / "opacity.mp4").write_bytes(b"?")
+    _, address = served(start, folder)
+    done = here("play", "--headless", "--json", address)
+    report = json.loads(done.stdout)
+    assert [row["frame"] for row in report["frames"]] == [*range(10), *range(15, 40)]
+    assert all(row["fetch_ms"] > 0 for row in report["frames"])
+    assert report["skipped"][0]["frame_count"] == 5
+    assert done.returncode == 1
+    assert done.stderr.startswith("warning: Group 2, frames 10 to 14, was left out: http://127.0.0.1:")
+    done = here("play", "--headless", address + "nowhere")
+    assert done.returncode == 1
+    assert "404" in done.stderr

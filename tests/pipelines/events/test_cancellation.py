@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pipelines.events.cancellation import Cancellation
+from studio.errors import Cancelled
+
+LOOP = """
+import sys, time, hashlib
+from pipelines.events.cancellation import Cancellation, stop_on_signals
+from studio.errors import Cancelled
+flag = Cancellation()
+try:
+    with stop_on_signals(flag, lambda: print("last words", flush=True)):
+        print("ready", flush=True)
+        while True:
+            {body}
+except Cancelled:
+    print("unwound", flush=True)
+    sys.exit(130)
+"""
+POLITE = LOOP.format(body="time.sleep(0.01); flag.check()")
+# a long call into C that lets other threads run, as structure from motion does
+STUCK = LOOP.format(body="hashlib.pbkdf2_hmac('sha256', b'x', b'y', 10**9)")
+
+
+@pytest.mark.parametrize(("body", "said"), [(POLITE, "unwound"), (STUCK, "last words")], ids=["polite", "stuck"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_work_within_two_seconds(body, said, number):
+    process = subprocess.Popen([sys.executable, "-c", body], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        began = time.monotonic()
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=10)
+        assert time.monotonic() - began < 2
+        assert process.returncode == 130
+        assert output == f"{said}\n"
+    finally:
+        if process.poll() is None:
+            process.kill()
+
+
+def test_the_flag():
+    flag = Cancellation()
+    flag.check()
+    flag.cancel()
+    assert flag.cancelled
+    with pytest.raises(Cancelled):
+        flag.check()

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from pipelines import events
+from pipelines.events import MAX_TEXT, Event, Metrics, Progress, RunStarted, parse_event, read_line
+from studio.errors import StudioError
+
+EXAMPLES = [
+    RunStarted(take="/t", stages=("train", "bake"), done=("calibrate",), pid=1, version="0.1"),
+    events.StageStarted(stage="train", reason="never finished"),
+    Progress(stage="train", fraction=0.5, seconds_left=3.0, label="group 1", figures={"loss": 0.1, "splats": 7}),
+    Metrics(stage="train", values={"psnr": 31.0}, group=0, frame=3),
+    events.Preview(stage="train", path="/t/x.png", caption="frame 3", camera="cam05", iteration=500),
+    events.Log(stage="train", message="hello"),
+    events.Warned(stage="train", message="grün"),
+    events.StageFailed(stage="bake", message="no", traceback="..."),
+    events.StageFinished(stage="train", seconds=1.5, summary={"frames": 3}),
+    events.RunFinished(outcome="done", seconds=9.0),
+]
+
+
+@pytest.mark.parametrize("event", EXAMPLES, ids=lambda event: event.kind)
+def test_an_event_survives_its_json(event):
+    line = event.to_json()
+    assert "\n" not in line
+    assert parse_event(line) == event
+
+
+def test_every_kind_is_tried_above():
+    kinds = {cls for cls in vars(events).values() if isinstance(cls, type) and issubclass(cls, Event) and cls != Event}
+    assert kinds == {type(event) for event in EXAMPLES}
+
+
+def test_numbers_that_json_lacks_become_null_and_numpy_numbers_plain():
+    values = {"loss": math.nan, "psnr": np.float32(math.inf), "splats": np.int64(3), "list": [np.float64(0.5)]}
+    read = json.loads(Metrics(values=values).to_json())["values"]
+    assert read == {"loss": None, "psnr": None, "splats": 3, "list": [0.5]}
+
+
+def test_fields_of_a_later_version_are_passed_over():
+    values = {**json.loads(EXAMPLES[5].to_json()), "color": "red"}
+    assert parse_event(json.dumps(values)) == EXAMPLES[5]
+
+
+@pytest.mark.parametrize(
+    "line", ["", "hello", "{}", "[]", '{"event": "unheard_of"}', '{"event": "log"}', "null", "[" * 100_000]
+)
+def test_other_lines_are_refused(line):
+    with pytest.raises(StudioError, match="Not an event"):
+        parse_event(line)
+
+
+def test_a_path_that_is_not_utf8_survives_in_a_line_that_is():
+    event = events.Warned(message="/footage/pris\udce9/影")
+    assert parse_event(event.to_json().encode("utf-8").decode("utf-8")) == event
+
+
+HELLO = EXAMPLES[5]
+LINE = HELLO.to_json()
+
+
+@pytest.mark.parametrize(
+    ("line", "event", "text"),
+    [
+        (LINE, HELLO, ""),
+        (LINE.encode() + b"\n", HELLO, ""),
+        ("Warning: " + LINE, HELLO, "Warning:"),
+        (LINE + "Warning:\n", HELLO, "Warning:"),
+        ("Warning:", None, "Warning:"),
+        (LINE[: len(LINE) // 2], None, LINE[: len(LINE) // 2]),
+        (b"\xff\xfe caf\xe9\n", None, "\ufffd\ufffd caf\ufffd"),
+        ('{"event": "unheard_of", "x": 1}', None, '{"event": "unheard_of", "x": 1}'),
+        ('{"event": [], "x": 1}', None, '{"event": [], "x": 1}'),
+        ('{"event":' * 100_000, None, ('{"event":' * 100)[:MAX_TEXT] + " ..."),
+        ('{"event":' + "[" * 100_000, None, ('{"event":' + "[" * 1000)[:MAX_TEXT] + " ..."),
+        ("x" * 3_000_000, None, "x" * MAX_TEXT + " ..."),
+        (b"\x1b[31m\tred\x00\n", None, "[31m red"),
+        ("", None, ""),
+        (b"\r\n", None, ""),
+    ],
+    ids=range(15),
+)
+def test_events_are_found_among_what_libraries_print(line, event, text):
+    assert read_line(line) == (event, text)

@@ -1,0 +1,106 @@
+"""The calibration's page and what is warned of."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+
+import numpy as np
+
+from pipelines.reports.calibration import (
+    calibration_figures,
+    calibration_lenses,
+    calibration_warnings,
+    render_calibration,
+)
+from studio.calibration import reprojection_report
+from studio.cameras import Camera, Rig
+
+
+def report_with(error: float) -> dict:
+    K = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
+    cameras = []
+    for name, x in (("left <1>", -0.5), ("right", 0.5)):
+        pose = np.eye(4)
+        pose[0, 3] = -x
+        cameras.append(Camera(name, 80, 60, K, pose))
+    rig = Rig(tuple(cameras))
+    points = np.random.default_rng(0).uniform([-0.5, -0.5, 2], [0.5, 0.5, 3], (40, 3))
+    seen = {}
+    for camera in rig:
+        pixels, _ = camera.project(points)
+        seen[camera.name] = np.column_stack([np.arange(40), pixels + np.array([error, 0])])
+    return {**reprojection_report(rig, points, seen), "unregistered": {"lost": "only 3 features were found"}}
+
+
+class Page(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("meta",):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_page_says_what_the_report_holds():
+    report = report_with(0.3)
+    page = Page()
+    page.feed(render_calibration(report, ["left <1>", "right"]))
+    assert page.open == []  # whole HTML
+    text = " ".join(" ".join(page.words).split())
+    assert "Cameras: excellent" in text
+    assert "0.300 px" in text
+    assert "80 observations of 40 points by 2 cameras" in text
+    assert "left <1>" in text
+    assert "no place: only 3 features were found" in text
+
+
+def test_warnings():
+    assert calibration_warnings(report_with(0.3))[-1] == "Camera 'lost' found no place: only 3 features were found."
+    assert "mean reprojection error is 1.50 px" in calibration_warnings(report_with(1.5))[0]
+    report = report_with(0.3)
+    report["cameras"]["right"]["mean"] = 1.4
+    report["cameras"]["right"]["coverage"] = 0.2
+    said = calibration_warnings(report)
+    assert said[0].startswith("The reprojection error is over 1 px for right;")
+    assert said[1].startswith("Less than 40% of the image")
+    assert "Only 45% of the matches" in calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.45})[0]
+    assert "matches" not in " ".join(calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.78}))
+
+
+def test_a_focal_length_that_cannot_be():
+    report = report_with(0.3)
+    report["cameras"]["right"]["usual_focal"] = 50.0
+    assert "Camera 'right' has a focal length of 100 px where the others have 50" in calibration_warnings(report)[0]
+
+
+def test_lenses_in_common():
+    report = report_with(0.3)
+    assert calibration_lenses(report) == []
+    cameras = ["left <1>", "right"]
+    report |= {"match_inlier_ratio": 0.8, "sharing": [{"images": cameras, "shared": True, "misfit": 3.4}]}
+    assert calibration_lenses(report)[0].startswith("One lens for 2 cameras (left <1> to right)")
+    page = Page()
+    page.feed(render_calibration(report, cameras))
+    text = " ".join(" ".join(page.words).split())
+    assert (
+        "80 % of the matches between cameras agree with where they stand (75 and more is usual). One lens for 2 cameras"
+        in text
+    )
+    report["sharing"][0] |= {"shared": False, "misfit": 91.2}
+    assert "A lens each for 2 cameras" in calibration_lenses(report)[0]
+    assert "91 times" in calibration_lenses(report)[0]
+
+
+def test_figures_of_the_event():
+    figures = calibration_figures(report_with(0.3))
+    assert figures["reprojection_mean"] == 0.3
+    assert figures["cameras"] == {"left <1>": 0.3, "right": 0.3}
+    assert figures["unregistered"] == {"lost": "only 3 features were found"}

@@ -1,0 +1,122 @@
+"""kill -9 and SIGTERM in the middle, then `run` again: the same stream as unbroken."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipelines.events import Log, Metrics, RunFinished, StageStarted, read_line
+
+
+def stream_bytes(take: Path) -> dict[str, bytes]:
+    stream = take / "stream"
+    return {path.relative_to(stream).as_posix(): path.read_bytes() for path in stream.rglob("*") if path.is_file()}
+
+
+def events_in(lines: Iterable[str]) -> list:
+    """What other tests hold the run to, that it prints nothing else, is not asked here."""
+    return [event for event, _ in map(read_line, lines) if event is not None]
+
+
+def stop_when(process, condition, number) -> list:
+    """Read events until the condition holds, then send the signal."""
+    events = []
+    for line in process.stdout:
+        events += events_in([line])
+        if events and condition(events[-1]):
+            process.send_signal(number)
+            break
+    else:
+        raise AssertionError(f"the run ended before it could be stopped: {process.stderr.read()}")
+    events += events_in(process.stdout)
+    process.wait(timeout=20)
+    return events
+
+
+def frames_of(events: list) -> list[int]:
+    return [event.values["index"] for event in events if isinstance(event, Metrics) and event.stage == "train"]
+
+
+def test_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start, cli):
+    take = project / "take"
+    arguments = ("run", project / "ball.yaml", "--take", take, "--json")
+
+    # one frame is done, others are under way in two groups side by side
+    first = start(*arguments, "--run.groups-at-once", "2")
+    events = stop_when(
+        first,
+        lambda event: isinstance(event, Metrics) and event.stage == "train",
+        signal.SIGKILL,
+    )
+    assert first.returncode == -signal.SIGKILL
+    assert not (take / "stream").exists()
+    killed_after = frames_of(events)
+    assert {0, 3} & set(killed_after), "a keyframe is done"
+    assert len(killed_after) < 5
+
+    # in the middle of baking: the first group is done, the manifest is not written
+    second = start(*arguments)
+    events = stop_when(
+        second,
+        lambda event: isinstance(event, Metrics) and event.stage == "bake" and event.group == 0,
+        signal.SIGKILL,
+    )
+    # a frame that was finished is not trained again
+    assert not set(frames_of(events)) & set(killed_after)
+    assert not (take / "stream" / "manifest.json").exists() or second.returncode == -signal.SIGKILL
+
+    last = cli(*arguments)
+    assert last.returncode == 0, last.stderr
+    events = events_in(last.stdout.splitlines())
+    assert [event.stage for event in events if isinstance(event, StageStarted)][-1] == "evaluate"
+    assert frames_of(events) == []
+    assert stream_bytes(take) == stream_bytes(finished / "take")
+    ours, unbroken = (json.loads((folder / "evaluation.json").read_text()) for folder in (take, finished / "take"))
+    assert ours == unbroken
+    assert not list(take.rglob("*.partial*"))
+
+
+def test_sigterm_stops_within_two_seconds_and_run_goes_on(finished, project, start, cli):
+    take = project / "take"
+    process = start("run", project / "ball.yaml", "--take", take, "--json")
+    stopped: list[float] = []
+
+    def in_training(event) -> bool:
+        if isinstance(event, Metrics) and event.stage == "train":
+            stopped.append(time.time())
+            return True
+        return False
+
+    events = stop_when(process, in_training, signal.SIGTERM)
+    assert events[-1].time - stopped[0] < 2
+    assert time.time() - stopped[0] < 3  # with the end of the process, on a machine that runs other tests
+    assert process.returncode == 130
+    assert isinstance(events[-1], RunFinished)
+    assert events[-1].outcome == "cancelled"
+    done = cli("run", project / "ball.yaml", "--take", take)
+    assert done.returncode == 0, done.stderr
+    assert stream_bytes(take) == stream_bytes(finished / "take")
+
+
+def test_killed_inside_a_keyframe_goes_on_from_its_checkpoint(project, start, cli):
+    long = ("--train.keyframe_iterations", "250", "--train.checkpoint_every", "10", "--capture.stop", "2")
+
+    def run(name: str) -> tuple:
+        return ("run", project / "ball.yaml", "--take", project / name, "--json", *long)
+
+    unbroken = cli(*run("unbroken"))
+    assert unbroken.returncode == 0, unbroken.stderr
+    process = start(*run("killed"))
+    checkpoint = project / "killed" / "train" / "group_000" / "keyframe.checkpoint"
+    stop_when(process, lambda _: checkpoint.exists(), signal.SIGKILL)
+    frames = [project / name / "train" / "group_000" / "frame_000000.safetensors" for name in ("unbroken", "killed")]
+    assert not frames[1].exists(), "it was killed too late for this test to mean anything"
+    again = cli(*run("killed"))
+    assert again.returncode == 0, again.stderr
+    told = [event.message for event in events_in(again.stdout.splitlines()) if isinstance(event, Log)]
+    assert any("the keyframe goes on from step" in message for message in told), told
+    assert frames[0].read_bytes() == frames[1].read_bytes()
+    assert not checkpoint.exists()

@@ -1,0 +1,361 @@
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipelines.config import load_config, parse_override
+from pipelines.events import Event, Metrics, Progress, RunFinished, RunStarted, StageFinished, StageStarted
+from pipelines.runs.runner import ALL_STAGES, run, status
+from pipelines.stages.evaluate import padded_box
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.point_files import read_points
+from pipelines.takes.take import Take
+from studio.errors import Cancelled, StudioError
+
+
+class Project:
+    """A copy of the finished take beside its capture."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.take = Take.open(folder / "take")
+
+    def run(self, *overrides: str, **options: Any) -> list[Event]:
+        config = load_config(self.folder / "ball.yaml", [parse_override(text) for text in overrides])
+        events: list[Event] = []
+        try:
+            run(self.take, config, events.append, **options)
+        finally:
+            assert isinstance(events[-1], RunFinished)
+            self.events = events
+        return events
+
+    def states(self, *overrides: str) -> dict[str, str]:
+        config = load_config(self.folder / "ball.yaml", [parse_override(text) for text in overrides])
+        self.found = status(self.take, config)
+        return {name: found.state for name, found in self.found.items()}
+
+    def bytes_of(self, *names: str) -> dict[str, bytes]:
+        files = [path for name in names for path in sorted((self.take.root / name).rglob("*")) if path.is_file()]
+        return {path.relative_to(self.take.root).as_posix(): path.read_bytes() for path in files}
+
+    def written(self, name: str) -> dict[str, int]:
+        return {path.name: path.stat().st_mtime_ns for path in (self.take.root / name).rglob("frame_*")}
+
+
+@pytest.fixture
+def project(finished: Path, tmp_path: Path) -> Project:
+    shutil.copytree(finished, tmp_path / "copy")
+    return Project(tmp_path / "copy")
+
+
+def ran(events: list[Event]) -> list[str]:
+    return [event.stage for event in events if isinstance(event, StageStarted)]
+
+
+def trained(events: list[Event]) -> list[int]:
+    return [event.values["index"] for event in events if isinstance(event, Metrics) and event.stage == "train"]
+
+
+def test_a_run_leaves_every_result_in_its_place(project):
+    root = project.take.root
+    assert {path.name for path in root.iterdir()} == {
+        "take.json", "config.yaml", "calibrate", "initialize", "train", "stream", "evaluation.json", "report.html",
+        ".v3studio",
+    }  # fmt: skip
+    assert [path.name for path in sorted((root / "train/group_000").iterdir())] == [
+        "frame_000000.safetensors", "frame_000001.safetensors", "frame_000002.safetensors", "group.json",
+    ]  # fmt: skip
+    assert {path.name for path in (root / "stream").iterdir()} == {"manifest.json", "group_000", "group_001"}
+    points, colors = read_points(root / "initialize/group_001/points.ply")
+    assert points.shape == colors.shape == (400, 3)
+    # the ball of radius 0.55 stands at (0.09, 0.06, 0) in frame 3; a hull of five cameras is a little larger
+    assert np.abs(np.linalg.norm(points - [0.09, 0.06, 0], axis=1) - 0.55).mean() < 0.1
+    assert len(read_frame(root / "train/group_001/frame_000003.safetensors")) <= 400
+
+
+def test_evaluation_says_what_was_measured_and_how(project):
+    evaluation = json.loads(project.take.evaluation.read_text())
+    summary, protocol = evaluation["summary"], evaluation["protocol"]
+    assert {"psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "bytes_per_frame"} <= set(summary)
+    assert protocol["held_out"] is True
+    assert protocol["cameras"] == ["cam4"]
+    assert protocol["resolution"] == {"cam4": [64, 48]}
+    on_disk = sum(path.stat().st_size for path in project.take.stream.rglob("*") if path.is_file())
+    assert protocol["total_bytes"] == on_disk
+    assert summary["bytes_per_frame"] == pytest.approx(on_disk / 5, abs=0.1)
+    assert [row["frame"] for row in evaluation["frames"]] == [0, 1, 2, 3, 4]
+    for row in evaluation["frames"]:
+        assert row["psnr_decoded"] == row["cameras"]["cam4"]["psnr_decoded"]
+    mean = np.mean([row["psnr_trained"] for row in evaluation["frames"]])
+    assert summary["psnr_trained"] == pytest.approx(mean, abs=1e-3)
+
+
+def test_psnr_is_that_of_the_cropped_held_out_image(project):
+    """Against numpy, from the files: the decoded frame 3 drawn here, the held-out PNG over black, cut by hand."""
+    import torch
+
+    from studio.camera_files import read_rig
+    from studio.rasterizer import rasterize
+    from studio.stream import StreamReader
+
+    rgba = np.array(Image.open(project.folder / "capture/images/cam4/003.png")).astype(float) / 255
+    truth = rgba[..., :3] * rgba[..., 3:]
+    rows, columns = np.flatnonzero(rgba[..., 3].any(1)), np.flatnonzero(rgba[..., 3].any(0))
+    with StreamReader.open(project.take.stream) as reader, torch.no_grad():
+        image = rasterize(reader.gaussians(3), read_rig(project.take.rig)["cam4"]).image.clamp(0, 1).double().numpy()
+    part = np.s_[max(0, rows[0] - 8) : rows[-1] + 9, max(0, columns[0] - 8) : columns[-1] + 9]
+    expected = -10 * np.log10(((image[part] - truth[part]) ** 2).mean())
+    measured = json.loads(project.take.evaluation.read_text())["frames"][3]["cameras"]["cam4"]["psnr_decoded"]
+    assert measured == pytest.approx(expected, abs=0.01)
+
+
+def test_report_holds_everything_in_one_file(project):
+    text = project.take.report.read_text()
+    assert text.count("data:image/jpeg;base64,") == 2 * 4
+    assert text.count("<svg") == 3
+    assert 'src="http' not in text
+    assert "href" not in text.replace('xlink:href="#', "")
+
+
+def test_marks_come_into_the_report_without_measuring_again(project):
+    before = project.take.evaluation.read_bytes()
+    rows = {row["index"]: row for row in json.loads(before)["frames"]}
+    pictures = project.take.report.read_text().count("data:image/jpeg;base64,")
+    project.take.marks.write_text('{"marks": [{"frame": 3, "note": "<hand> is blurred"}, {"frame": 1, "note": ""}]}')
+    assert ran(project.run()) == []
+    text = project.take.report.read_text()
+    table = text[text.index("<h2>Marks</h2>") :].split("</table>")[0]
+    assert "&lt;hand&gt; is blurred" in table
+    assert table.index("(no note)") < table.index("blurred"), "in the order of the frames"
+    row = rows[3]
+    figures = (
+        f"<td>{row['psnr_trained']:.2f} dB</td><td>{row['psnr_decoded']:.2f} dB</td><td>{row['bytes'] / 1000:.1f}</td>"
+    )
+    assert figures in table
+    assert text.count('id="mark 3"') == 3, "a tick in each plot"
+    assert text.count("data:image/jpeg;base64,") == pictures
+    assert project.take.evaluation.read_bytes() == before
+    assert project.states()["evaluate"] == "done"
+    assert ran(project.run(stages=("evaluate",), force=True)) == ["evaluate"]
+    assert "is blurred" in project.take.report.read_text()
+    project.take.marks.write_text("[1")
+    project.run()
+    assert "marks.json" in project.take.report.read_text()
+    assert project.states()["evaluate"] == "done"
+    project.take.marks.unlink()
+    project.run()
+    text = project.take.report.read_text()
+    assert "Marks</h2>" not in text
+    assert 'id="mark' not in text
+
+
+def test_running_again_does_nothing(project):
+    before = project.bytes_of("train", "stream", "initialize", "calibrate")
+    times = project.written("train")
+    events = project.run()
+    assert ran(events) == []
+    assert isinstance(events[0], RunStarted)
+    assert events[0].stages == ()
+    assert events[0].done == ALL_STAGES
+    assert project.bytes_of("train", "stream", "initialize", "calibrate") == before
+    assert project.written("train") == times
+    assert set(project.states().values()) == {"done"}
+
+
+def test_a_baking_setting_reruns_baking_and_evaluation_only(project):
+    before = project.bytes_of("train")
+    assert project.states("bake.qp=35") == {
+        "calibrate": "done", "initialize": "done", "train": "done", "bake": "stale", "evaluate": "stale"
+    }  # fmt: skip
+    assert project.found["bake"].reason == "bake.qp changed from 20 to 35"
+    size = json.loads(project.take.evaluation.read_text())["protocol"]["total_bytes"]
+    assert ran(project.run("bake.qp=35")) == ["bake", "evaluate"]
+    assert project.bytes_of("train") == before
+    assert json.loads(project.take.evaluation.read_text())["protocol"]["total_bytes"] < size
+
+
+def test_moving_the_capture_changes_nothing(project):
+    (project.folder / "capture").rename(project.folder / "moved")
+    assert set(project.states(f"capture.root={project.folder / 'moved'}").values()) == {"done"}
+
+
+def test_a_lost_capture_leaves_finished_stages_done(project):
+    shutil.rmtree(project.folder / "capture")
+    states = project.states()
+    assert states["train"] == "done"
+    assert "not checked against the footage" in project.found["train"].reason
+
+
+def test_a_changed_image_is_noticed(project):
+    path = project.folder / "capture/images/cam1/002.png"
+    image = np.array(Image.open(path))
+    image[20:25, 30:35, :3] = 255
+    Image.fromarray(image).save(path)
+    states = project.states()
+    assert states["calibrate"] == "done"  # it came from a file that did not change
+    assert states["initialize"] == "stale"
+    assert project.found["initialize"].reason == "the footage changed"
+
+
+def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project):
+    before = project.bytes_of("train", "stream")
+    project.take.trained_frame(1, 4).unlink()
+    assert project.states()["train"] == "partial"
+    assert (project.found["train"].units_done, project.found["train"].units) == (4, 5)
+    events = project.run()
+    assert trained(events) == [4]
+    assert ran(events) == ["train"]  # the same result as before, so nothing after it is stale
+    assert {name: data for name, data in project.bytes_of("train", "stream").items() if "json" not in name} == {
+        name: data for name, data in before.items() if "json" not in name
+    }
+
+
+def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
+    shutil.rmtree(project.take.root)
+    Take.create(project.take.root)
+    project.run("capture.stop=4", stages=("calibrate", "initialize", "train", "bake"))
+    times = project.written("train")
+    assert len(times) == 4
+    events = project.run(stages=("calibrate", "initialize", "train", "bake"))
+    assert trained(events) == [4]
+    assert {name: time for name, time in project.written("train").items() if name in times} == times
+    assert json.loads((project.take.stream / "manifest.json").read_text())["frame_count"] == 5
+
+
+def test_a_shorter_take_drops_the_frames_it_lost(project):
+    events = project.run("capture.stop=2")
+    assert trained(events) == []
+    assert ran(events) == ["initialize", "train", "bake", "evaluate"]
+    assert sorted(project.written("train")) == ["frame_000000.safetensors", "frame_000001.safetensors"]
+    assert not (project.take.root / "train/group_001").exists()
+    assert {path.name for path in project.take.stream.iterdir()} == {"manifest.json", "group_000"}
+    assert len(json.loads(project.take.evaluation.read_text())["frames"]) == 2
+
+
+def test_one_stage_alone_needs_those_before_it(project):
+    project.take.forget("train")
+    with pytest.raises(StudioError, match=r"The stage bake needs train, which is partial"):
+        project.run(stages=("bake",), force=True)
+
+
+def test_force_runs_a_stage_that_is_up_to_date_and_gives_the_same(project):
+    before = project.bytes_of("stream")
+    assert ran(project.run(stages=("bake",), force=True)) == ["bake"]
+    assert project.bytes_of("stream") == before
+
+
+def test_another_seed_trains_again_and_differs(project):
+    before = project.bytes_of("train")
+    events = project.run("run.seed=7", stages=("initialize", "train"))
+    assert trained(events) == [0, 1, 2, 3, 4]
+    after = project.bytes_of("train")
+    assert all(after[name] != before[name] for name in before if name.endswith("safetensors"))
+
+
+def test_progress_grows_and_says_how_long_is_left(project):
+    events = project.run("run.seed=8", "train.finetune_iterations=40", stages=("initialize", "train"))
+    progress = [event for event in events if isinstance(event, Progress)]
+    for stage in ("initialize", "train"):
+        fractions = [event.fraction for event in progress if event.stage == stage]
+        assert fractions == sorted(fractions)
+        assert fractions[-1] == 1.0
+    totals = [event.total_fraction for event in progress]
+    assert totals == sorted(totals)
+    figures = [event.figures for event in progress if event.stage == "train" and "loss" in event.figures]
+    assert figures
+    assert {"loss", "psnr", "splats", "iteration", "group", "frame"} <= set(figures[0])
+
+
+def test_previews_are_pictures_of_the_held_out_camera(project):
+    from pipelines.events import Preview
+
+    events = project.run("run.seed=9", "run.preview_seconds=0.001", stages=("initialize", "train"))
+    previews = [event for event in events if isinstance(event, Preview)]
+    assert previews
+    assert {event.camera for event in previews} == {"cam4"}
+    assert Image.open(previews[-1].path).size == (64, 48)
+
+
+def test_without_held_out_cameras_the_evaluation_says_so(project):
+    events = project.run("capture.held_out=[]", "train.keyframe_iterations=5", "train.motion_iterations=1",
+                         "train.finetune_iterations=1", "capture.stop=2")  # fmt: skip
+    protocol = json.loads(project.take.evaluation.read_text())["protocol"]
+    assert protocol["held_out"] is False
+    assert len(protocol["cameras"]) == 6
+    assert any("No camera is held out" in getattr(event, "message", "") for event in events)
+    assert "these are the training cameras" in project.take.report.read_text()
+
+
+def test_an_empty_mask_is_refused_before_anything_is_trained(project):
+    path = project.folder / "capture/images/cam2/004.png"
+    image = np.array(Image.open(path))
+    image[..., 3] = 0
+    Image.fromarray(image).save(path)
+    project.take.forget("train")
+    with pytest.raises(StudioError, match=r"Camera 'cam2': the mask is empty in frame 4"):
+        project.run("run.seed=3")
+    assert trained(project.events) == []
+    assert project.states("run.seed=3")["train"] == "failed"
+    assert project.found["train"].reason.startswith("last time: "), "what is told may be mended by now"
+
+
+def test_a_camera_that_misses_a_frame_names_both(project):
+    (project.folder / "capture/images/cam2/002.png").unlink()
+    with pytest.raises(StudioError, match=r"Camera 'cam2' has no frame 2"):
+        project.run()
+    assert project.take.stream.is_dir()
+
+
+def test_an_unknown_held_out_camera_names_the_nearest(project):
+    with pytest.raises(StudioError, match=r"camera 'cam44'.*did you mean 'cam4'"):
+        project.run("capture.held_out=[cam44]")
+
+
+def test_a_damaged_trained_frame_is_trained_again(project):
+    path = project.take.trained_frame(0, 1)
+    path.write_bytes(path.read_bytes()[:100])
+    assert trained(project.run()) == [1, 2]
+
+
+def test_a_damaged_stream_is_noticed_and_baked_again(project):
+    path = sorted(project.take.stream.glob("group_*/*.mp4"))[0]
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    assert project.states()["bake"] == "partial"
+    assert "bake" in ran(project.run())
+    assert path.read_bytes() == whole
+
+
+def test_cancelled_from_another_thread(project):
+    from pipelines.events.cancellation import Cancellation
+
+    flag = Cancellation()
+    config = load_config(project.folder / "ball.yaml", [("run.seed", 5)])
+    events: list[Event] = []
+
+    def emit(event: Event) -> None:
+        events.append(event)
+        if isinstance(event, Metrics) and event.stage == "train":
+            flag.cancel()
+
+    with pytest.raises(Cancelled):
+        run(project.take, config, emit, cancellation=flag)
+    assert isinstance(events[-1], RunFinished)
+    assert events[-1].outcome == "cancelled"
+    assert trained(events) == [0]
+    assert not any(isinstance(event, StageFinished) and event.stage == "train" for event in events)
+    assert trained(project.run("run.seed=5")) == [1, 2, 3, 4]
+
+
+def test_box_is_padded_and_stays_inside():
+    matte = np.zeros((20, 30), np.uint8)
+    assert padded_box(matte, 3) is None
+    matte[5:8, 28] = 255
+    assert padded_box(matte, 3) == (slice(2, 11), slice(25, 30))

@@ -1,0 +1,95 @@
+"""Groups side by side: how threads are shared out, what happens when one fails, and that the stream stays the same."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.group_scheduler import run_groups, threads_by_group
+from studio.errors import Cancelled, StudioError
+
+
+@pytest.mark.parametrize(
+    ("groups", "at_once", "threads", "expected"),
+    [
+        (3, 1, 2, [2, 2, 2]),
+        (3, 2, 2, [1, 1, 2]),
+        (4, 2, 2, [1, 1, 1, 1]),
+        (5, 4, 16, [4, 4, 4, 4, 16]),
+        (2, 2, 1, [1, 1]),
+        (0, 1, 2, []),
+    ],
+)
+def test_all_threads_are_shared_out(groups: int, at_once: int, threads: int, expected: list[int]) -> None:
+    assert threads_by_group(groups, at_once, threads) == expected
+
+
+def test_jobs_run_side_by_side_with_their_own_number_of_threads() -> None:
+    before = torch.get_num_threads()
+    together = threading.Barrier(2, timeout=20)
+    seen: dict[int, int] = {}
+
+    def job(index: int) -> None:
+        if index < 2:
+            together.wait()  # breaks unless both run at once
+        seen[index] = torch.get_num_threads()
+
+    run_groups({index: lambda index=index: job(index) for index in range(3)}, 2, [1, 1, 3], Cancellation())
+    assert seen == {0: 1, 1: 1, 2: 3}
+    assert torch.get_num_threads() == before
+
+
+def test_a_lane_keeps_its_threads_when_another_one_sets_its_own_later() -> None:
+    others, seen = threading.Event(), []
+
+    def first() -> None:
+        assert others.wait(20)
+        seen.append(torch.get_num_threads())
+
+    run_groups({0: first, 1: others.set}, 2, [1, 3], Cancellation())
+    assert seen == [1]
+
+
+def test_one_failure_ends_the_others_and_is_what_is_told() -> None:
+    stop = Cancellation()
+
+    def endless() -> None:
+        end = time.monotonic() + 30
+        while time.monotonic() < end:
+            stop.check()
+            time.sleep(0.005)
+        raise AssertionError("was never stopped")
+
+    def bad() -> None:
+        raise StudioError("No camera sees the performer.")
+
+    ran: list[int] = []
+    with pytest.raises(StudioError, match="No camera sees"):
+        run_groups({0: endless, 1: bad, 2: lambda: ran.append(2)}, 2, [1, 1, 1], stop)
+    assert not ran
+
+
+def test_a_stop_is_told_as_a_stop() -> None:
+    def stopped() -> None:
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        run_groups({0: stopped, 1: stopped}, 2, [1, 1], Cancellation())
+
+
+def test_side_by_side_gives_what_one_after_the_other_gives(project: Path, here: Callable[..., Any]) -> None:
+    frames = {}
+    for at_once in (1, 2):
+        take = project / f"take{at_once}"
+        done = here("run", project / "ball.yaml", "--take", take, "--run.groups-at-once", at_once)
+        assert done.returncode == 0, done.stderr
+        frames[at_once] = {path.relative_to(take): path.read_bytes() for path in (take / "train").rglob("frame_*")}
+    assert len({path.parent for path in frames[1]}) > 1, "several groups"
+    assert frames[1] == frames[2]

@@ -1,0 +1,73 @@
+"""Groups that begin where the performer has changed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.stages.grouping import FEWEST, starts_of
+from pipelines.takes.groups import cut_at, cut_into_groups
+
+
+def half(share: float) -> np.ndarray:
+    """A picture of which so much of the upper part is white; `change` between two is known from the areas."""
+    picture = np.zeros((20, 20, 4), np.float32)
+    picture[: round(20 * share)] = 1
+    return picture
+
+
+def test_cutting_keeps_every_frame_once() -> None:
+    frames = tuple(range(10, 40, 3))
+    for groups in (cut_at(frames, [0, 4, 5]), cut_into_groups(frames, 4)):
+        assert sum((group.frames for group in groups), ()) == frames
+        assert [group.first for group in groups] == [frames.index(group.keyframe) for group in groups]
+    assert [len(group.frames) for group in cut_at(frames, [0, 4, 5])] == [4, 1, 5]
+
+
+def test_a_performer_who_stands_still_has_the_longest_groups() -> None:
+    starts, changes = starts_of([[half(0.5)]] * 12, 5, 0.1)
+    assert starts == [0, 5, 10]
+    assert changes == [0.0] * 12
+
+
+def test_a_group_begins_where_the_change_is_too_large_and_is_never_too_short() -> None:
+    shares = [0.5] * 6 + [0.6] + [1.0] * 8  # against 0.5, 0.6 has changed by 1/6 and 1.0 by 1/2
+    looks = [[half(share)] for share in shares]
+    starts, changes = starts_of(looks, 20, 0.4)
+    assert starts == [0, 7]
+    assert np.isclose(changes[6], 1 / 6)
+    restless = [[half(0.2 if frame % 2 else 1.0)] for frame in range(11)]
+    starts, _ = starts_of(restless, 20, 0.4)
+    assert np.diff([*starts]).min() >= FEWEST
+
+
+def test_a_camera_that_does_not_see_him_says_nothing() -> None:
+    looks = [[half(0.5), None]] + [[half(1.0), half(0.1)]] * 6
+    starts, changes = starts_of(looks, 20, 0.6)
+    assert starts == [0]
+    assert np.isclose(changes[1], 0.5)
+
+
+def test_a_take_grouped_by_motion(project: Path, here: Callable[..., Any]) -> None:
+    take = project / "take"
+
+    def run(*more: object) -> list[int]:
+        done = here("run", project / "ball.yaml", "--take", take, "--train.group-size", 5, "--until", "bake",
+                    "--train.grouping", "motion", *more)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        manifest = json.loads((take / "stream" / "manifest.json").read_text())
+        return [group["first_frame"] for group in manifest["groups"]]
+
+    assert run("--train.group-change", 0.001) == [0, 4]
+    written = (take / "initialize" / "groups.json").stat().st_mtime_ns
+    assert len(list((take / "initialize").glob("group_*"))) == 2
+    assert run("--train.group-change", 0.001) == [0, 4]
+    assert (take / "initialize" / "groups.json").stat().st_mtime_ns == written, "looked at once"
+    keyframe = (take / "train" / "group_000" / "frame_000000.safetensors").read_bytes()
+    assert run("--train.group-change", 0.9) == [0], "the ball only moves, which does not count"
+    assert (take / "train" / "group_000" / "frame_000000.safetensors").read_bytes() == keyframe
+    assert not (take / "train" / "group_001").exists()

@@ -1,0 +1,138 @@
+"""What the calibrate stage is told beforehand, from settings to arguments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipelines.config import CalibrateSection, Config
+from pipelines.stages.base import Context
+from pipelines.stages.calibrate import CalibrateStage
+from pipelines.stages.known_cameras import focal_lengths, known_cameras, known_distance
+from pipelines.takes.take import Take
+from studio.camera_files import write_rig
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+
+
+def context(tmp_path: Path, filmed: int = 1, suffix: str = "png", **calibrate) -> Context:
+    for name in ("a", "b"):
+        folder = tmp_path / "capture" / "images" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        for frame in range(filmed):
+            picture = Image.new("RGB", (80, 60), (frame, 90, 90))
+            exif = Image.Exif()
+            exif[0xA405] = 50  # focal length on 35 mm film
+            picture.save(folder / f"{frame}.{suffix}", **({"exif": exif} if suffix == "jpg" else {}))
+    capture = {"root": str(tmp_path / "capture"), "rig": None, "masks": "none"}
+    config = Config.model_validate({"capture": capture, "calibrate": calibrate})
+    return Context(Take.create(tmp_path / "take"), config)
+
+
+def rig(names: tuple[str, ...], width: int = 160) -> Rig:
+    K = np.array([[200.0, 0, width / 2], [0, 200, width * 3 / 8], [0, 0, 1]])
+    return Rig(tuple(Camera(name, width, width * 3 // 4, K, np.eye(4)) for name in names))
+
+
+def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> None:
+    made = context(tmp_path, known_cameras="old.json")
+    write_rig(rig(("a.png", "b.png")), tmp_path / "capture" / "old.json")
+    found = known_cameras(made)
+    assert found is not None
+    assert found.names == ("a", "b")
+    assert (found["a"].width, found["a"].fx, found["a"].cx) == (80, 100, 40)
+    write_rig(rig(("a",)), tmp_path / "capture" / "old.json")
+    with pytest.raises(StudioError, match="camera 'b' that the calibration does not know"):
+        known_cameras(made)
+    (tmp_path / "capture" / "old.json").unlink()
+    with pytest.raises(StudioError, match=r"old\.json: there is no such camera file"):
+        known_cameras(made)
+    with pytest.raises(StudioError, match=r"name it in calibrate\.known"):
+        known_cameras(context(tmp_path, known_poses=True))
+    assert known_cameras(context(tmp_path)) is None
+
+
+def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> None:
+    """One in proportion is scaled by the footage and written as it came; one of another shape needs a rule."""
+    made = context(tmp_path)
+    file = tmp_path / "capture" / "given.json"
+
+    def calibrated(width: int, **capture) -> Rig:
+        K = np.array([[100.0, 0, width / 2], [0, 100, 30], [0, 0, 1]])
+        write_rig(Rig(tuple(Camera(name, width, 60, K, np.eye(4)) for name in ("a", "b"))), file)
+        section = made.config.capture.model_copy(update=capture)
+        fresh = Context(made.take, made.config.model_copy(update={"capture": section}))
+        return CalibrateStage()._from_file(fresh, file)[0]
+
+    with pytest.raises(StudioError) as caught:
+        calibrated(88)
+    assert str(caught.value).startswith(f"{file}: Camera 'a': the footage is 80x60, but it was calibrated at 88x60")
+    assert "set size_rule to stretch, crop or letterbox" in str(caught.value)
+    assert calibrated(88, size_rule="crop")["a"].width == 88
+    write_rig(rig(("a", "b")), file)
+    assert CalibrateStage()._from_file(made, file)[0]["b"].width == 160
+
+
+def test_a_known_distance_needs_both_parts() -> None:
+    names = ("a", "b", "c")
+    assert known_distance(CalibrateSection(), names) is None
+    section = CalibrateSection(scale_between=("a", "b"), scale_distance=2.5)
+    assert known_distance(section, names) == ("a", "b", 2.5)
+    with pytest.raises(StudioError, match="names camera 'b', which the footage has not; it has a, c"):
+        known_distance(section, ("a", "c"))
+    for values in (
+        {"scale_between": ("a", "b")},
+        {"scale_distance": 1.0},
+        {"scale_between": ("a",), "scale_distance": 1},
+    ):
+        with pytest.raises(StudioError, match="needs two cameras"):
+            known_distance(CalibrateSection(**values), names)
+
+
+def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:
+    from pipelines.stages.base import StageReporter
+    from pipelines.stages.calibrate import CalibrateStage
+
+    made = context(tmp_path, look_at="room")
+    stage = CalibrateStage()
+    with pytest.raises(StudioError, match="look_at = room needs masks"):
+        stage.run(made, StageReporter(stage.name, made))
+
+
+def test_focal_lengths_from_exif(tmp_path: Path) -> None:
+    made = context(tmp_path, suffix="jpg")
+    found = focal_lengths(made.footage.raw, 0)
+    assert set(found) == {"a", "b"}
+    assert found["a"] == pytest.approx(50 / 35 * 80, rel=0.05)
+    assert focal_lengths(context(tmp_path / "other").footage.raw, 0) == {}
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [({}, [0]), ({"frames": 3}, [2, 6, 10]), ({"frames": 50}, list(range(12))), ({"frame": 7}, [7])],
+)
+def test_which_moments(tmp_path: Path, settings: dict, expected: list[int]) -> None:
+    assert CalibrateStage()._frames(context(tmp_path, filmed=12, **settings)) == expected
+
+
+def test_moments_that_contradict_each_other(tmp_path: Path) -> None:
+    with pytest.raises(StudioError, match="set one of them"):
+        CalibrateStage()._frames(context(tmp_path, filmed=3, frame=1, frames=2))
+
+
+def test_lenses_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
+    """Pictures of 88 x 60 for footage of 80 x 60, which is cut by four columns on each side."""
+    from pipelines.stages.known_cameras import at_footage_size
+
+    K = np.array([[100.0, 0, 44], [0, 100, 30], [0, 0, 1]])
+    wide = Camera("a", 88, 60, K, np.eye(4))
+    made = context(tmp_path)
+    with pytest.raises(StudioError, match="footage is 80x60, but it was calibrated at 88x60"):
+        at_footage_size(made, "a", wide)
+    section = made.config.capture.model_copy(update={"size_rule": "crop"})
+    made = Context(made.take, made.config.model_copy(update={"capture": section}))
+    found = at_footage_size(made, "a", wide)
+    assert (found.width, found.height, found.fx, found.cx, found.cy) == (80, 60, 100, 40, 30)

@@ -1,0 +1,145 @@
+"""LPIPS through evaluation, report, table and ablation, with a stand-in for the network."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import torch
+
+from pipelines.ablation.report import table_rows
+from pipelines.config import load_config, parse_override
+from pipelines.events import StageStarted, Warned
+from pipelines.runs.runner import run, status
+from pipelines.stages.evaluate import _at_least
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+from studio.perceptual import SMALLEST
+
+
+class StandIn:
+    """The mean difference."""
+
+    made: ClassVar[list[tuple[str, str]]] = []
+    remark = "These are weights of another kind."
+    protocol = "a stand-in"
+
+    def __init__(self, net: str, device: str) -> None:
+        self.made.append((net, device))
+
+    def __call__(self, image: torch.Tensor, target: torch.Tensor, /) -> float:
+        assert image.shape == target.shape
+        assert min(image.shape[:2]) >= SMALLEST
+        return float((image - target).abs().mean())
+
+
+@pytest.fixture
+def take(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Take:
+    """A finished take that was measured without LPIPS."""
+    shutil.copytree(finished, tmp_path / "copy")
+    monkeypatch.setattr("studio.perceptual.Lpips", StandIn)
+    monkeypatch.setattr(StandIn, "made", [])
+    return Take.open(tmp_path / "copy" / "take")
+
+
+def measured(take: Take, *overrides: str, **options) -> list:
+    events: list = []
+    config = load_config(take.root.parent / "ball.yaml", [parse_override(text) for text in overrides])
+    run(take, config, events.append, **options)
+    return events
+
+
+def test_it_is_measured_as_psnr_is_and_stands_everywhere(
+    take: Take, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = json.loads(take.evaluation.read_text())
+    events = measured(take, "evaluate.lpips=vgg")
+    assert [event.stage for event in events if isinstance(event, StageStarted)] == ["evaluate"]
+    assert StandIn.made == [("vgg", "cpu")], "loaded once, before anything runs"
+    assert [event.message for event in events if isinstance(event, Warned)] == [StandIn.remark]
+    after = json.loads(take.evaluation.read_text())
+    assert after["protocol"] == {**before["protocol"], "lpips": "a stand-in"}
+    for row, plain in zip(after["frames"], before["frames"], strict=True):
+        (camera,) = row["cameras"].values()
+        assert {"lpips_trained", "lpips_decoded"} <= set(row)
+        assert row["lpips_trained"] == pytest.approx(camera["lpips_trained"], abs=6e-5)
+        assert {name: row[name] for name in plain if name != "cameras"} == {
+            name: value for name, value in plain.items() if name != "cameras"
+        }
+    for what in ("trained", "decoded"):
+        mean = np.mean([row[f"lpips_{what}"] for row in after["frames"]])
+        assert mean > 0
+        assert after["summary"][f"lpips_{what}"] == pytest.approx(mean, abs=6e-5)
+        assert after["cameras"]["cam4"][f"lpips_{what}"] == pytest.approx(mean, abs=6e-5)
+
+    report = take.report.read_text()
+    assert f"LPIPS decoded<b>{after['summary']['lpips_decoded']:.4f}</b>" in report
+    assert report.count("<th>LPIPS trained</th>") == 2
+    assert '<td>lpips</td><td class="text">a stand-in</td>' in report
+    from pipelines.reports.tables import print_evaluation
+
+    monkeypatch.setenv("COLUMNS", "200")  # narrow terminals break titles
+    print_evaluation(take)
+    table = capsys.readouterr().out
+    assert "LPIPS trained" in table
+    assert "LPIPS: a stand-in" in table
+
+
+def test_without_it_nothing_is_loaded_and_nothing_becomes_stale(take: Take, capsys: pytest.CaptureFixture[str]) -> None:
+    record = json.loads(take.record("evaluate").read_text())
+    del record["params"]["evaluate.lpips"]  # as written by a version that did not know the setting
+    take.record("evaluate").write_text(json.dumps(record))
+    assert status(take, load_config(take.root.parent / "ball.yaml"))["evaluate"].state == "done"
+    measured(take, stages=("evaluate",), force=True)
+    assert StandIn.made == []
+    assert "lpips" not in take.evaluation.read_text()
+    assert "LPIPS" not in take.report.read_text()
+    from pipelines.reports.tables import print_evaluation
+
+    print_evaluation(take)
+    assert "LPIPS" not in capsys.readouterr().out
+
+
+def test_small_pictures_are_continued_with_the_background(take: Take) -> None:
+    measured(take, "evaluate.lpips=alex", "evaluate.crop_padding=0")  # the ball is 25 pixels wide
+    assert all(row["lpips_trained"] > 0 for row in json.loads(take.evaluation.read_text())["frames"])
+    small = torch.rand(20, 40, 3)
+    larger = _at_least(small, (0.5, 0.25, 1.0))
+    assert larger.shape == (32, 40, 3)
+    assert torch.equal(larger[:20], small)
+    assert torch.equal(larger[20:], torch.tensor([0.5, 0.25, 1.0]).expand(12, 40, 3))
+    assert _at_least(torch.rand(32, 33, 3), (0, 0, 0)).shape == (32, 33, 3)
+
+
+def test_weights_that_are_not_there_are_told_before_training(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(net: str, device: str) -> None:
+        raise StudioError("cannot be fetched")
+
+    monkeypatch.setattr("studio.perceptual.Lpips", refuse)
+    frames = {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")}
+    with pytest.raises(StudioError, match="cannot be fetched"):
+        measured(take, "evaluate.lpips=alex", "train.finetune_iterations=30")
+    assert {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")} == frames
+    measured(take, "evaluate.lpips=alex", "bake.qp=21", stages=("bake",))  # where nothing is measured none are needed
+
+
+def test_only_known_networks_can_be_set() -> None:
+    with pytest.raises(StudioError, match="'alex' or 'vgg'"):
+        load_config(None, [("evaluate.lpips", "squeeze")])
+
+
+def test_the_ablations_table_has_a_column_for_it() -> None:
+    def results(**more: float) -> dict:
+        point = {"qp": 20, "kb_per_frame": 10.0, "psnr_trained": 30.0, "psnr_decoded": 29.0, **more}
+        return {"variants": [{"title": "full", "points": [point]}, {"title": "new", "points": [],
+                "bd_rate_percent": None, "bd_psnr_db": None}]}  # fmt: skip
+
+    assert table_rows(results(), 20)[0].count("LPIPS decoded") == 0
+    header, full, new = table_rows(results(lpips_decoded=0.12345), 20)
+    assert header[4] == "LPIPS decoded"
+    assert full[4] == "0.1235"
+    assert len(header) == len(full) == len(new)

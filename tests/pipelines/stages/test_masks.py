@@ -1,0 +1,102 @@
+"""Takes whose masks are made: by a matting model, from a colored screen."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.config import load_config
+from pipelines.runs.runner import status
+from pipelines.stages.arguments import capture_spec
+from pipelines.takes.point_files import read_points
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+
+MODELS = Path(__file__).parents[2] / "studio" / "capture" / "mattes" / "data"
+RADIUS = 0.55  # of the ball
+GREEN = (80, 165, 60)  # as OpenCV writes it: blue first
+
+
+def put_before(behind: tuple[int, int, int], capture: Path, saturation: float = 1.0) -> None:
+    """The ball's images without alpha channel, over a color, with noise; the ball less colorful."""
+    random = np.random.default_rng(0)
+    for path in capture.glob("images/*/*.png"):
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(float)
+        cover = image[..., 3:] / 255
+        ball = saturation * image[..., :3] + (1 - saturation) * image[..., :3].mean(axis=2, keepdims=True)
+        mixed = ball * cover + np.array(behind) * (1 - cover) + random.normal(0, 1.5, (*image.shape[:2], 3))
+        assert cv2.imwrite(str(path), np.clip(np.rint(mixed), 0, 255).astype(np.uint8))
+
+
+def radii(take: Path) -> np.ndarray:
+    points, _ = read_points(take / "initialize" / "group_000" / "points.ply")
+    return np.linalg.norm(points, axis=1)
+
+
+def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) -> None:
+    """The model gives the picture's brightness; mean, deviation and sigmoid make it a step above black."""
+    put_before((0, 0, 0), project / "capture")
+    model = project / "capture" / "models" / "one.onnx"
+    model.parent.mkdir()
+    shutil.copy(MODELS / "free.onnx", model)
+    settings = [
+        ("masks", "model"),
+        ("mask-model", "models/one.onnx"),
+        ("mask-model-mean", [0.08] * 3),
+        ("mask-model-std", [0.01] * 3),
+        ("mask-model-sigmoid", True),
+    ]
+    given = [word for name, value in settings for word in (f"--capture.{name}", value)]
+    done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given)
+    assert done.returncode == 0, done.stderr
+    assert np.median(radii(project / "take")) == pytest.approx(RADIUS, abs=0.05)
+    take = Take.open(project / "take")
+    kept = {path: path.stat().st_mtime_ns for path in (take.footage_cache / "mattes").iterdir()}
+    assert kept
+    config = load_config(take.config)
+    assert status(take, config)["initialize"].state == "done"
+    shutil.copy(MODELS / "fixed.onnx", model)  # another file of the same name
+    assert status(take, config)["initialize"].state == "stale"
+    done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given)
+    assert done.returncode == 0, done.stderr
+    assert len(list((take.footage_cache / "mattes").iterdir())) == 2 * len(kept)
+    assert all(path.stat().st_mtime_ns == time for path, time in kept.items())
+
+
+def test_a_take_before_a_screen(project: Path, here: Callable[..., Any]) -> None:
+    put_before(GREEN, project / "capture", saturation=0.3)  # it is green itself in places
+    take = project / "take"
+    given = ("--capture.masks", "chroma_key", "--capture.key-color", "[0.24, 0.65, 0.31]")
+    done = here("run", project / "ball.yaml", "--take", take, "--until", "train", *given)
+    assert done.returncode == 0, done.stderr
+    assert np.median(radii(take)) == pytest.approx(RADIUS, abs=0.05)
+    assert load_config(take / "config.yaml").capture.key_color == (0.24, 0.65, 0.31)
+
+
+def test_models_run_where_training_does() -> None:
+    config = load_config(None, [("run.device", "cuda:1"), ("run.threads", 3)])
+    spec = capture_spec(config.capture, config.run)
+    assert (spec.mask_device, spec.mask_threads) == ("cuda:1", 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("key_color", "green", "must be auto or three numbers from 0 to 1, as in [0.2, 0.6, 0.3]"),
+        ("key_color", [0.1, 0.2], "must be auto or three numbers"),
+        ("mask_model_size", 500, "multiple of 32"),
+        ("mask_model_std", [0.2, 0.0, 0.2], "greater than 0"),
+        ("masks", "greenscreen", "'chroma_key'"),
+    ],
+)
+def test_settings_that_cannot_be(name: str, value: object, words: str) -> None:
+    with pytest.raises(StudioError) as told:
+        load_config(None, [(f"capture.{name}", value)])
+    assert words in str(told.value)
+    assert len(str(told.value).splitlines()) == 1

@@ -1,0 +1,70 @@
+"""Numbers on the command line: what is wrong with them is said in plain words and in the option's own unit."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--square", "abc", "argument --square: 'abc' is no number; give one, as in 2.5"),
+        ("--square", "nan", "argument --square: 'nan' is no number"),
+        ("--columns", "5.5", "argument --columns: '5.5' is no whole number; give one, as in 24"),
+    ],
+)
+def test_what_is_no_number_is_wrong_usage(here, tmp_path, option, value, said):
+    done = here("board", tmp_path / "b.pdf", option, value)
+    assert done.returncode == 2
+    assert said in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--square", "-5"), "--square is -5; give the side of a square in millimeters"),
+        (("--square", "0", "--kind", "chessboard"), "--square is 0; give the side of a square in millimeters"),
+        (("--marker", "70"), "--marker is 70 mm; give the side of a marker in millimeters, above 0 and below that of"),
+        (("--marker", "-1"), "--marker is -1 mm"),
+    ],
+)
+def test_a_boards_sizes_are_answered_in_millimeters(here, tmp_path, options, said):
+    done = here("board", tmp_path / "b.pdf", *options)
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert not (tmp_path / "b.pdf").exists()
+
+
+@pytest.fixture
+def moving(tmp_path):
+    """Two cameras, 14 frames in which a square moves."""
+    for name in ("left", "right"):
+        folder = tmp_path / "capture" / "images" / name
+        folder.mkdir(parents=True)
+        for frame in range(14):
+            image = np.zeros((48, 64, 3), np.uint8)
+            image[10:20, (at := (frame * frame) % 50) : at + 10] = 255
+            assert cv2.imwrite(str(folder / f"{frame}.png"), image)
+    (tmp_path / "two.yaml").write_text("capture: {root: capture, rig: null, masks: none}\n")
+    return tmp_path / "two.yaml"
+
+
+def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, moving):
+    done = here("sync", moving, "--capture.offsets", "{lefd: 2}")
+    assert done.returncode == 1
+    assert (
+        "capture.offsets names camera 'lefd', which the footage has not; did you mean 'left'? There is left, right."
+        in (done.stderr)
+    )
+    moving.write_text("capture: {root: capture, rig: null, masks: none, offsets: {z: 1}}\n")
+    assert "names camera 'z', which the footage has not; there is left, right." in here("sync", moving).stderr
+    assert here("sync", moving, "--capture.offsets", "{left: 2}").returncode == 0, "looked for anew, not applied"
+
+
+@pytest.mark.parametrize("seconds", ["-1", "0"])
+def test_sync_needs_seconds_to_look_through(here, moving, seconds):
+    done = here("sync", moving, "--seconds", seconds)
+    assert done.returncode == 1
+    assert f"Offsets of up to {seconds} s cannot be looked for; give seconds above 0" in done.stderr

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.takes.atomic_files import atomic_path, digest_of, disk_errors, sweep_partial, write_json, write_text
+from studio.errors import StudioError
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "result.json"
+    write_json(path, {"a": 1})
+    with (
+        pytest.raises(UnicodeEncodeError),
+        atomic_path(path) as temporary,
+        temporary.open("w", encoding="ascii") as file,
+    ):
+        file.writelines(["half", "\u00fc"])
+    assert path.read_text() == '{\n "a": 1\n}\n'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_nan_never_reaches_a_json_file(tmp_path):
+    with pytest.raises(ValueError):
+        write_json(tmp_path / "x.json", {"psnr": float("nan")})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_is_a_sentence_that_names_the_folder(tmp_path):
+    """/dev/full answers every write as a full disk does."""
+    with pytest.raises(StudioError, match=f"The disk of {tmp_path} is full"), disk_errors(tmp_path):
+        Path("/dev/full").write_text("x")
+
+
+def test_other_os_errors_pass(tmp_path):
+    with pytest.raises(FileNotFoundError), disk_errors(tmp_path):
+        (tmp_path / "none").read_text()
+
+
+def test_sweep_takes_leftovers_only(tmp_path):
+    write_text(tmp_path / "deep" / "kept.txt", "x")
+    (tmp_path / "deep" / ".kept.99.partial.txt").write_text("half")
+    (tmp_path / ".group_000.partial").mkdir()
+    (tmp_path / ".group_000.partial" / "x.mp4").write_text("half")
+    assert sweep_partial(tmp_path) == 2
+    assert [path.name for path in sorted(tmp_path.rglob("*"))] == ["deep", "kept.txt"]
+
+
+def test_digest_does_not_depend_on_the_order_of_keys():
+    assert digest_of({"a": 1, "b": 2}) == digest_of({"b": 2, "a": 1})
+    assert digest_of({"a": 1}) != digest_of({"a": 2})

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipelines.takes.groups import cut_into_groups
+from pipelines.takes.take import TAKE_FORMAT, Take
+from studio.errors import StudioError
+
+
+def test_create_then_open(tmp_path):
+    take = Take.create(tmp_path / "take")
+    assert Take.open(tmp_path / "take") == take == Take.create(tmp_path / "take")
+    assert json.loads((take.root / "take.json").read_text())["format"] == TAKE_FORMAT
+
+
+def test_a_folder_with_other_things_is_not_taken_over(tmp_path):
+    (tmp_path / "holiday.jpg").write_bytes(b"x")
+    with pytest.raises(StudioError, match="is not empty and is not a take"):
+        Take.create(tmp_path)
+    with pytest.raises(StudioError, match=r"has no take\.json"):
+        Take.open(tmp_path)
+    with pytest.raises(StudioError, match="is a file"):
+        Take.create(tmp_path / "holiday.jpg")
+
+
+@pytest.mark.parametrize("written", ['{"format": 999, "created_by": "v3studio 9.0"}', "{}", "[]", '{"format": "1"}'])
+def test_a_take_of_another_version_is_refused(tmp_path, written):
+    (tmp_path / "take.json").write_text(written)
+    with pytest.raises(StudioError, match="this version reads format"):
+        Take.open(tmp_path)
+    with pytest.raises(StudioError, match="this version reads format"):
+        Take.create(tmp_path)
+
+
+def test_damaged_take_json(tmp_path):
+    (tmp_path / "take.json").write_text("{")
+    with pytest.raises(StudioError, match="cannot be read"):
+        Take.open(tmp_path)
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from pipelines.takes.take import Take
+with Take(Path(sys.argv[1])).locked("v3studio run"):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_second_run_is_told_who_holds_the_take_and_a_kill_frees_it(tmp_path):
+    take = Take.create(tmp_path / "take")
+    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(take.root)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        assert take.running() == {"pid": holder.pid, "command": "v3studio run"}
+        with pytest.raises(StudioError, match=rf"process {holder.pid}, v3studio run"), take.locked("v3studio bake"):
+            pass
+    finally:
+        os.kill(holder.pid, signal.SIGKILL)
+        holder.communicate()
+    assert take.running() is None
+    with take.locked("v3studio bake"):
+        assert take.running() is not None
+
+
+def test_locking_sweeps_what_a_killed_run_left(tmp_path):
+    take = Take.create(tmp_path / "take")
+    left = take.train_group(0) / ".frame_000003.4711.partial.safetensors"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"half")
+    with take.locked("v3studio run"):
+        assert not left.exists()
+
+
+def test_groups_cover_all_frames_once_and_the_tail_stays():
+    groups = cut_into_groups([10, 12, 14, 16, 18], 2)
+    assert [group.frames for group in groups] == [(10, 12), (14, 16), (18,)]
+    assert [list(group.indices) for group in groups] == [[0, 1], [2, 3], [4]]
+    assert [group.keyframe for group in groups] == [10, 14, 18]
+
+
+def test_a_take_that_lost_its_take_json_is_taken_up_again(tmp_path: Path) -> None:
+    root = tmp_path / "take"
+    Take.create(root)
+    (root / "config.yaml").write_text("train: {}\n")
+    (root / "train").mkdir()
+    kept = root / "train" / "frame"
+    kept.write_bytes(b"work")
+    (root / "take.json").unlink()
+    with pytest.raises(StudioError, match="writes it anew"):
+        Take.open(root)
+    assert Take.create(root) == Take.open(root)
+    assert kept.read_bytes() == b"work"
+    other = tmp_path / "photos"
+    other.mkdir()
+    (other / "one.jpg").write_bytes(b"x")
+    with pytest.raises(StudioError, match="not a take"):
+        Take.create(other)

@@ -1,0 +1,312 @@
+"""Cameras from points marked by hand, against cameras that are known."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines.reports.calibration import calibration_warnings
+from studio.calibration import (
+    TiePoint,
+    TieSettings,
+    calibrate_from_tie_points,
+    compare_rigs,
+    read_tie_points,
+    write_tie_points,
+)
+from studio.calibration.manual.bootstrap import Observations, TieRig
+from studio.calibration.manual.bundle_adjustment import Accuracy, Problem
+from studio.calibration.manual.covariance import contradiction
+from studio.calibration.manual.subpixel import snap
+from studio.cameras import Rig
+from studio.errors import StudioError
+from studio.export.camera_path import look_at
+
+WIDTH, HEIGHT = 1088, 1920
+
+
+def ring(count: int, focal: float = 1600.0, k1: float = -0.05) -> Rig:
+    """Cameras around a stage, far apart, at 2 m height, looking at its middle."""
+    cameras = []
+    for number in range(count):
+        angle = 2 * np.pi * number / count + 0.1 * (number % 3)
+        center = np.array([3.5 * np.cos(angle), 3.5 * np.sin(angle), 1.6 + 0.3 * (number % 2)])
+        K = np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]])
+        camera = look_at(f"{number:02d}", WIDTH, HEIGHT, K, center, np.array([0, 0, 0.6]), np.array([0, 0, 1.0]))
+        cameras.append(replace(camera, distortion=np.array([k1, 0, 0, 0])))
+    return Rig(tuple(cameras))
+
+
+def marked(
+    rig: Rig, count: int, noise: float = 0.5, *, flat: bool = False, seen: float = 1.0, measured: int = 0
+) -> list[TiePoint]:
+    """Points on the stage, marked with a hand that trembles."""
+    rng = np.random.default_rng(7)
+    places = rng.uniform([-1, -1, 0], [1, 1, 0.01 if flat else 1.6], (count, 3))
+    points = []
+    for number, place in enumerate(places):
+        pixels = {}
+        for camera in rig:
+            xy, depth = camera.project(place[None])
+            if depth[0] > 0 and (xy > 0).all() and xy[0, 0] < WIDTH and xy[0, 1] < HEIGHT and rng.uniform() < seen:
+                pixels[camera.name] = tuple((xy[0] + rng.normal(0, noise, 2)).tolist())
+        world = tuple((place + rng.normal(0, 0.003, 3)).tolist()) if number < measured else None
+        points.append(TiePoint(f"point {number}", pixels, world))
+    return points
+
+
+def sizes(rig: Rig) -> dict[str, tuple[int, int]]:
+    return {camera.name: (camera.width, camera.height) for camera in rig}
+
+
+@pytest.mark.parametrize(
+    ("count", "points", "options"),
+    [(4, 12, {}), (4, 20, {"flat": True}), (12, 24, {"seen": 0.5}), (4, 12, {"measured": 5})],
+)
+def test_cameras_far_apart_with_known_lenses(count: int, points: int, options: dict) -> None:
+    truth = ring(count)
+    found = calibrate_from_tie_points(
+        marked(truth, points, **options), sizes(truth), known={camera.name: camera for camera in truth}
+    )
+    assert found.rig.names == truth.names
+    difference = compare_rigs(found.rig, truth)
+    assert difference.center_percent < 0.4
+    assert difference.rotation_degrees < 0.25
+    assert 0.2 < found.report["reprojection"]["mean"] < 0.7  # half a pixel of noise in both directions
+    assert found.report["left_out"] == []
+    assert found.report["metric"] == ("measured" in options)
+    assert found.report["known_lenses"] == list(truth.names)
+    if "measured" in options:  # in the world's coordinates, without any alignment
+        for camera in truth:
+            assert np.linalg.norm(found.rig[camera.name].center - camera.center) < 0.03
+        assert 0 < found.report["tie_points"]["point 0"]["off"] < 0.02
+
+
+def test_a_lens_that_is_not_known() -> None:
+    truth = ring(4, focal=1300.0)
+    found = calibrate_from_tie_points(marked(truth, 24, 0.3), sizes(truth))
+    assert found.rig.cameras[0].fx == found.rig.cameras[1].fx == pytest.approx(1300, rel=0.01)
+    assert compare_rigs(found.rig, truth).center_percent < 0.6
+    own = calibrate_from_tie_points(marked(truth, 40, 0.3), sizes(truth), settings=TieSettings(shared_intrinsics=False))
+    assert len({camera.fx for camera in own.rig}) == 4
+    assert all(camera.fx == pytest.approx(1300, rel=0.02) for camera in own.rig)
+
+
+def test_marks_that_are_mistakes_are_left_out_by_name() -> None:
+    truth = ring(4)
+    points = marked(truth, 20)
+    x, y = points[3].pixels["02"]
+    points[3].pixels["02"] = (x + 60, y - 20)
+    found = calibrate_from_tie_points(points, sizes(truth), known={camera.name: camera for camera in truth})
+    assert [(mark["point"], mark["camera"]) for mark in found.report["left_out"]] == [("point 3", "02")]
+    assert found.report["left_out"][0]["error"] > 30
+    assert compare_rigs(found.rig, truth).center_percent < 0.4
+
+
+def test_a_known_distance_gives_the_scale() -> None:
+    truth = ring(4)
+    away = float(np.linalg.norm(truth["00"].center - truth["02"].center))
+    found = calibrate_from_tie_points(
+        marked(truth, 16), sizes(truth), known={c.name: c for c in truth}, distance=("00", "02", away)
+    )
+    assert found.report["metric"]
+    assert np.linalg.norm(found.rig["01"].center - found.rig["03"].center) == pytest.approx(
+        np.linalg.norm(truth["01"].center - truth["03"].center), rel=0.005
+    )
+
+
+def test_the_derivatives_are_the_differences() -> None:
+    truth = ring(3)
+    points = marked(truth, 9, measured=4)
+    pixels = {c.name: np.array([p.pixels.get(c.name, (np.nan, np.nan)) for p in points]) for c in truth}
+    world = np.array([p.world or (np.nan,) * 3 for p in points])
+    places = np.random.default_rng(1).uniform([-0.5, -0.5, 0], [0.5, 0.5, 1], (9, 3))
+    rig = TieRig({camera.name: camera for camera in truth}, places)
+    problem = Problem(rig, Observations([], world, pixels), [["00", "02"], ["01"]], Accuracy(2.0, 0.05), True)
+    start = problem.start() + 1e-3
+    exact = problem.jacobian(start)
+    for column in range(len(start)):
+        step = np.zeros(len(start))
+        step[column] = 1e-6
+        slope = (problem.residuals(start + step) - problem.residuals(start - step)) / 2e-6
+        assert np.allclose(exact[:, column], slope, rtol=1e-4, atol=1e-3 * np.abs(slope).max() + 1e-5), column
+
+
+def test_what_is_missing_is_said() -> None:
+    truth = ring(4)
+    known = {camera.name: camera for camera in truth}
+    few = marked(truth, 5)
+    with pytest.raises(StudioError, match=r"must share 6 points.*marked are 00 5 \(0 measured\)"):
+        calibrate_from_tie_points(few, sizes(truth), known=known)
+    lonely = [TiePoint(p.name, {n: xy for n, xy in p.pixels.items() if n != "03"}) for p in marked(truth, 12)]
+    with pytest.raises(StudioError, match=r"Camera '03' found no place beside 00, 01, 02: it sees 0 of the points"):
+        calibrate_from_tie_points(lonely, sizes(truth), known=known)
+    outside = [TiePoint("edge", {"00": (2000.0, 5.0)})]
+    with pytest.raises(StudioError, match=r"'edge' is marked at \(2000, 5\) in 00, outside its image of 1088x1920"):
+        calibrate_from_tie_points(outside, sizes(truth))
+    with pytest.raises(StudioError, match="No tie point is marked in any of the cameras"):
+        calibrate_from_tie_points([TiePoint("elsewhere", {"x": (1.0, 2.0)})], sizes(truth))
+    smaller = {name: camera.resized(544, 960) for name, camera in known.items()}
+    with pytest.raises(StudioError, match="1088x1920 but the known lens is for 544x960"):
+        calibrate_from_tie_points(marked(truth, 9), sizes(truth), known=smaller)
+
+
+def test_how_surely_cameras_stand_is_known() -> None:
+    truth = ring(4)
+    known = {camera.name: camera for camera in truth}
+    for points in (marked(truth, 20), marked(truth, 8, measured=5), marked(truth, 20, flat=True)):
+        found = calibrate_from_tie_points(points, sizes(truth), known=known)
+        percent = 100 * float(np.mean(list(found.report["uncertain"].values())))
+        off = compare_rigs(found.rig, truth).center_percent
+        assert off / 3 < percent < 6 * off
+        assert percent < 1
+
+
+@pytest.mark.parametrize("measured", [0, 12])
+def test_points_on_a_line_are_refused(measured: int) -> None:
+    truth = ring(4)
+    rng = np.random.default_rng(3)
+    points = []
+    for number, place in enumerate(np.linspace([-0.8, -0.7, 0.1], [0.8, 0.6, 1.4], 12)):
+        pixels = {c.name: tuple((c.project(place[None])[0][0] + rng.normal(0, 0.5, 2)).tolist()) for c in truth}
+        points.append(TiePoint(f"point {number}", pixels, tuple(place.tolist()) if number < measured else None))
+    with pytest.raises(StudioError, match=r"do not say where 00, .* stand: the points lie on a line|contradict"):
+        calibrate_from_tie_points(points, sizes(truth), known={camera.name: camera for camera in truth})
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_measured_places_of_a_mirrored_world_are_noticed(known: bool) -> None:
+    truth = ring(4)
+    points = [
+        replace(point, world=None if point.world is None else (point.world[0], -point.world[1], point.world[2]))
+        for point in marked(truth, 20, measured=5)
+    ]
+    lenses = {camera.name: camera for camera in truth} if known else None
+    try:
+        found = calibrate_from_tie_points(points, sizes(truth), known=lenses)
+        said = " ".join(calibration_warnings(found.report))
+    except StudioError as error:
+        said = str(error)
+    assert re.search("(contradict|lie far from where) the marks.* right-handed with z up", said)
+
+
+def test_points_behind_the_cameras_are_no_solution() -> None:
+    truth = ring(3)
+    points = marked(truth, 8, 0.0)
+    observations = Observations(
+        [point.name for point in points],
+        np.full((8, 3), np.nan),
+        {c.name: np.array([point.pixels[c.name] for point in points]) for c in truth},
+    )
+    turned = {c.name: replace(c, world_to_camera=np.diag([-1.0, 1, -1, 1]) @ c.world_to_camera) for c in truth}
+    places = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 1.6], (8, 3))
+    assert "would lie behind" in contradiction(TieRig(turned, places), observations)
+    assert contradiction(TieRig({c.name: c for c in truth}, places), observations) == ""
+
+
+def test_what_is_odd_is_warned_of() -> None:
+    truth = ring(4)
+    known = {camera.name: camera for camera in truth}
+
+    def warnings(points: list[TiePoint]) -> str:
+        return " ".join(calibration_warnings(calibrate_from_tie_points(points, sizes(truth), known=known).report))
+
+    points = marked(truth, 20, measured=6)
+    assert warnings(points) == ""
+    x, y, z = points[2].world or (0, 0, 0)
+    assert "far from where the marks say: 'point 2' (" in warnings(
+        [*points[:2], replace(points[2], world=(x + 0.4, y, z)), *points[3:]]
+    )
+    large = [replace(p, world=p.world and tuple(1000 * value for value in p.world)) for p in points]
+    assert "in meters?" in warnings(large)
+    assert "other size or for other lenses" not in warnings(points)
+    smaller = [replace(p, pixels={n: (x / 2, y / 2) for n, (x, y) in p.pixels.items()}, world=None) for p in points]
+    assert "pictures of another size or for other lenses" in warnings(smaller)
+
+
+def test_it_can_be_cancelled() -> None:
+    from studio.errors import Cancelled
+
+    def stop(done: int, total: int) -> None:
+        raise Cancelled
+
+    truth = ring(4)
+    with pytest.raises(Cancelled):
+        calibrate_from_tie_points(marked(truth, 9), sizes(truth), progress=stop)
+
+
+def test_the_file_gives_back_what_was_written(tmp_path: Path) -> None:
+    points = (
+        TiePoint("corner: left, ä", {"01": (1.25, 2.5), "cam 2": (3.0, 4.75)}, (0.0, -0.3, 1.5), 12),
+        TiePoint("7", {"01": (0.0, 0.5)}),
+    )
+    write_tie_points(points, tmp_path / "points.yaml")
+    assert read_tie_points(tmp_path / "points.yaml") == points  # camera 01 stays 01, point 7 a name
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("points: [1, 2", "points.yaml, line 1: this is no YAML"),
+        ("cameras: {}", "begins with 'points:'"),
+        ("", "begins with 'points:'"),
+        ("points:\n  a: {cam01: [1, 2]}", "point 'a' lacks 'pixels:'"),
+        ("points:\n  a: {pixels: {cam01: [1]}}", r"point 'a', cam01 is \[1\]; it must be 2 numbers"),
+        ("points:\n  a: {pixels: {cam01: [1, x]}}", r"point 'a', cam01 is \[1, x\]; it must be 2 numbers"),
+        ("points:\n  a: {pixels: {cam01: [1, .nan]}}", "it must be 2 numbers"),
+        ("points:\n  a: {pixels: {c: [1, 2]}, world: 5}", "point 'a', world is 5; it must be 3 numbers"),
+        ("points:\n  a: {pixels: {c: [1, 2]}, frame: x}", "point 'a': frame is x; it must be a frame's number"),
+        ("points:\n  a: {pixels: {c: [1, 2]}, xyz: 1}", "point 'a' has 'xyz', which means nothing here"),
+        ("points:\n  a: {pixels: {c: [1, 2]}}\n  a: {pixels: {}}", "two points are called 'a'"),
+    ],
+)
+def test_files_that_are_broken(tmp_path: Path, text: str, sentence: str) -> None:
+    (tmp_path / "points.yaml").write_text(text)
+    with pytest.raises(StudioError, match=sentence):
+        read_tie_points(tmp_path / "points.yaml")
+
+
+def test_a_file_that_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "points.yaml").write_bytes(bytes(range(256)))
+    with pytest.raises(StudioError, match="this is no YAML; see 'Points by hand'"):
+        read_tie_points(tmp_path / "points.yaml")
+
+
+def drawn(kind: str, center: np.ndarray, angle: float) -> np.ndarray:
+    """A dot or a corner of a known place, drawn 8 times as large and averaged."""
+    import cv2
+
+    y, x = np.mgrid[:480, :480] / 8 + 1 / 16
+    u = (x - center[0]) * np.cos(angle) + (y - center[1]) * np.sin(angle)
+    v = -(x - center[0]) * np.sin(angle) + (y - center[1]) * np.cos(angle)
+    inside = {"dot": u**2 + v**2 < 9, "corner": (u > 0) & (v > 0), "checkers": (u > 0) ^ (v > 0), "edge": u > 0}[kind]
+    large = cv2.GaussianBlur(np.where(inside, 200, 60).astype(np.float32), (0, 0), 5)
+    small = cv2.resize(large, None, fx=1 / 8, fy=1 / 8, interpolation=cv2.INTER_AREA)
+    noise = np.random.default_rng(3).normal(0, 2, small.shape)
+    return np.clip(small + noise, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("kind", "within"), [("dot", 0.1), ("checkers", 0.1), ("corner", 0.3)])
+def test_a_click_falls_on_the_corner_or_dot(kind: str, within: float) -> None:
+    for angle in (0.1, 0.8, 2.0):
+        center = np.array([30.3, 29.6])
+        image = drawn(kind, center, angle)
+        for off in ((2, 1), (-1.5, 2), (0, -2)):
+            assert np.linalg.norm(np.array(snap(image, *(center + off))) - center) < within
+
+
+def test_a_click_stays_where_nothing_is() -> None:
+    image = drawn("edge", np.array([30.0, 30.0]), 0.4)
+    assert snap(image, 31.0, 30.0) == (31.0, 30.0)
+    assert snap(np.full((60, 60, 3), 90, np.uint8), 20.0, 20.0) == (20.0, 20.0)
+    assert snap(image, 1.0, 1.0) == (1.0, 1.0)  # at the image's edge
+
+
+def test_the_documentations_example_is_readable() -> None:
+    points = read_tie_points(Path(__file__).parents[4] / "docs" / "tie_points.yaml")
+    assert len(points) == 15
+    assert {camera for point in points for camera in point.pixels} == {"cam01", "cam02", "cam03", "cam04"}

@@ -1,0 +1,106 @@
+"""Work in a child process: its lines arrive, it can be stopped, and its death is told."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from studio.calibration.sfm.child import run_reporting
+from studio.errors import Cancelled, StudioError
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Makes a module of some code and gives its name."""
+
+    def make(code: str) -> str:
+        (tmp_path / "some_work.py").write_text(code)
+        monkeypatch.syspath_prepend(str(tmp_path))
+        return "some_work"
+
+    return make
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs (a zombie does not)."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_lines_arrive_and_noise_does_not(module: Any) -> None:
+    lines: list[dict[str, Any]] = []
+    work = module('print(\'{"step": "a", "done": 1, "total": 2}\\nnoise\\n[1]\\n{"finished": true}\')')
+    run_reporting(work, [], lines.append, what="The work")
+    assert [line for line in lines if line] == [{"step": "a", "done": 1, "total": 2}]
+
+
+def test_a_module_that_claims_its_output_is_heard_though_native_code_ends_no_line(module: Any) -> None:
+    """As COLMAP's worker does. Without the claim the message would stand in a line with the warning and be lost."""
+    work = module(
+        "import ctypes, os\nfrom studio.standard_output import claim_stdout\nclaim_stdout()\n"
+        "os.write(1, b'Warning: ')\nctypes.CDLL(None).printf(b'x' * 100000)\n"
+        'print(\'{"step": "a"}\', flush=True)\nos.write(1, b"Warning: ")\nprint(\'{"finished": true}\')'
+    )
+    lines: list[dict[str, Any]] = []
+    run_reporting(work, [], lines.append, what="The work")
+    assert [line for line in lines if line] == [{"step": "a"}]
+
+
+def test_error_is_told(module: Any) -> None:
+    work = module('print(\'{"error": "ValueError: no"}\'); raise SystemExit(1)')
+    with pytest.raises(StudioError, match=r"^The work failed: ValueError: no\.$"):
+        run_reporting(work, [], lambda line: None, what="The work")
+
+
+def test_death_is_told(module: Any) -> None:
+    """A crash in native code takes the child along, not us."""
+    work = module('import os, sys, signal; print("last words", file=sys.stderr, flush=True)\nos.kill(os.getpid(), 11)')
+    with pytest.raises(StudioError, match=r"The work ended unexpectedly \(exit code -11\).*last words"):
+        run_reporting(work, [], lambda line: None, what="The work")
+
+
+def test_ending_without_a_word_is_no_success(module: Any) -> None:
+    with pytest.raises(StudioError, match=r"ended unexpectedly \(exit code 0\)"):
+        run_reporting(module("pass"), [], lambda line: None, what="The work")
+
+
+def test_stopped_at_once_though_the_child_says_nothing(module: Any, tmp_path: Path) -> None:
+    work = module(
+        "import os, pathlib, sys, time\npathlib.Path(sys.argv[1]).write_text(str(os.getpid()))\ntime.sleep(60)"
+    )
+    pid_file = tmp_path / "pid"
+
+    def stop(line: dict[str, Any]) -> None:
+        if pid_file.exists() and pid_file.read_text():
+            raise Cancelled
+
+    started = time.monotonic()
+    with pytest.raises(Cancelled):
+        run_reporting(work, [str(pid_file)], stop, what="The work")
+    assert time.monotonic() - started < 30
+    assert not alive(int(pid_file.read_text()))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
+    """The real worker ends when its standard input closes."""
+    import subprocess
+
+    child = subprocess.Popen(
+        [sys.executable, "-c", "import studio.calibration.sfm.worker as w, sys, time\n"
+         "w.Worker.run = lambda self: time.sleep(60)\nsys.argv = ['w', sys.argv[1]]\nw.main()",
+         str(tmp_path / "job.json")],
+        stdin=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+    )  # fmt: skip
+    (tmp_path / "job.json").write_text('{"threads": 1, "seed": 0}')
+    assert child.stdin is not None
+    time.sleep(1.0)
+    child.stdin.close()
+    assert child.wait(timeout=30) in (1, 3)  # 1 where it was quicker than the job file

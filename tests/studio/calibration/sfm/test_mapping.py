@@ -1,0 +1,400 @@
+"""The mapper on COLMAP's own synthetic rigs, whose truth is known; moments merged into one image a camera."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from studio.calibration import compare_rigs
+from studio.calibration.sfm.features import _merge, count_rows, write_image, write_lenses
+from studio.calibration.sfm.job import neighbors
+from studio.calibration.sfm.worker import Worker
+from studio.camera_files.colmap_model import intrinsics
+from studio.cameras import Camera, Rig
+
+pycolmap = pytest.importorskip("pycolmap")
+
+
+def job_of(count: int, **settings: Any) -> dict[str, Any]:
+    lens = {"model": "SIMPLE_RADIAL", "width": 1024, "height": 768, "params": [1280.0, 512.0, 384.0, 0.0]}
+    return {
+        "names": [str(number) for number in range(count)],
+        "sync_frames": 1,
+        "lenses": [{**lens, "known": False, "prior": False, "becomes": "SIMPLE_RADIAL"} for _ in range(count)],
+        "lens_of": list(range(count)),
+        "masks": False,
+        "pairs": [],
+        "poses": [],
+        "fix_poses": False,
+        "mapper": "incremental",
+        "seed": 0,
+        "threads": 1,
+        "fix_intrinsics": True,
+        "refine_principal_point": False,
+        "find_shared": False,
+        **settings,
+    }
+
+
+def synthesise(
+    folder: Path, count: int, points: int, zooms: Sequence[float] = (), lens: str = "", terms: Sequence[float] = ()
+) -> Rig:
+    """A database of a rig with 0.5 pixels of noise and 10 % wrong matches, and the true cameras, named by number.
+
+    `zooms`: factor of each camera's focal length. `lens`, `terms`: COLMAP model and parameters instead of the usual.
+    """
+    pycolmap.set_random_seed(1)
+    database = pycolmap.Database.open(folder / "database.db")
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = count, 1, 1
+    options.num_points3D, options.inlier_match_ratio = points, 0.9
+    if lens:
+        options.camera_model_id = getattr(pycolmap.CameraModelId, lens)
+        options.camera_params = list(terms)
+    truth = pycolmap.synthesize_dataset(options, database)
+    noise = pycolmap.SyntheticNoiseOptions()
+    noise.point2D_stddev = 0.5
+    pycolmap.synthesize_noise(noise, pycolmap.Reconstruction(truth), database)
+    for image in database.read_all_images():
+        image.name = f"{image.image_id - 1:04d}.png"
+        database.update_image(image)
+    zoomed = {}
+    for number, zoom in enumerate(zooms):
+        zoomed[number + 1] = np.asarray(database.read_keypoints(number + 1), np.float32)
+        zoomed[number + 1][:, :2] = (zoomed[number + 1][:, :2] - [512, 384]) * zoom + [512, 384]
+    database.close()
+    with closing(sqlite3.connect(folder / "database.db")) as rows, rows:
+        for key, keypoints in zoomed.items():
+            rows.execute("UPDATE keypoints SET data = ? WHERE image_id = ?", (keypoints.tobytes(), key))
+    (folder / "images").mkdir()
+    cameras = []
+    for key in sorted(truth.images):
+        image = truth.images[key]
+        lens = truth.cameras[image.camera_id]
+        K, distortion = intrinsics(lens.model.name, list(lens.params))
+        pose = np.asarray(image.cam_from_world().matrix())
+        cameras.append(Camera(str(key - 1), lens.width, lens.height, K, pose, distortion))
+    return Rig(tuple(cameras))
+
+
+def solution(folder: Path) -> tuple[Rig, dict[str, Any]]:
+    found = json.loads((folder / "solution.json").read_text())
+    cameras = []
+    for entry in found["cameras"]:
+        K, distortion = intrinsics(entry["model"], entry["params"])
+        cameras.append(Camera(str(entry["number"]), 1024, 768, K, np.array(entry["pose"]), distortion))
+    return Rig(tuple(cameras)), found
+
+
+def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    truth = synthesise(tmp_path, 8, 800)
+    Worker(tmp_path, job_of(8)).solve(tmp_path / "database.db")
+    rig, found = solution(tmp_path)
+    assert len(rig) == 8
+    assert found["mapper"] == "incremental"
+    difference = compare_rigs(rig, truth)
+    # what this noise allows with so few points: the adjustment that starts from the truth ends as far from it
+    assert difference.center_percent < 0.4
+    assert difference.rotation_degrees < 0.1
+    poses = [camera.world_to_camera[:3].tolist() for camera in truth]
+    Worker(tmp_path, job_of(8, poses=poses)).solve(tmp_path / "database.db")
+    best, found = solution(tmp_path)
+    assert found["mapper"] == "known poses"
+    assert compare_rigs(rig, best).center_percent < 0.02
+    said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
+    assert {line["step"] for line in said} == {"mapping", "adjusting"}
+    assert found["match_inlier_ratio"] > 0.85  # of the verified matches; a tenth of all is wrong
+
+
+def test_one_lens_is_found_where_there_is_one(tmp_path: Path) -> None:
+    truth = synthesise(tmp_path, 8, 800)
+    Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
+    rig, found = solution(tmp_path)
+    (told,) = found["sharing"]
+    assert told["shared"]
+    assert told["images"] == list(range(8))
+    assert 0 < told["misfit"] < 3  # the noise is Gaussian here: 1 is expected
+    assert len({camera.fx for camera in rig}) == 1
+    assert rig["0"].fx == pytest.approx(1280, rel=1e-3)
+    difference = compare_rigs(rig, truth)
+    assert difference.center_percent < 0.1  # a lens each: 0.4
+    assert difference.rotation_degrees < 0.02
+
+
+def test_focal_lengths_far_apart_are_tried_as_one(tmp_path: Path) -> None:
+    """A lens each that leads astray gives way to one lens that explains as much; a good one does not."""
+    from studio.calibration.sfm import mapping
+    from studio.calibration.sfm.shared_intrinsics import focal_spread
+
+    synthesise(tmp_path, 6, 500)
+    path = tmp_path / "database.db"
+    mapper = mapping.Mapper(tmp_path, path, job_of(6, find_shared=True))
+    (model,) = mapper._incremental(False)
+    assert focal_spread(model, mapper._free()) < 1.05
+    assert mapper._with_one_lens(model) is None
+    camera = model.cameras[2]
+    camera.params = [2.0 * camera.params[0], *camera.params[1:]]
+    assert focal_spread(model, mapper._free()) == pytest.approx(2.0, rel=0.05)
+    assert focal_spread(model, mapper._free() - {2}) < 1.05
+    one = mapper._with_one_lens(model)
+    assert one.num_reg_images() == 6
+    assert len({image.camera_id for image in one.images.values()}) == 1
+    assert mapper.database == path
+    assert not (tmp_path / "one_lens.db").exists()
+    polished = mapper._polished(one, joint=True)
+    (told,) = mapper.sharing
+    assert told["shared"]
+    assert told["images"] == list(range(1, 7))
+    assert next(iter(polished.cameras.values())).mean_focal_length() == pytest.approx(1280, rel=2e-3)
+
+
+def test_lenses_that_differ_are_left_apart(tmp_path: Path) -> None:
+    """By two percent; all else as above."""
+    zooms = [1 + 0.02 * (number % 2) for number in range(8)]
+    truth = synthesise(tmp_path, 8, 800, zooms)
+    Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
+    rig, found = solution(tmp_path)
+    (told,) = found["sharing"]
+    assert not told["shared"]
+    np.testing.assert_allclose([camera.fx for camera in rig], [1280 * zoom for zoom in zooms], rtol=4e-3)
+    assert compare_rigs(rig, truth).center_percent < 0.4
+
+
+def test_terms_of_the_lens_come_last(tmp_path: Path) -> None:
+    """Cameras are put together with one radial term, then solved with all of OPENCV's."""
+    terms = [1300.0, 1280.0, 512.0, 384.0, -0.08, 0.03, 0.001, -0.002]
+    truth = synthesise(tmp_path, 6, 800, lens="OPENCV", terms=terms)
+    job = job_of(6, find_shared=True)
+    for lens in job["lenses"]:
+        lens["becomes"] = "OPENCV"
+    Worker(tmp_path, job).solve(tmp_path / "database.db")
+    rig, found = solution(tmp_path)
+    assert len(rig) == 6
+    assert found["sharing"][0]["shared"]
+    assert {entry["model"] for entry in found["cameras"]} == {"OPENCV"}
+    np.testing.assert_allclose([rig["0"].fx, rig["0"].fy], terms[:2], rtol=2e-3)
+    # where the points are, in the middle of the images, it bends light as the true lens does
+    x, y = np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.15, 0.15, 9))
+    rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3)
+    still = {"world_to_camera": np.eye(4)}
+    seen, true = (replace(camera, **still).project(rays)[0] for camera in (rig["0"], truth["0"]))
+    assert np.abs(seen - true).max() < 0.5
+    straight = replace(truth["0"], distortion=np.zeros(0), **still).project(rays)[0]
+    assert np.abs(straight - true).max() > 1.5
+    assert compare_rigs(rig, truth).center_percent < 0.15
+
+
+def test_focal_lengths_begin_where_the_pairs_agree(tmp_path: Path) -> None:
+    """Six cameras that do not all look at one point (or fundamental matrices would tell nothing)."""
+    import cv2
+
+    from studio.calibration.sfm.mapping import Mapper
+
+    rng = np.random.default_rng(0)
+    job = job_of(6)
+    for lens in job["lenses"]:
+        lens["params"] = [2000.0, 512.0, 384.0, 0.0]
+    database = pycolmap.Database.open(tmp_path / "database.db")
+    lenses = write_lenses(database, job)
+    points = rng.uniform([-2, -1.5, 4], [2, 1.5, 9], (400, 3))
+    for number in range(6):
+        turn = cv2.Rodrigues(rng.normal(0, 0.1, 3))[0]
+        local = (points - rng.uniform(-0.8, 0.8, 3)) @ turn.T
+        pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384] + rng.normal(0, 0.3, (400, 2))
+        database.write_keypoints(write_image(database, f"{number:04d}.png", *lenses[number]), pixels.astype(np.float32))
+    for first, second in combinations(range(1, 7), 2):
+        database.write_matches(first, second, np.repeat(np.arange(400)[:, None], 2, axis=1).astype(np.uint32))
+    database.close()
+    pycolmap.geometric_verification(tmp_path / "database.db")
+    Mapper(tmp_path, tmp_path / "database.db", job)._guess_focal_lengths()
+    database = pycolmap.Database.open(tmp_path / "database.db")
+    found = [camera.mean_focal_length() for camera in database.read_all_cameras()]
+    database.close()
+    np.testing.assert_allclose(found, 1280, rtol=0.08)
+
+
+def test_explained_matches(tmp_path: Path) -> None:
+    """Each match of two features of the same point, and no other."""
+    from studio.calibration.sfm.mapping import Mapper
+    from studio.calibration.sfm.verdict import match_inlier_ratio
+
+    synthesise(tmp_path, 4, 200)
+    path = tmp_path / "database.db"
+    (model,) = Mapper(tmp_path, path, job_of(4))._incremental(False)
+    whole = match_inlier_ratio(model, path)
+    assert 0.85 < whole <= 1
+    for key in sorted(model.points3D)[: model.num_points3D() // 2]:
+        model.delete_point3D(key)
+    assert match_inlier_ratio(model, path) == pytest.approx(whole / 2, abs=0.05)
+
+
+def test_an_old_solution_is_a_template(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Start from poses that are a degree and a percent off: they come back. Kept, they stay as they are."""
+    truth = synthesise(tmp_path, 6, 600)
+    rng = np.random.default_rng(0)
+    radius = np.linalg.norm(truth.centers - truth.centers.mean(0), axis=1).mean()
+    before = []
+    for camera in truth:
+        import cv2
+
+        pose = camera.world_to_camera.copy()
+        pose[:3, :3] = cv2.Rodrigues(np.radians(rng.normal(0, 0.15, 3)))[0] @ pose[:3, :3]
+        pose[:3, 3] = -pose[:3, :3] @ (camera.center + rng.normal(0, 0.004 * radius, 3))
+        before.append(replace(camera, world_to_camera=pose))
+    poses = [camera.world_to_camera[:3].tolist() for camera in before]
+    off = compare_rigs(Rig(tuple(before)), truth)
+    job = job_of(6, poses=poses)
+    Worker(tmp_path, job).solve(tmp_path / "database.db")
+    rig, found = solution(tmp_path)
+    assert found["mapper"] == "known poses"
+    difference = compare_rigs(rig, truth)
+    assert difference.center_percent < 0.3 < off.center_percent
+    assert difference.rotation_degrees < 0.1 < off.rotation_degrees
+    Worker(tmp_path, {**job, "fix_poses": True}).solve(tmp_path / "database.db")
+    kept, _ = solution(tmp_path)
+    for camera, start in zip(kept, before, strict=True):
+        np.testing.assert_allclose(camera.world_to_camera, start.world_to_camera, atol=1e-9)
+
+
+def test_a_lens_that_runs_away_is_steadied(tmp_path: Path) -> None:
+    """A focal length of four millions is not taken for an answer."""
+    from studio.calibration.sfm.mapping import Mapper
+
+    synthesise(tmp_path, 4, 300)
+    mapper = Mapper(tmp_path, tmp_path / "database.db", job_of(4))
+    (model,) = mapper._incremental(False)
+    assert mapper._broken_lenses(model) == set()
+    model.cameras[2].params = [4e6, 512.0, 384.0, 0.0]
+    assert mapper._broken_lenses(model) == {1}
+    assert mapper._rank(model)[0] == 3
+    (mended,) = mapper._steadied([model], {1}, "incremental")
+    assert mapper._broken_lenses(mended) == set()
+    assert mended.cameras[2].mean_focal_length() == pytest.approx(1280, rel=0.02)
+
+
+def test_moments_become_one_image_a_camera(tmp_path: Path) -> None:
+    """Two cameras, two moments: keypoints one after the other, matches with them."""
+    rng = np.random.default_rng(0)
+    job = job_of(2, sync_frames=2)
+    each = pycolmap.Database.open(tmp_path / "moments.db")
+    lenses = write_lenses(each, job)
+    # points before two cameras side by side
+    points = rng.uniform([-1, -1, 4], [1, 1, 8], (80, 3))
+    keypoints = {}
+    for number in range(2):
+        local = points - [0.8 * number, 0, 0]
+        pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384]
+        for sync_frame in range(2):
+            image = write_image(each, f"{number}_{sync_frame}", *lenses[number])
+            part = pixels[:30] if sync_frame == 0 else pixels[30:]
+            keypoints[number, sync_frame] = part
+            each.write_keypoints(image, part.astype(np.float32))
+    for sync_frame, count in ((0, 30), (1, 50)):
+        geometry = pycolmap.TwoViewGeometry()
+        geometry.config = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
+        geometry.inlier_matches = np.repeat(np.arange(count)[:, None], 2, axis=1).astype(np.uint32)
+        each.write_two_view_geometry(sync_frame + 1, sync_frame + 3, geometry)
+    each.close()
+    _merge(tmp_path / "moments.db", tmp_path / "database.db", job)
+    final = pycolmap.Database.open(tmp_path / "database.db")
+    assert [image.name for image in final.read_all_images()] == ["0000.png", "0001.png"]
+    for number in range(2):
+        together = np.concatenate([keypoints[number, 0], keypoints[number, 1]])
+        np.testing.assert_allclose(final.read_keypoints(number + 1)[:, :2], together, rtol=1e-6)
+    matches = final.read_two_view_geometry(1, 2).inlier_matches
+    assert len(matches) == 80
+    assert (matches[:, 0] == matches[:, 1]).all()
+    final.close()
+    assert count_rows(tmp_path / "database.db", "SELECT COUNT(*) FROM images") == 2
+    assert count_rows(tmp_path / "nothing.db", "SELECT COUNT(*) FROM images") == 0
+
+
+def test_neighbors_look_the_same_way() -> None:
+    cameras = []
+    for index in range(12):
+        angle = np.radians(30 * index)
+        center = np.array([3 * np.cos(angle), 3 * np.sin(angle), 0.0])
+        forward = -center / 3
+        right = np.cross(forward, [0, 0, 1.0])
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
+        cameras.append(Camera(f"c{index}", 64, 48, np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]), pose))
+    pairs = neighbors(Rig(tuple(cameras)), each=4)
+    steps = {min((b - a) % 12, (a - b) % 12) for a, b in pairs}
+    assert steps == {1, 2}  # 90 degrees apart is too far
+    assert len(pairs) == 24
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
+def test_the_worker_dies_with_its_parent(tmp_path: Path) -> None:
+    """kill -9 leaves the parent no time to say goodbye."""
+    program = f"""
+import subprocess, sys, time
+child = subprocess.Popen([sys.executable, "-c", '''
+import os, time
+from studio.calibration.sfm.worker import _die_with_parent
+_die_with_parent()
+open({str(tmp_path / "child")!r}, "w").write(str(os.getpid()))
+time.sleep(60)
+'''])
+time.sleep(60)
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    parent = subprocess.Popen([sys.executable, "-c", program], env=environment)
+    try:
+        deadline = time.monotonic() + 30
+        while not (tmp_path / "child").exists() or not (tmp_path / "child").read_text():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        child = int((tmp_path / "child").read_text())
+        os.kill(child, 0)
+    finally:
+        os.kill(parent.pid, signal.SIGKILL)
+        parent.wait()
+    deadline = time.monotonic() + 30
+    while Path(f"/proc/{child}").exists() and "State:\tZ" not in Path(f"/proc/{child}/status").read_text():
+        assert time.monotonic() < deadline, "the child lives on"
+        time.sleep(0.05)
+
+
+def test_the_global_mapper_asks_the_pairs_again_only_where_they_have_not_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from studio.calibration.sfm.focal_lengths import is_any_unknown
+    from studio.calibration.sfm.mapping import Mapper
+
+    synthesise(tmp_path, 8, 500)
+    database, asked = tmp_path / "database.db", []
+    calibrate = pycolmap.calibrate_view_graph
+
+    def counted(path: Path, options: Any) -> Any:
+        asked.append(Path(path).name)
+        return calibrate(path, options)
+
+    monkeypatch.setattr(pycolmap, "calibrate_view_graph", counted)
+    opened = pycolmap.Database.open(database)
+    for camera in opened.read_all_cameras():
+        camera.has_prior_focal_length = False
+        opened.update_camera(camera)
+    opened.close()
+    assert is_any_unknown(database)
+    mapper = Mapper(tmp_path, database, job_of(8, mapper="global"))
+    model, how = mapper.solve()
+    assert (model.num_reg_images(), how) == (8, "global")
+    assert not is_any_unknown(database)
+    assert asked == ["focal_lengths.db"]

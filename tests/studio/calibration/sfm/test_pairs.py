@@ -1,0 +1,71 @@
+"""Which pairs are matched: those that see the same things."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from studio.calibration.sfm import features
+from studio.calibration.sfm.features import file_name, find_matches
+from studio.calibration.sfm.pairs import worthwhile
+
+
+def test_enough_matches_or_the_best_there_are() -> None:
+    matches = {(0, 1): 40, (0, 2): 6, (0, 3): 5, (1, 3): 2, (2, 3): 0}
+    assert worthwhile(matches, 4, enough=6, at_least=0) == [(0, 1), (0, 2)]
+    # camera 3 has one partner to keep: the better one; a pair without a match is none
+    assert worthwhile(matches, 4, enough=6, at_least=1) == [(0, 1), (0, 2), (0, 3)]
+    assert worthwhile({(0, 1): 1}, 3, enough=6, at_least=5) == [(0, 1)]
+
+
+def picture(scene: np.ndarray, shift: int) -> np.ndarray:
+    """A plane seen a little from the side."""
+    corners = np.array([[0, 0], [400, 0], [400, 300], [0, 300]], np.float32)
+    seen = corners + np.array([[shift, 0], [0, shift], [-shift, 0], [0, -shift]], np.float32)
+    return cv2.warpPerspective(scene, cv2.getPerspectiveTransform(corners, seen), (400, 300))
+
+
+def test_a_glance_parts_what_has_nothing_in_common(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three cameras before one wall, three before another."""
+    pytest.importorskip("pycolmap")
+    rng = np.random.default_rng(0)
+    (tmp_path / "images").mkdir()
+    for wall in range(2):
+        scene = sum(cv2.GaussianBlur(rng.normal(size=(300, 400, 3)), (0, 0), s) * s * 70 for s in (1.5, 3, 6))
+        scene = np.clip(128 + scene, 0, 255).astype(np.uint8)
+        for number in range(3):
+            name = file_name(3 * wall + number, 0)
+            cv2.imwrite(str(tmp_path / "images" / name), picture(scene, 12 * number))
+    lens = {"model": "SIMPLE_RADIAL", "width": 400, "height": 300, "params": [480.0, 200.0, 150.0, 0.0]}
+    job: dict[str, Any] = {
+        "names": [str(number) for number in range(6)],
+        "sync_frames": 1,
+        "lenses": [{**lens, "known": False, "prior": False} for _ in range(6)],
+        "lens_of": list(range(6)),
+        "masks": False,
+        "pairs": [],
+        "max_features": 800,
+        "max_image_size": 400,
+        "guided": False,
+        "seed": 0,
+        "threads": 1,
+    }
+    asked: dict[str, list[Any]] = {}
+    real = features._match_images
+
+    def watched(path: Path, folder: Path, job: Any, pairs: Any, step: str, verification: Any) -> None:
+        asked[step] = pairs
+        real(path, folder, job, pairs, step, verification)
+
+    monkeypatch.setattr(features, "_match_images", watched)
+    find_matches(tmp_path, job)
+    assert list(asked) == ["matches"]  # so few cameras need no glance
+    assert len(asked["matches"]) == 15
+    monkeypatch.setattr(features, "FEW", 5)
+    find_matches(tmp_path, job)
+    assert len(asked["glance"]) == 15
+    together = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
+    assert asked["matches"] == [(file_name(a, 0), file_name(b, 0)) for a, b in together]
+    assert not list(tmp_path.glob("glance*"))

@@ -1,0 +1,268 @@
+"""Structure from motion on rendered pictures of a textured scene, where the cameras are known."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from studio.calibration import SfmSettings, calibrate_from_images, compare_rigs
+from studio.cameras import Camera, Rig
+from studio.errors import Cancelled, StudioError
+
+FAST = SfmSettings(max_features=1500, threads=1, seed=7)
+SIZE = (360, 270)
+
+
+def texture(rng: np.random.Generator) -> np.ndarray:
+    """Blobs of many sizes: plenty for a feature detector to hold on to."""
+    import cv2
+
+    total = np.zeros((512, 512, 3))
+    for sigma in (2, 4, 8, 16):
+        noise = cv2.GaussianBlur(rng.normal(size=(512, 512, 3)), (0, 0), sigma)
+        total += noise / noise.std()
+    return np.clip(128 + 38 * total, 0, 255).astype(np.uint8)
+
+
+def room(rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Textured rectangles (corner, edge, edge, texture): a corner of a room with two boards standing in it."""
+    planes = [
+        ([-2, -2, 0], [4, 0, 0], [0, 4, 0]),
+        ([-2, 2, 0], [4, 0, 0], [0, 0, 2.5]),
+        ([-0.7, 0.3, 0], [0.9, 0.4, 0], [0, 0, 1.2]),
+        ([0.2, -0.4, 0], [0.7, 0.5, 0], [0, 0, 0.8]),
+    ]
+    return [(*(np.array(part, float) for part in plane), texture(rng)) for plane in planes]
+
+
+def render(camera: Camera, planes: list[Any]) -> np.ndarray:
+    """Ray casting, four rays a pixel."""
+    import cv2
+
+    width, height = 2 * camera.width, 2 * camera.height
+    columns, rows = np.meshgrid((np.arange(width) + 0.5) / 2, (np.arange(height) + 0.5) / 2)
+    rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K).T @ camera.rotation
+    nearest = np.full(columns.shape, np.inf)
+    image = np.zeros((*columns.shape, 3), np.uint8)
+    for corner, u, v, picture in planes:
+        normal = np.cross(u, v)
+        distance = ((corner - camera.center) @ normal) / (rays @ normal)
+        local = camera.center + rays * distance[..., None] - corner
+        a, b = local @ u / (u @ u), local @ v / (v @ v)
+        hit = (distance > 0) & (distance < nearest) & (a >= 0) & (a < 1) & (b >= 0) & (b < 1)
+        nearest[hit] = distance[hit]
+        # the texture's grain is the same in meters on every plane
+        grain = 128.0
+        x = ((a * np.linalg.norm(u) * grain) % 511).astype(np.float32)
+        y = ((b * np.linalg.norm(v) * grain) % 511).astype(np.float32)
+        image[hit] = cv2.remap(picture, x, y, cv2.INTER_LINEAR)[hit]
+    return cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+
+
+@pytest.fixture(scope="module")
+def scene() -> tuple[dict[str, np.ndarray], Rig]:
+    """Pictures and true cameras of an arc of six."""
+    cameras = []
+    for index in range(6):
+        angle = np.radians(-125 + 14 * index)
+        center = np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.0 + 0.3 * (index % 2)])
+        forward = np.array([0, 0.3, 0.6]) - center
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
+        K = np.array([[330.0, 0, SIZE[0] / 2], [0, 330.0, SIZE[1] / 2], [0, 0, 1]])
+        cameras.append(Camera(f"view {index}", *SIZE, K, pose))
+    rig = Rig(tuple(cameras))
+    planes = room(np.random.default_rng(0))
+    return {camera.name: render(camera, planes) for camera in rig}, rig
+
+
+@pytest.fixture(scope="module")
+def solved(scene: tuple[dict[str, np.ndarray], Rig], tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The solution with lenses unknown, with what was said on the way."""
+    said: list[tuple[int, int]] = []
+    result = calibrate_from_images(
+        scene[0],
+        workdir=tmp_path_factory.mktemp("sfm"),
+        settings=SfmSettings(max_features=1500, threads=1, seed=7, shared_intrinsics=True),
+        progress=lambda done, total, **figures: said.append((done, total)),
+    )
+    return result, said
+
+
+def test_cameras_are_found(scene: tuple[dict[str, np.ndarray], Rig], solved: Any) -> None:
+    result, _ = solved
+    assert result.rig.names == tuple(scene[0])
+    difference = compare_rigs(result.rig, scene[1])
+    assert difference.center_percent < 1.0
+    assert difference.rotation_degrees < 0.2
+    for camera in result.rig:
+        assert camera.fx == pytest.approx(330.0, rel=0.02)
+        assert (camera.width, camera.height) == SIZE
+    assert result.report["unregistered"] == {}
+    assert result.report["reprojection"]["mean"] < 0.5
+    json.dumps(result.report)  # it goes into a file
+
+
+def test_points_are_in_the_cameras_world(scene: tuple[dict[str, np.ndarray], Rig], solved: Any) -> None:
+    """The sparse points lie on the planes that were rendered."""
+    from studio.calibration import align_rigs
+
+    result, _ = solved
+    points = align_rigs(result.rig, scene[1]).points(result.points)
+    assert len(points) > 200
+    off = np.full(len(points), np.inf)
+    for corner, u, v, _ in room(np.random.default_rng(0)):
+        normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
+        off = np.minimum(off, np.abs((points - corner) @ normal))
+    assert np.quantile(off, 0.9) < 0.03
+
+
+def test_progress_rises_to_the_end(solved: Any) -> None:
+    done = [step for step, _ in solved[1]]
+    assert done == sorted(done)
+    assert done[-1] == 100
+    assert len(set(done)) > 8
+
+
+def test_same_seed_same_result_and_known_lenses(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+    """With known lenses the result is better, stays on them, can be put on a reference, and repeats bit for bit."""
+    images, truth = scene
+    known = {camera.name: camera for camera in truth}
+    first, second = (
+        calibrate_from_images(images, workdir=tmp_path / run, known=known, settings=FAST, reference=truth)
+        for run in ("a", "b")
+    )
+    for camera in first.rig:
+        np.testing.assert_array_equal(camera.world_to_camera, second.rig[camera.name].world_to_camera)
+        np.testing.assert_array_equal(camera.K, truth[camera.name].K)
+        assert np.linalg.norm(camera.center - truth[camera.name].center) < 0.02
+    assert compare_rigs(first.rig, truth).center_percent < 0.6
+
+
+def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+    """Two noisy moments, read when needed; a camera that was pushed since the older solution is found and named."""
+    from dataclasses import replace
+
+    images, truth = scene
+    rng = np.random.default_rng(0)
+
+    def sync_frame(name: str) -> np.ndarray:
+        return np.clip(images[name] + rng.normal(0, 4, images[name].shape), 0, 255).astype(np.uint8)
+
+    pushed = truth.names[2]
+    before = []
+    for camera in truth:
+        pose = camera.world_to_camera.copy()
+        pose[0, 3] += 0.02 * (camera.name == pushed)
+        before.append(replace(camera, world_to_camera=pose))
+    result = calibrate_from_images(
+        {name: [partial(sync_frame, name), partial(sync_frame, name)] for name in images},
+        workdir=tmp_path,
+        poses=Rig(tuple(before)),
+        settings=FAST,
+    )
+    assert result.report["sync_frames"] == 2
+    assert result.report["mapper"] == "known poses"
+    assert compare_rigs(result.rig, truth).center_percent < 0.6
+    moved = {name: figures["center"] for name, figures in result.report["moved"].items()}
+    assert max(moved, key=lambda name: moved[name]) == pushed
+    assert moved[pushed] == pytest.approx(0.02, abs=0.008)
+    for camera in result.rig:  # on the older solution as well as it can be, whose lenses it has
+        assert np.linalg.norm(camera.center - truth[camera.name].center) < 0.02
+        np.testing.assert_array_equal(camera.K, truth[camera.name].K)
+    first, second = truth.names[:2]
+    with pytest.raises(StudioError, match=r"'view 1' has pictures of 1 moments, 'view 0' of 2"):
+        calibrate_from_images({first: [images[first]] * 2, second: [images[second]]}, workdir=tmp_path)
+    with pytest.raises(StudioError, match="intrinsics_groups names camera 'nobody'"):
+        calibrate_from_images(images, workdir=tmp_path, settings=SfmSettings(intrinsics_groups=((first, "nobody"),)))
+    with pytest.raises(StudioError, match=f"Camera '{first}' stands twice in intrinsics_groups"):
+        SfmSettings(intrinsics_groups=((first, second), (first, "view 2")))
+    with pytest.raises(StudioError, match="fewer than two cameras"):
+        SfmSettings(intrinsics_groups=((),))
+
+
+def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+    images = dict(list(scene[0].items())[:4])
+    images["wall"] = np.full((*SIZE[::-1], 3), 90, np.uint8)
+    settings = SfmSettings(max_features=1500, threads=1, seed=7, mapper="incremental")
+    with pytest.raises(StudioError, match=r"placed 4 of 5 cameras, not 'wall': only 0 features"):
+        calibrate_from_images(images, workdir=tmp_path / "a", settings=settings)
+    result = calibrate_from_images(images, workdir=tmp_path / "b", settings=settings, allow_unregistered=True)
+    assert "wall" not in result.rig
+    assert list(result.report["unregistered"]) == ["wall"]
+
+
+def test_masks_keep_features_out(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+    """Only the right half of each picture may be used: no observation lies in the left."""
+    masks = {name: np.zeros(image.shape[:2], np.uint8) for name, image in scene[0].items()}
+    for mask in masks.values():
+        mask[:, SIZE[0] // 2 :] = 255
+    with np.load(_observed(scene[0], masks, tmp_path)) as arrays:
+        assert len(arrays["observations"]) > 100
+        assert arrays["observations"][:, 2].min() > SIZE[0] / 2 - 2
+
+
+def _observed(images: dict[str, np.ndarray], masks: dict[str, np.ndarray], folder: Path) -> Path:
+    calibrate_from_images(images, masks, workdir=folder, settings=FAST, allow_unregistered=True)
+    return folder / "points.npz"
+
+
+def test_cancel_stops_colmap(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+    def stop(done: int, total: int, **figures: Any) -> None:
+        if done > 5:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        calibrate_from_images(scene[0], workdir=tmp_path, settings=FAST, progress=stop)
+    assert not (tmp_path / "solution.json").exists()
+
+
+def test_hopeless_images(tmp_path: Path) -> None:
+    flat = {name: np.full((60, 80, 3), 120, np.uint8) for name in ("a", "b", "c")}
+    with pytest.raises(StudioError, match="found no solution for these 3 images"):
+        calibrate_from_images(flat, workdir=tmp_path, settings=FAST)
+
+
+def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+    images, truth = scene
+    name = next(iter(images))
+    with pytest.raises(StudioError, match="at least two images, found 1"):
+        calibrate_from_images({name: images[name]}, workdir=tmp_path)
+    with pytest.raises(StudioError, match=r"the mask is 5x5, the image 360x270"):
+        calibrate_from_images(images, {name: np.ones((5, 5), np.uint8)}, workdir=tmp_path)
+    with pytest.raises(StudioError, match="leaves nothing of the image"):
+        calibrate_from_images(images, {name: np.zeros(SIZE[::-1], np.uint8)}, workdir=tmp_path)
+    with pytest.raises(StudioError, match=r"must be \(H, W, 3\) uint8"):
+        calibrate_from_images({**images, name: images[name][..., 0]}, workdir=tmp_path)
+    with pytest.raises(StudioError, match="known lens is for 180x135"):
+        calibrate_from_images(images, workdir=tmp_path, known={name: truth[name].scaled(0.5)})
+    with pytest.raises(StudioError, match="camera model 'BENT' is unknown"):
+        SfmSettings(camera_model="BENT")
+    with pytest.raises(StudioError, match="mapper 'x' is unknown"):
+        SfmSettings(mapper="x")
+
+
+@pytest.mark.parametrize("locale", ["C", "C.UTF-8"])
+def test_letters_beyond_ascii_in_the_work_folder_and_in_names(
+    scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, locale: str
+) -> None:
+    """COLMAP reads and writes its files in C++, by the locale of the worker's process."""
+    monkeypatch.setenv("LC_ALL", locale)
+    names = {name: f"caméra 影 {name}" for name in scene[0]}
+    result = calibrate_from_images(
+        {names[name]: image for name, image in scene[0].items()},
+        masks={names[name]: np.full(image.shape[:2], 255, np.uint8) for name, image in scene[0].items()},
+        workdir=tmp_path / "prise é 影 1",
+        settings=SfmSettings(max_features=1500, threads=1, seed=7, shared_intrinsics=True),
+    )
+    assert result.rig.names == tuple(names.values())
+    assert result.report["unregistered"] == {}

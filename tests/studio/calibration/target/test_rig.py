@@ -1,0 +1,317 @@
+"""Calibration boards: drawn pictures whose corners are known, and rigs whose cameras are known."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from studio.calibration import (
+    CalibrationTarget,
+    TargetObservation,
+    TargetSettings,
+    calibrate_from_target,
+    calibrate_lenses,
+    detect_target,
+    write_target_pdf,
+)
+from studio.calibration.target.pdf import dark
+from studio.cameras import Camera, Rig
+from studio.errors import Cancelled, StudioError
+
+CHARUCO = CalibrationTarget(columns=7, rows=5, square=0.05, marker=0.037)
+CHESS = CalibrationTarget(kind="chessboard", columns=8, rows=5, square=0.05)
+SIZE = (640, 480)
+
+
+def looking(center: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """World to camera, z up."""
+    forward = (target - center) / np.linalg.norm(target - center)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
+    return pose
+
+
+def turned(x: float, y: float, z: float, middle: np.ndarray, board: CalibrationTarget) -> np.ndarray:
+    """Board to world: the board's middle at a place, turned by a rotation vector from facing the -y direction."""
+    base = np.stack([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]], axis=1)  # columns: board's x, y (down), z (into it)
+    pose = np.eye(4)
+    pose[:3, :3] = cv2.Rodrigues(np.array([x, y, z]))[0] @ base
+    pose[:3, 3] = middle - pose[:3, :3] @ board.middle
+    return pose
+
+
+def rig_of(count: int) -> Rig:
+    """Cameras on an arc before the origin, each with its own lens."""
+    cameras = []
+    for index in range(count):
+        angle = np.radians(-90 + 20 * (index - (count - 1) / 2))
+        center = np.array([1.2 * np.cos(angle), 1.2 * np.sin(angle), 0.1 * (index % 2)])
+        focal = 600.0 + 15 * index
+        K = np.array([[focal, 0, 318.0 + 3 * index], [0, focal, 243.0 - 2 * index], [0, 0, 1]])
+        lens = np.array([-0.1 + 0.03 * index, 0.04, 0.0, 0.0])
+        cameras.append(Camera(f"cam{index}", *SIZE, K, looking(center, np.zeros(3)), lens))
+    return Rig(tuple(cameras))
+
+
+def filmed(rig: Rig, board: CalibrationTarget, sync_frames: int, noise: float, seed: int = 0) -> tuple[dict, dict]:
+    """Views of a board that is moved about, and where it was."""
+    rng = np.random.default_rng(seed)
+    views, places = {}, {}
+    for sync_frame in range(sync_frames):
+        place = turned(*rng.uniform(-0.6, 0.6, 3), rng.uniform([-0.3, -0.2, -0.2], [0.3, 0.3, 0.2]), board)
+        places[sync_frame] = place
+        world = board.corners @ place[:3, :3].T + place[:3, 3]
+        for camera in rig:
+            pixels, _ = camera.project(world)
+            pixels = pixels + rng.normal(0, noise, pixels.shape)
+            inside = ((pixels > 2) & (pixels < np.array(SIZE) - 2)).all(1)
+            if inside.sum() >= 12:
+                views[sync_frame, camera.name] = TargetObservation(np.flatnonzero(inside), pixels[inside])
+    return views, places
+
+
+def picture(board: CalibrationTarget, camera: Camera, place: np.ndarray) -> np.ndarray:
+    """What a camera without distortion sees of a board: drawn from our own list of dark parts, four times as fine."""
+    fine = 4
+    image = np.full((camera.height * fine, camera.width * fine), 225, np.uint8)
+    ink = 25
+    s = board.square
+
+    def draw(rectangle: tuple[float, float, float, float], value: int) -> None:
+        x, y, w, h = rectangle
+        corners = np.array([[x, y, 0], [x + w, y, 0], [x + w, y + h, 0], [x, y + h, 0]])
+        pixels, _ = camera.project(corners @ place[:3, :3].T + place[:3, 3])
+        # cv2 fills up to pixel centers: half a fine pixel back, with 8 bits of sub-pixel
+        cv2.fillPoly(image, [np.round((pixels * fine - 0.5) * 256).astype(np.int32)], value, cv2.LINE_8, 8)
+
+    if board.inverted:
+        draw((-s, -s, (board.columns + 2) * s, (board.rows + 2) * s), ink)
+    for rectangle in dark(board):
+        draw(rectangle, 225 if board.inverted else ink)
+    return cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA)
+
+
+@pytest.mark.parametrize(
+    "board", [CHARUCO, replace(CHARUCO, inverted=True), replace(CHARUCO, rows=6, legacy=True), CHESS]
+)
+@pytest.mark.parametrize("turn", [0.2, 2.0, -2.9])
+def test_corners_are_where_the_camera_puts_them(board: CalibrationTarget, turn: float) -> None:
+    """Also with the board on its side and upside down; the origin is the image corner, not half a pixel off."""
+    camera = replace(rig_of(1)["cam0"], distortion=np.zeros(0))
+    place = turned(0.25, turn, 0.15, np.zeros(3), board)
+    view = board.detect(picture(board, camera, place))
+    assert view is not None
+    assert len(view.ids) > 0.9 * len(board.corners)
+    exact, _ = camera.project(board.corners[view.ids] @ place[:3, :3].T + place[:3, 3])
+    off = view.pixels - exact
+    assert np.abs(off.mean(0)).max() < 0.06
+    assert np.median(np.linalg.norm(off, axis=1)) < 0.2
+    assert np.linalg.norm(off, axis=1).max() < 0.8
+
+
+def test_no_board_no_view() -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8)
+    assert CHARUCO.detect(noise) is None
+    assert CHESS.detect(noise) is None
+
+
+@pytest.mark.parametrize("board", [CHARUCO, replace(CHARUCO, rows=6, legacy=True, dictionary="DICT_5X5_100")])
+def test_what_is_printed_is_opencvs_board(board: CalibrationTarget) -> None:
+    cells = 6 if "4X4" in board.dictionary else 7
+    side = 10 * cells * 4
+    board = replace(board, marker=board.square * 0.75)
+    theirs = board.charuco.generateImage((board.columns * side, board.rows * side))
+    ours = np.full_like(theirs, 255)
+    for x, y, w, h in dark(board):
+        x0, y0, x1, y1 = (round(value / board.square * side) for value in (x, y, x + w, y + h))
+        ours[y0:y1, x0:x1] = 0
+    assert (ours != theirs).mean() < 1e-3
+
+
+def polygons(pdf: bytes) -> tuple[tuple[float, float], list[np.ndarray]]:
+    """Page size and filled polygons of a PDF, in millimeters."""
+    box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]", pdf)
+    assert box is not None
+    point = 25.4 / 72
+    shapes = []
+    for stream in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.S):
+        text = zlib.decompressobj().decompress(stream).decode("latin-1") if stream.startswith(b"x") else ""
+        if "CS" not in text:
+            continue  # a glyph's outline
+        for part in re.findall(r"((?:[-\d.]+ [-\d.]+ [ml]\s+){4,5})h?\s*f", text):
+            numbers = np.array(re.findall(r"[-\d.]+", part), float).reshape(-1, 2)
+            if np.ptp(numbers[:, 0]) < 0.99 * float(box[1]):  # the page itself is white
+                shapes.append(numbers[:4] * point)
+    return (float(box[1]) * point, float(box[2]) * point), shapes
+
+
+def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
+    """The rectangles in the file, drawn at 4 pixels a millimeter, are a board that OpenCV finds where it should be."""
+    board = CalibrationTarget(columns=5, rows=4, square=0.03, marker=0.02)
+    width, height = write_target_pdf(board, tmp_path / "board.pdf", paper="a4")
+    (page_width, page_height), shapes = polygons((tmp_path / "board.pdf").read_bytes())
+    assert (width, height) == (297, 210)
+    assert (page_width, page_height) == pytest.approx((297, 210), abs=0.01)
+    assert len(shapes) > 20
+    image = np.full((210 * 4, 297 * 4), 255, np.uint8)
+    for shape in shapes:
+        corners = np.column_stack([shape[:, 0], page_height - shape[:, 1]]) * 4 - 0.5
+        cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], 0, cv2.LINE_8, 4)
+    view = board.detect(image)
+    assert view is not None
+    found = view.pixels[np.argsort(view.ids)].reshape(3, 4, 2) / 4
+    np.testing.assert_allclose(np.diff(found[:, :, 0], axis=1), 30.0, atol=0.1)
+    np.testing.assert_allclose(np.diff(found[:, :, 1], axis=0), 30.0, atol=0.1)
+    again = tmp_path / "again.pdf"
+    write_target_pdf(board, again, paper="a4")
+    assert again.read_bytes() == (tmp_path / "board.pdf").read_bytes()
+
+
+def test_rig_from_a_board() -> None:
+    """0.2 pixels of noise: cameras within a millimeter of where they are, in meters, on the origin asked for."""
+    rig = rig_of(4)
+    views, places = filmed(rig, CHARUCO, 30, noise=0.2)
+    said: list[int] = []
+    result = calibrate_from_target(
+        CHARUCO,
+        views,
+        dict.fromkeys(rig.names, SIZE),
+        settings=TargetSettings(camera_model="RADIAL", origin=3, upright=True, threads=1),
+        progress=lambda done, total, **figures: said.append(done),
+    )
+    assert result.rig.names == rig.names
+    # the world that moment 3's board gives: x along its columns, z up its rows, y away from who looks at it
+    place = places[3]
+    middle = place[:3, :3] @ CHARUCO.middle + place[:3, 3]
+    axes = np.stack([place[:3, 0], place[:3, 2], -place[:3, 1]])
+    for camera in rig:
+        found = result.rig[camera.name]
+        assert np.linalg.norm(found.center - axes @ (camera.center - middle)) < 0.006
+        assert np.degrees(np.arccos(np.clip(found.forward @ (axes @ camera.forward), -1, 1))) < 0.3
+        assert found.fx == pytest.approx(camera.fx, rel=0.005)
+        assert (found.cx, found.cy) == pytest.approx((camera.cx, camera.cy), abs=2.5)
+        assert found.distortion[0] == pytest.approx(camera.distortion[0], abs=0.02)
+    assert 0.15 < result.report["reprojection"]["mean"] < 0.3  # the noise, no more
+    assert result.report["quality"] == "excellent"
+    assert result.report["metric"] is True
+    assert abs(result.report["boards"]["scale_bias"]) < 0.002
+    assert result.report["boards"]["corner_error_mm"] < 1
+    assert said == sorted(said)
+    json.dumps(result.report)
+
+
+def test_late_cameras_are_left_out() -> None:
+    """One camera shows every third moment a little later, when the board is elsewhere: the rig is none the worse."""
+    rig = rig_of(3)
+    views, places = filmed(rig, CHARUCO, 24, noise=0.1)
+    camera = rig["cam1"]
+    for sync_frame in range(0, 24, 3):
+        if (sync_frame, "cam1") in views:
+            later = places[sync_frame].copy()
+            later[:3, 3] += [0.012, 0, 0.006]
+            ids = views[sync_frame, "cam1"].ids
+            views[sync_frame, "cam1"] = TargetObservation(
+                ids, camera.project(CHARUCO.corners[ids] @ later[:3, :3].T + later[:3, 3])[0]
+            )
+    result = calibrate_from_target(
+        CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=TargetSettings(camera_model="RADIAL", threads=1)
+    )
+    assert result.report["boards"]["views_left_out"] == pytest.approx(8, abs=1)
+    from studio.calibration import compare_rigs
+
+    assert compare_rigs(result.rig, rig).rotation_degrees < 0.4
+    distances = [np.linalg.norm(r["cam0"].center - r["cam2"].center) for r in (result.rig, rig)]
+    assert distances[0] == pytest.approx(distances[1], rel=0.005)
+
+
+def test_known_lenses_stay_and_chains_reach_everyone() -> None:
+    """cam0 and cam2 never see the board together, cam1 sees it with both."""
+    rig = rig_of(3)
+    views, _ = filmed(rig, CHARUCO, 20, noise=0.05)
+    views = {
+        key: view
+        for key, view in views.items()
+        if not (key[1] == "cam0" and key[0] % 2) and not (key[1] == "cam2" and key[0] % 2 == 0)
+    }
+    known = {camera.name: camera for camera in rig}
+    result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), known=known)
+    for camera in rig:
+        np.testing.assert_allclose(result.rig[camera.name].K, camera.K, atol=1e-9)
+    distance = np.linalg.norm(result.rig["cam0"].center - result.rig["cam2"].center)
+    assert distance == pytest.approx(np.linalg.norm(rig["cam0"].center - rig["cam2"].center), abs=0.002)
+    assert "cam0 cam2" not in result.report["boards"]["shared"]
+    apart = {key: view for key, view in views.items() if key[1] != "cam1"}
+    with pytest.raises(StudioError, match="Camera 'cam2' never see the board at a moment when cam0 see it"):
+        calibrate_from_target(CHARUCO, apart, {"cam0": SIZE, "cam2": SIZE}, known=known)
+
+
+def test_lenses_alone_as_opencv_finds_them() -> None:
+    """Our lens against cv2.calibrateCamera on the same corners: the same model, the same answer, half a pixel apart."""
+    rig = rig_of(1)
+    views, _ = filmed(rig, CHESS, 15, noise=0.1)
+    seen = list(views.values())
+    lenses, figures = calibrate_lenses(
+        CHESS,
+        {"cam0": seen},
+        {"cam0": SIZE},
+        TargetSettings(camera_model="OPENCV", principal_point="refine", threads=1),
+    )
+    world = [CHESS.corners[view.ids].astype(np.float32) for view in seen]
+    pixels = [(view.pixels - 0.5).astype(np.float32) for view in seen]
+    _, K, lens, _, _ = cv2.calibrateCamera(world, pixels, SIZE, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3)
+    found = lenses["cam0"]
+    np.testing.assert_allclose(found.cv2_K, K, atol=0.3)
+    np.testing.assert_allclose(found.distortion, np.ravel(lens)[:4], atol=3e-3)
+    assert figures["cam0"]["views"] == 15
+    assert figures["cam0"]["mean"] < 0.2
+
+
+def test_detect_boards_reads_every_picture_and_can_be_stopped() -> None:
+    camera = replace(rig_of(1)["cam0"], distortion=np.zeros(0))
+    image = picture(CHARUCO, camera, turned(0.2, 0.1, 0, np.zeros(3), CHARUCO))
+    blank = np.full_like(image, 90)
+    views, sizes = detect_target({"a": lambda sync_frame: image if sync_frame == 4 else blank}, {"a": [2, 4]}, CHARUCO)
+    assert list(views) == [(4, "a")]
+    assert sizes == {"a": SIZE}
+
+    def stop(done: int, total: int, **figures: object) -> None:
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        detect_target({"a": lambda sync_frame: image}, {"a": [1]}, CHARUCO, stop)
+    with pytest.raises(StudioError, match="moment 2 is 320x240, earlier ones are 640x480"):
+        detect_target({"a": lambda sync_frame: image if sync_frame == 1 else image[::2, ::2]}, {"a": [1, 2]}, CHARUCO)
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(StudioError, match="no dictionary 'DICT_9X9'"):
+        CalibrationTarget(dictionary="DICT_9X9")
+    with pytest.raises(StudioError, match=r"needs 60 markers, DICT_4X4_50 has 50"):
+        CalibrationTarget(columns=12, rows=10)
+    with pytest.raises(StudioError, match="must be smaller than its squares"):
+        CalibrationTarget(marker=0.06)
+    with pytest.raises(StudioError, match="give meters"):
+        CalibrationTarget(square=60)
+    with pytest.raises(StudioError, match="does not fit on a4"):
+        write_target_pdf(CHARUCO, tmp_path / "x.pdf", paper="a4")
+    rig = rig_of(2)
+    views, _ = filmed(rig, CHARUCO, 6, noise=0.1)
+    with pytest.raises(StudioError, match="looks the same upside down"):
+        calibrate_from_target(replace(CHESS, columns=7), views, dict.fromkeys(rig.names, SIZE))
+    with pytest.raises(StudioError, match="Camera 'other' sees the board in none"):
+        calibrate_from_target(CHARUCO, views, {**dict.fromkeys(rig.names, SIZE), "other": SIZE})
+    with pytest.raises(StudioError, match=r"Frame 99 should give the origin.*nearest frame in which one does is 5"):
+        calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=TargetSettings(origin=99))
+    few = {key: view for key, view in views.items() if key[0] < 2}
+    with pytest.raises(StudioError, match="'cam0' sees the board in 2 pictures"):
+        calibrate_from_target(CHARUCO, few, dict.fromkeys(rig.names, SIZE))

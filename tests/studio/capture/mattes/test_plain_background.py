@@ -1,0 +1,82 @@
+"""Performers who were cut out before one plain color."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from studio.capture import CaptureSpec, open_footage
+from studio.capture.checks import check_footage
+from studio.capture.mattes.plain_background import plain_color, plain_matte
+from studio.errors import StudioError
+
+SIZE = 160
+
+
+def performer() -> tuple[np.ndarray, np.ndarray]:
+    """Colors (H, W, 3) float and coverage (H, W) 0..1: a textured ring, with the background in its hole."""
+    y, x = np.mgrid[:SIZE, :SIZE] + 0.5
+    radius = np.hypot(x - SIZE / 2, y - SIZE / 2)
+    alpha = np.clip(50.5 - radius, 0, 1) * np.clip(radius - 19.5, 0, 1)
+    colors = np.stack([130 + 50 * np.sin(x / 5), 90 + 40 * np.sin(y / 7), 100 + 0 * x], -1)
+    return colors, alpha
+
+
+def before(color: int) -> np.ndarray:
+    colors, alpha = performer()
+    return np.rint(colors * alpha[..., None] + color * (1 - alpha[..., None])).astype(np.uint8)
+
+
+@pytest.mark.parametrize("color", [0, 255])
+@pytest.mark.parametrize("quality", [None, 90])
+def test_cut_out_before_one_color(color: int, quality: int | None) -> None:
+    image = before(color)
+    if quality:
+        image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+    found = plain_color(image)
+    assert found is not None
+    assert found.tolist() == [color] * 3
+    matte, truth = plain_matte(image, found) / 255, performer()[1]
+    both, either = ((matte > 0.5) & (truth > 0.5)).sum(), ((matte > 0.5) | (truth > 0.5)).sum()
+    assert both / either > (0.99 if quality is None else 0.96)
+    assert np.abs(matte - truth).mean() < (0.005 if quality is None else 0.015)
+    assert matte[SIZE // 2, SIZE // 2] == 0
+
+
+def test_what_was_filmed_or_shows_nothing_is_not_taken_for_it() -> None:
+    rng = np.random.default_rng(0)
+    assert plain_color(rng.integers(180, 200, (SIZE, SIZE, 3)).astype(np.uint8)) is None
+    assert plain_color(np.full((SIZE, SIZE, 3), 255, np.uint8)) is None
+    bars = np.zeros((SIZE, SIZE, 3), np.uint8)
+    bars[20:-20] = rng.integers(0, 255, (SIZE - 40, SIZE, 3))  # letterboxed
+    assert plain_color(bars) is None
+
+
+def test_auto_takes_it_and_cleans_the_outline(tmp_path: Path) -> None:
+    for camera in ("a", "b"):
+        (tmp_path / "images" / camera).mkdir(parents=True)
+        Image.fromarray(before(255)).save(tmp_path / "images" / camera / "000000.png")
+    footage = open_footage(CaptureSpec(tmp_path))
+    assert "plain color" in footage.description
+    image, matte = footage.image("a", 0).astype(float), footage.matte("a", 0)
+    colors, _ = performer()
+    mixed = (matte > 100) & (matte < 220)
+    assert mixed.any()
+    # as filmed these pixels are half white
+    assert np.abs(image - colors)[mixed].mean() < 0.4 * np.abs(before(255) - colors)[mixed].mean()
+    assert not check_footage(footage)
+
+
+def test_another_background_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE, 3)).astype(np.uint8)
+    Image.fromarray(noise).save(tmp_path / "images" / "a.png")
+    Image.fromarray(before(0)).save(tmp_path / "images" / "b.png")
+    assert "none" in open_footage(CaptureSpec(tmp_path)).description
+    footage = open_footage(CaptureSpec(tmp_path, masks="plain"))
+    with pytest.raises(StudioError, match=r"Camera 'a'.*plain color"):
+        footage.matte("a", 0)

@@ -1,0 +1,63 @@
+import threading
+import time
+
+from studio.playback.bounded_queue import BoundedQueue
+
+
+def test_items_come_out_in_order_and_then_it_is_over():
+    queue = BoundedQueue(3)
+    for item in (1, 2, 3):
+        assert queue.put(item) == 0
+    queue.finish()
+    assert [queue.get(), queue.get(), queue.get(), queue.get()] == [1, 2, 3, None]
+    assert queue.over
+
+
+def test_put_waits_for_room():
+    queue = BoundedQueue(1)
+    queue.put("a")
+    done = threading.Event()
+    thread = threading.Thread(target=lambda: (queue.put("b"), done.set()))
+    thread.start()
+    assert not done.wait(0.05)
+    assert queue.get() == "a"
+    assert done.wait(5)
+    assert queue.get() == "b"
+    thread.join()
+
+
+def test_stale_items_make_room():
+    queue = BoundedQueue(2)
+    queue.put(1)
+    queue.put(2)
+    assert queue.put(3, stale=lambda second: second <= 2) == 1
+    assert queue.take_while(lambda item: True) == [2, 3]
+
+
+def test_put_waits_until_the_oldest_grows_stale():
+    queue = BoundedQueue(1)
+    queue.put(1)
+    began = time.monotonic()
+    assert queue.put(2, stale=lambda second: time.monotonic() - began > 0.1) == 1
+    assert queue.peek() == 2
+
+
+def test_abort_lets_everybody_go():
+    full, empty = BoundedQueue(1), BoundedQueue(1)
+    full.put(1)
+    results = []
+    threads = [
+        threading.Thread(target=lambda: results.append(full.put(2))),
+        threading.Thread(target=lambda: results.append(full.put(2, stale=lambda second: False))),
+        threading.Thread(target=lambda: results.append(empty.get())),
+    ]
+    for thread in threads:
+        thread.start()
+    time.sleep(0.05)
+    full.abort()
+    empty.abort()
+    for thread in threads:
+        thread.join(5)
+    assert results == [None, None, None]
+    assert full.get() is None
+    assert full.over

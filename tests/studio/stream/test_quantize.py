@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes, quantize, split_bytes
+
+ALL_CODES = np.arange(65536, dtype=np.uint16)
+
+
+@pytest.mark.parametrize("levels", [LEVELS_8, LEVELS_16])
+@given(low=st.floats(-100, 100), width=st.floats(1e-3, 1e3), seed=st.integers(0, 1000))
+def test_error_is_at_most_half_a_step(levels, low, width, seed):
+    high = low + width
+    values = np.random.default_rng(seed).uniform(low, high, 100)
+    back = dequantize(quantize(values, low, high, levels), low, high, levels)
+    rounding = 3e-7 * max(abs(low), abs(high))  # float32 of the result
+    assert np.abs(back - values).max() <= 0.5 * (high - low) / levels + rounding
+
+
+@pytest.mark.parametrize("levels", [LEVELS_8, LEVELS_16])
+def test_every_code_comes_back(levels):
+    codes = np.arange(levels + 1, dtype=np.uint16)
+    values = -1.5 + codes.astype(np.float64) * 4.0 / levels
+    assert np.array_equal(quantize(values, -1.5, 2.5, levels), codes)
+
+
+def test_ends_of_the_range_are_exact_and_beyond_is_clamped():
+    codes = quantize(np.array([-5.0, 2.0, 3.0, 9.0]), 2.0, 3.0, LEVELS_8)
+    assert codes.tolist() == [0, 0, 255, 255]
+
+
+def test_constant_range():
+    codes = quantize(np.full(7, 3.25), 3.25, 3.25, LEVELS_8)
+    assert not codes.any()
+    assert dequantize(codes, 3.25, 3.25, LEVELS_8).tolist() == [3.25] * 7
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_bytes_join_to_what_was_split(mirrored):
+    assert np.array_equal(join_bytes(*split_bytes(ALL_CODES, mirrored), mirrored), ALL_CODES)
+
+
+def test_plain_split_is_the_paper_s():
+    high, low = split_bytes(np.array([0x12FE], dtype=np.uint16), mirrored=False)
+    assert (high[0], low[0]) == (0x12, 0xFE)
+
+
+def test_mirrored_low_byte_has_no_jumps():
+    _, low = split_bytes(ALL_CODES, mirrored=True)
+    assert np.abs(np.diff(low.astype(int))).max() == 1
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_wrong_low_byte_stays_within_its_high_byte(mirrored):
+    high, low = split_bytes(ALL_CODES, mirrored)
+    wrong = np.clip(low.astype(int) + 37, 0, 255).astype(np.uint8)
+    joined = join_bytes(high, wrong, mirrored)
+    assert np.array_equal(joined >> 8, ALL_CODES >> 8)
+    assert np.abs(joined.astype(int) - ALL_CODES).max() <= 37

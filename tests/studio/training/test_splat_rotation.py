@@ -1,0 +1,47 @@
+"""Local rotations against scipy's."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from studio.training.splat_rotation import local_rotations, multiply, neighbors, quaternions
+
+
+def wxyz(rotation: Rotation) -> torch.Tensor:
+    return torch.from_numpy(rotation.as_quat(canonical=True)[:, [3, 0, 1, 2]])
+
+
+def test_matrices_become_scipys_quaternions() -> None:
+    turns = Rotation.concatenate(
+        [Rotation.random(50, random_state=0), Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity(1)]
+    )
+    found = quaternions(torch.from_numpy(turns.as_matrix()))
+    same = (found * wxyz(turns)).sum(-1).abs()
+    assert torch.allclose(same, torch.ones_like(same), atol=1e-12)
+
+
+def test_products_are_scipys() -> None:
+    one, two = Rotation.random(20, random_state=1), Rotation.random(20, random_state=2)
+    product = multiply(wxyz(one), wxyz(two))
+    assert (product * wxyz(one * two)).sum(-1).abs().numpy() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_turned_body_turns_its_splats(flat: bool) -> None:
+    points = np.random.default_rng(0).normal(size=(200, 3))
+    if flat:
+        points[:, 2] = 0
+    turn = Rotation.from_rotvec([[0.4, -0.2, 0.7]])
+    before, after = torch.from_numpy(points), torch.from_numpy(turn.apply(points) + np.array([1.0, 2.0, 3.0]))
+    near = neighbors(before, 12)
+    assert near.shape == (200, 12)
+    assert not bool((near == torch.arange(200)[:, None]).any()), "nobody is its own neighbor"
+    found = local_rotations(before, after, near)
+    assert torch.allclose((found * wxyz(turn)).sum(-1).abs(), torch.ones(200).double(), atol=1e-9)
+
+
+def test_a_lone_splat_does_not_turn() -> None:
+    before = torch.rand(2, 3)
+    found = local_rotations(before, torch.rand(2, 3), neighbors(before, 8))
+    assert torch.equal(found, torch.tensor([[1.0, 0, 0, 0], [1.0, 0, 0, 0]]))
