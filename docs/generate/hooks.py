@@ -28,10 +28,6 @@ log = get_plugin_logger("docs")
 PACKAGES = ("studio", "pipelines", "gui", "v3studio")
 """Where error codes are looked for."""
 
-HAS_NEW_NAMES = (ROOT / "pipelines" / "config" / "renamed.py").is_file()
-"""The pages describe the source after its files were grouped and its settings renamed; without that, names cannot be
-checked. To be removed once both are on one branch."""
-
 NAMES_OTHERS = ("changelog.md", "glossary.md")
 """Pages that name files and settings of the past."""
 
@@ -48,8 +44,6 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
             if title == "Reference":
                 place = next(i for i, child in enumerate(children) if "Python API" in child)
                 children[place] = {"Python API": entries}
-            elif title == "How-to guides" and (ROOT / "docs" / "INSTALL.md").is_file():
-                children.insert(1, {"Installation": "INSTALL.md"})
     return config
 
 
@@ -71,8 +65,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Warn, which fails a strict build, where a written page names a file or setting that does not exist."""
-    if not HAS_NEW_NAMES:
-        return markdown
     if page.file.generated_by is None and page.file.src_uri not in NAMES_OTHERS:
         for problem in unknown_names(markdown, ROOT, setting_names()):
             log.warning("%s: %s", page.file.src_uri, problem)
