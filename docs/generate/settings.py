@@ -64,27 +64,29 @@ def _names(prefix: str, model: BaseModel) -> Iterator[str]:
             yield from _names(f"{prefix}{name}.", value)
 
 
-def _section(prefix: str, model: BaseModel) -> Iterator[str]:
-    headings = getattr(type(model), "headings", {})
+def _section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> Iterator[str]:
+    affects = _results(getattr(type(model), "affects", None)) or affects
     rows: list[tuple[str, ...]] = []
-    nested: list[tuple[str, FieldInfo, BaseModel]] = []
+    nested: list[tuple[str, BaseModel, tuple[str, ...]]] = []
     for name, field in type(model).model_fields.items():
-        if name in headings:
+        heading = getattr(type(model), "headings", {}).get(name) or _marker(field, "Heading", "text")
+        if heading:
             yield from _table(rows)
             rows = []
-            yield from (f"### {headings[name]} {{ #{prefix}-{_slug(headings[name])} }}", "")
+            yield from (f"### {heading} {{ #{prefix}-{_slug(heading)} }}", "")
+        changed = _results(_marker(field, "Affects")) or affects
         value = getattr(model, name)
         dotted = f"{prefix}.{name}"
         if isinstance(value, BaseModel):
-            nested.append((dotted, field, value))
+            nested.append((dotted, value, changed))
             description = f"{_words(field)} [Its settings](#{dotted.replace('.', '-')})."
             rows.append((_anchor(dotted, name), "", description))
         else:
-            rows.append((_anchor(dotted, name), code(_default(model, name)), _words(field)))
+            rows.append((_anchor(dotted, name), code(_default(model, name)), _words(field) + _stale(changed)))
     yield from _table(rows)
-    for dotted, _, value in nested:
+    for dotted, value, changed in nested:
         yield from (f"### {dotted} {{ #{dotted.replace('.', '-')} }}", "", escaped(type(value).__doc__ or ""), "")
-        yield from _section(dotted, value)
+        yield from _section(dotted, value, changed)
 
 
 def _table(rows: list[tuple[str, ...]]) -> Iterator[str]:
@@ -102,6 +104,21 @@ def _words(field: FieldInfo) -> str:
     text = escaped(field.description or "")
     allowed = allowed_values(field)
     return f"{text}<br>*{escaped(allowed[0].upper() + allowed[1:])}.*" if allowed else text
+
+
+def _marker(field: FieldInfo, kind: str, attribute: str | None = None) -> Any:
+    """The field's marker of that class in `Annotated` (see `studio.settings`), or one of its attributes; else None."""
+    found = next((item for item in field.metadata if type(item).__name__ == kind), None)
+    return getattr(found, attribute) if found is not None and attribute else found
+
+
+def _results(affects: Any) -> tuple[str, ...]:
+    return tuple(affects.results) if affects is not None else ()
+
+
+def _stale(results: tuple[str, ...]) -> str:
+    names = ", ".join(escaped(name.replace("_", " ")) for name in results)
+    return f"<br>Changing it makes stale: {names}." if names else ""
 
 
 def _default(model: BaseModel, name: str) -> str:

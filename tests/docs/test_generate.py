@@ -5,10 +5,13 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Annotated
 
 import pytest
+from pydantic import BaseModel, Field
 
 ROOT = Path(__file__).parents[2]
 Load = Callable[[str], ModuleType]
@@ -51,6 +54,34 @@ def test_every_setting_is_on_the_page(generator: Load) -> None:
     assert set(Config.model_fields) <= names
     missing = [name for name in names if "." in name and f'<a id="{name}"></a>' not in page]
     assert not missing
+
+
+@dataclass(frozen=True)
+class Heading:
+    """As `studio.settings` has it."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Affects:
+    """As `studio.settings` has it."""
+
+    results: tuple[str, ...]
+
+
+def test_headings_and_what_a_change_makes_stale_are_on_the_page(generator: Load) -> None:
+    class Inner(BaseModel):
+        depth: int = Field(default=1, ge=0, description="How deep.")
+
+    class Outer(BaseModel):
+        width: Annotated[int, Heading("Size"), Affects(("later_frames",))] = Field(default=3, description="How wide.")
+        inner: Annotated[Inner, Affects(("keyframe", "videos"))] = Inner()
+
+    page = "\n".join(generator("settings")._section("outer", Outer()))
+    assert "### Size { #outer-size }" in page
+    assert '| <a id="outer.width"></a>`width` | `3` | How wide.<br>Changing it makes stale: later frames. |' in page
+    assert "How deep.<br>*At least 0.*<br>Changing it makes stale: keyframe, videos." in page
 
 
 def test_every_command_is_on_the_page(generator: Load) -> None:
