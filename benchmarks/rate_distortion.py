@@ -379,7 +379,7 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
             )
             console.print(rows[-1])
     return [
-        "| splats | profile | KB a frame | bake a frame | open a group | decode a frame | dequantize | frames a"
+        "| splats | profile | KB per frame | bake per frame | open per group | decode per frame | dequantize | frames per"
         " second, file to arrays |",
         "|---|---|---|---|---|---|---|---|",
         *rows,
@@ -391,7 +391,7 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
 
 def table(points: list[Point]) -> list[str]:
     lines = [
-        "| bake | QP | KB a frame | PSNR to footage | PSNR to unquantized | bake a frame | decode a frame |",
+        "| bake | QP | KB per frame | PSNR to footage | PSNR to unquantized | bake per frame | decode per frame |",
         "|---|---|---|---|---|---|---|",
     ]
     for p in points:
