@@ -379,8 +379,8 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
             )
             console.print(rows[-1])
     return [
-        "| splats | profile | KB per frame | bake per frame | open per group | decode per frame | dequantize | frames per"
-        " second, file to arrays |",
+        "| splats | profile | KB per frame | bake per frame | open per group | decode per frame | dequantize | frames"
+        " per second, file to arrays |",
         "|---|---|---|---|---|---|---|---|",
         *rows,
     ]
