@@ -184,7 +184,7 @@ def test_no_such_camera_or_frame(three_videos: Path) -> None:
 
 def test_videos_and_images_cannot_be_mixed(three_videos: Path, make: SimpleNamespace) -> None:
     make.image(three_videos / "videos" / "still.png", make.numbered(0))
-    with refuses("footage.mixed_media", cameras=["cam1", "still"], setting="capture.images"):
+    with refuses("footage.mixed_media", cameras=["cam10", "still"], setting="capture.images"):
         open_footage(CaptureSpec(three_videos, images="videos/{camera}.*"))
 
 
