@@ -13,7 +13,7 @@ from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.matte_source import MatteSource, PlateMatteSource, Recolors
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings
 from studio.capture.warp import Warp
 from studio.errors import Message, StudioError
 
@@ -54,7 +54,7 @@ class Footage:
 
     def __init__(
         self,
-        spec: CaptureSpec,
+        spec: CaptureSettings,
         sources: Mapping[str, FrameSource],
         frames: tuple[int, ...],
         held_out: tuple[str, ...],

@@ -205,7 +205,7 @@ def make_sources(
         matches: files from `find_files`.
         pool: bounds the number of open decoders.
         color_matrix: see `VideoReader`.
-        offsets: camera to sync offset in frames, as in `CaptureSpec`.
+        offsets: camera to sync offset in frames, as in `CaptureSettings`.
 
     Returns:
         camera name to source, in the order of `matches`.

@@ -15,13 +15,19 @@ from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.choose import exact_mattes, mask_source
 from studio.capture.patterns import Match, find_files, natural_key
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings
 from studio.capture.warp import Warp, fit_size
 from studio.errors import Message, StudioError
 
 
 def open_footage(
-    spec: CaptureSpec, rig: Rig | None = None, *, strict: bool = True, cache_folder: Path | None = None
+    spec: CaptureSettings,
+    rig: Rig | None = None,
+    *,
+    strict: bool = True,
+    cache_folder: Path | None = None,
+    device: str = "auto",
+    threads: int = 0,
 ) -> Footage:
     """Open a capture: find and open its files, read one frame per camera. Other frames are decoded on demand.
 
@@ -34,6 +40,7 @@ def open_footage(
             `Footage.problems`, and `Footage.frames` are the frames that all cameras have.
         cache_folder: where to cache backgrounds estimated from the footage (masks "median_background") and mattes of
             a matting model for other processes; None caches them in memory only.
+        device, threads: what a matting model runs on, as in `OnnxModel`.
 
     Returns:
         the footage.
@@ -66,11 +73,11 @@ def open_footage(
         raise _all_of(problems)
     fps, fps_note = _fps(spec, sources)
     notes = [_found(spec, pattern, sources, frames), fps_note]
-    cache = ByteCache(spec.cache_bytes if spec.cache_bytes is not None else _cache_bytes())
+    cache = ByteCache(_cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20)
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = _held_out(spec, tuple(sources))
     masked = frames if strict else ()  # frames that must have a mask
-    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder)
+    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder, device, threads)
     exact, exact_note = exact_mattes(spec, tuple(sources), masked)
     notes += [mask_note, exact_note]
     if held_out:
@@ -87,7 +94,7 @@ def _cache_bytes() -> int:
     return int(min(2 << 30, psutil.virtual_memory().total // 8))
 
 
-def _find_images(spec: CaptureSpec) -> tuple[str, list[Match]]:
+def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
     if spec.images == "auto":
         return detect_images(spec.root)
     matches = find_files(spec.root, spec.images)
@@ -129,7 +136,7 @@ def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], setting: 
             )
 
 
-def _chosen(spec: CaptureSpec, matches: list[Match]) -> list[Match]:
+def _chosen(spec: CaptureSettings, matches: list[Match]) -> list[Match]:
     if not spec.cameras:
         return matches
     known = list(dict.fromkeys(match.camera for match in matches))
@@ -146,7 +153,7 @@ def _all_of(problems: Sequence[Message]) -> StudioError:
     )
 
 
-def _frames(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[Message]]:
+def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[Message]]:
     """The frames that all cameras have within start, stop and step, and one problem per camera that lacks some."""
 
     def inside(frame: int, first: int) -> bool:
@@ -202,7 +209,7 @@ def _frames(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[tupl
     return frames, problems
 
 
-def _fps(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[float, str]:
+def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[float, str]:
     if spec.fps is not None:
         return spec.fps, ""
     rates = {camera: source.fps for camera, source in sources.items() if source.fps}
@@ -222,7 +229,7 @@ def _fps(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[float, 
     return float(rates[fastest]), ""
 
 
-def _found(spec: CaptureSpec, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
+def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
     sizes = sorted({(source.width, source.height) for source in sources.values()})
     size = " and ".join(f"{width}x{height}" for width, height in sizes)
     span = "no common frames"
@@ -290,7 +297,7 @@ def _and_more(noun: str, names: Sequence[str]) -> str:
 
 
 def _warps(
-    spec: CaptureSpec, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
+    spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
 ) -> dict[str, Warp]:
     names = tuple(sources)
     if spec.cameras:
@@ -308,7 +315,7 @@ def _warps(
     return warps
 
 
-def _held_out(spec: CaptureSpec, names: tuple[str, ...]) -> tuple[str, ...]:
+def _held_out(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:
     refuse_unknown_cameras(spec.held_out, names, "capture.held_out")
     nth = set(names[spec.held_out_every - 1 :: spec.held_out_every]) if spec.held_out_every else set()
     chosen = tuple(name for name in names if name in nth or name in spec.held_out)

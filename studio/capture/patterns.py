@@ -85,7 +85,7 @@ def find_files(root: Path, pattern: str) -> list[Match]:
 
     Args:
         root: the capture's folder.
-        pattern: see `CaptureSpec`; must contain `{camera}`.
+        pattern: see `CaptureSettings`; must contain `{camera}`.
 
     Returns:
         the files; empty if nothing matches.

@@ -52,7 +52,7 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
     Args:
         camera: the calibrated camera.
         width, height: size of the footage in pixels.
-        rule: see `CaptureSpec.size_rule`.
+        rule: see `CaptureSettings.size_rule`.
         image: (H, W, 3) uint8 frame of the footage in which "auto" looks for black bars; may be None.
 
     Raises:

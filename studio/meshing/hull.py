@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from studio.errors import StudioError
 from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.silhouettes import Silhouettes
 from studio.rays import nearest_point_to_rays
@@ -32,39 +31,6 @@ Tick = Callable[[], None]
 
 def no_tick() -> None:
     """A `Tick` that does nothing."""
-
-
-@dataclass(frozen=True)
-class HullSettings:
-    """How to carve.
-
-    Attributes:
-        resolution: voxels along the longest side of the hull; fewer where pixels are coarser than that.
-        tolerance: share of the cameras (0..0.5) whose masks may be outvoted by the others (at least one camera
-            where there are four or more; 0 turns the vote off).
-        min_view_share: share of the cameras (0..1) that must have a point in their image for it to be part of the
-            hull, at least two cameras. None: one half, and less where that leaves mattes unexplained.
-        smoothing: standard deviation in voxels of the Gaussian that the field is smoothed with; 0 = none.
-    """
-
-    resolution: int = 192
-    tolerance: float = 0.1
-    min_view_share: float | None = None
-    smoothing: float = 0.7
-
-    def __post_init__(self) -> None:
-        for name, low, high in (("resolution", 16, 1024), ("tolerance", 0, 0.5), ("smoothing", 0, 10)):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise StudioError(f"The hull's {name} is {value}; it must lie in {low}..{high}.")
-        if self.min_view_share is not None and not 0 <= self.min_view_share <= 1:
-            raise StudioError(f"The hull's min_view_share is {self.min_view_share}; it must lie in 0..1.")
-
-    def outvoted(self, cameras: int) -> int:
-        """How many cameras of a rig may be outvoted."""
-        if self.tolerance == 0 or cameras < 4:
-            return 0
-        return max(1, round(self.tolerance * cameras))
 
 
 @dataclass

@@ -9,8 +9,8 @@ import numpy as np
 
 from studio.errors import Message
 from studio.meshing.coloring import color_points
-from studio.meshing.hull import HullSettings
 from studio.meshing.sampling import sample_surface
+from studio.meshing.settings import InitializeSettings
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews
 from studio.meshing.visual_hull import visual_hull
@@ -51,10 +51,8 @@ class InitResult:
 
 def initialize_points(
     views: Sequence[ViewLike],
-    n_points: int = 50_000,
+    settings: InitializeSettings | None = None,
     *,
-    settings: HullSettings | None = None,
-    max_faces: int = 100_000,
     seed: int = 0,
     progress: ProgressFn = no_progress,
 ) -> InitResult:
@@ -62,9 +60,7 @@ def initialize_points(
 
     Args:
         views: pinhole views of the frame, with image and matte.
-        n_points: how many points to sample.
-        settings: of the hull; None: the defaults.
-        max_faces: upper limit for the faces of the mesh.
+        settings: of hull, mesh and sampling; None: the defaults.
         seed: of the sampling; the same inputs and seed give the same points.
         progress: called often; may raise `Cancelled`.
 
@@ -74,8 +70,9 @@ def initialize_points(
     Raises:
         StudioError: see `visual_hull`.
     """
-    result = visual_hull(views, settings, max_faces=max_faces, progress=part_of(progress, 0, 70))
-    points, normals = sample_surface(result.mesh, n_points, seed=seed)
+    settings = settings or InitializeSettings()
+    result = visual_hull(views, settings, progress=part_of(progress, 0, 70))
+    points, normals = sample_surface(result.mesh, settings.points, seed=seed)
     colors, seen = color_points(
         points,
         normals,

@@ -11,8 +11,9 @@ import torch
 
 from studio.errors import StudioError
 from studio.meshing.diagnostics import raise_disagreement
-from studio.meshing.hull import Hull, HullSettings, Tick, carve, locate
+from studio.meshing.hull import Hull, Tick, carve, locate
 from studio.meshing.outlier_masks import restore
+from studio.meshing.settings import InitializeSettings
 from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews, extract_surface
@@ -21,6 +22,7 @@ from studio.views import ViewLike
 
 _COMPARE_PIXELS = 120_000
 _COARSE = 96  # voxels along the longest side while searching for bounds
+_COARSE_FACES = 100_000
 _GROSS = 0.05  # a camera that wrongly rejects more than this share of the hull is excluded
 
 
@@ -46,9 +48,8 @@ class HullResult:
 
 def visual_hull(
     views: Sequence[ViewLike],
-    settings: HullSettings | None = None,
+    settings: InitializeSettings | None = None,
     *,
-    max_faces: int = 100_000,
     progress: ProgressFn = no_progress,
 ) -> HullResult:
     """Carve the visual hull of one frame and extract its surface.
@@ -56,7 +57,6 @@ def visual_hull(
     Args:
         views: at least two views with pinhole cameras; each is read once, so a lazy sequence works.
         settings: of the hull; None: the defaults.
-        max_faces: upper limit for the faces of the mesh.
         progress: called with percent; may raise `Cancelled`.
 
     Returns:
@@ -65,7 +65,7 @@ def visual_hull(
     Raises:
         StudioError: unusable cameras or masks, see `Silhouettes`; or the hull is empty, see `raise_disagreement`.
     """
-    settings = settings or HullSettings()
+    settings = settings or InitializeSettings()
     shapes = Silhouettes(views, progress=part_of(progress, 0, 20))
 
     def at(step: int) -> Tick:
@@ -87,7 +87,7 @@ def visual_hull(
         coarse.hull.min_views,
         at(70),
         settings.smoothing,
-        max_faces,
+        settings.max_faces,
     )
     if len(mesh.faces) == 0:
         _raise_empty(shapes, coarse.bounds, coarse.hull.min_views)
@@ -117,7 +117,7 @@ class _Coarse:
         return float(np.mean(list(self.disagreement.values())))
 
 
-def _choose_min_views(shapes: Silhouettes, settings: HullSettings, tick: Tick) -> _Coarse:
+def _choose_min_views(shapes: Silhouettes, settings: InitializeSettings, tick: Tick) -> _Coarse:
     """Choose how many cameras must see a point of the hull.
 
     Space that few cameras see is carved by few, so it may be anything. Require nearly all cameras, and fewer only if
@@ -144,7 +144,7 @@ def _choose_min_views(shapes: Silhouettes, settings: HullSettings, tick: Tick) -
     return best
 
 
-def _zoom(shapes: Silhouettes, settings: HullSettings, min_views: int, tick: Tick) -> _Coarse:
+def _zoom(shapes: Silhouettes, settings: InitializeSettings, min_views: int, tick: Tick) -> _Coarse:
     """The hull at low resolution. Bounds are refined several times: with little camera overlap they start too wide."""
     allowed = settings.outvoted(len(shapes))
     bounds = locate(shapes, allowed, min_views)
@@ -174,7 +174,7 @@ def _carve_corrected(
     min_views: int,
     tick: Tick,
     smoothing: float = 0.0,
-    max_faces: int = 100_000,
+    max_faces: int = _COARSE_FACES,
 ) -> tuple[Hull, Mesh]:
     """The hull within bounds, corrected for outlier masks, and its surface (may be empty)."""
     hull, tolerant = carve(shapes, bounds, resolution=resolution, allowed=allowed, min_views=min_views, tick=tick)

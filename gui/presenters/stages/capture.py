@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, RAISED, TEX
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import Size, StageView, sentence
 from pipelines.config import Config
-from pipelines.stages.arguments import capture_spec
 from studio.capture import Footage, check_footage, open_footage
 from studio.errors import Cancelled, StudioError
 
@@ -68,7 +66,12 @@ class CaptureView(StageView):
             return None
         if self._footage is None or self._footage_of is None or self._footage_of.capture != config.capture:
             self._footage = open_footage(
-                capture_spec(config.capture, config.run), None, strict=False, cache_folder=self._cache_folder()
+                config.capture,
+                None,
+                strict=False,
+                cache_folder=self._cache_folder(),
+                device=config.run.device,
+                threads=config.run.threads,
             )
             self._footage_of = config
         return self._footage
@@ -198,8 +201,15 @@ class FootageCheck:
             self.words = f"checking the footage, {done} of {total} images"
 
         try:
-            spec = replace(capture_spec(config.capture, config.run), cache_bytes=64 << 20)
-            problems = check_footage(open_footage(spec, None, strict=False, cache_folder=cache_folder), tell)
+            footage = open_footage(
+                config.capture.replace(cache_megabytes=64),
+                None,
+                strict=False,
+                cache_folder=cache_folder,
+                device=config.run.device,
+                threads=config.run.threads,
+            )
+            problems = check_footage(footage, tell)
         except Cancelled:
             self.words = "the check was stopped"
         except StudioError as error:

@@ -1,9 +1,8 @@
-"""Choose the `MatteSource` for a `CaptureSpec` and find its files."""
+"""Choose the `MatteSource` for a `CaptureSettings` and find its files."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside
 from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from studio.capture.mattes.chroma_key import ChromaMatteSource, DespillingMatteSource
-from studio.capture.mattes.clean_plate import DifferenceSettings
 from studio.capture.mattes.garbage_mattes import garbage_mattes
 from studio.capture.mattes.matte_cache import MatteCache
 from studio.capture.mattes.matte_source import (
@@ -26,21 +24,23 @@ from studio.capture.mattes.matte_source import (
 )
 from studio.capture.mattes.matting_function import FunctionMatteSource
 from studio.capture.mattes.median_background import Background, cached_background, estimate_background
-from studio.capture.mattes.onnx_model import OnnxModel, OnnxSettings
+from studio.capture.mattes.onnx_model import OnnxModel
 from studio.capture.mattes.plain_background import PlainMatteSource, plain_color
 from studio.capture.patterns import Match, find_files, natural_key
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings, OnnxSettings
 from studio.errors import StudioError
 
 _FEW_FRAMES = 10  # below this the performer hides too much of the set
 
 
 def mask_source(
-    spec: CaptureSpec,
+    spec: CaptureSettings,
     sources: Mapping[str, FrameSource],
     frames: tuple[int, ...],
     pool: DecoderPool,
     cache_folder: Path | None,
+    device: str = "auto",
+    threads: int = 0,
 ) -> tuple[MatteSource, str]:
     """The matte source that `spec.masks` selects.
 
@@ -50,6 +50,7 @@ def mask_source(
         frames: frame numbers that must have a mask file.
         pool: bounds the number of open decoders.
         cache_folder: for estimated backgrounds and mattes of a model; None caches in memory only.
+        device, threads: what a matting model runs on, as in `OnnxModel`.
 
     Returns:
         the source, and a sentence that describes it.
@@ -92,12 +93,12 @@ def mask_source(
                 )
             load = plates_from_files(matches, spec.color_matrix)
             paths = [match.path for match in matches]
-            matte_source = PlateMatteSource(load, paths, _difference(spec))
+            matte_source = PlateMatteSource(load, paths, spec)
             return matte_source, f"Masks: difference from the clean plates '{pattern}'."
     if kind == "chroma_key":
         return _chroma(spec, sources, pool), "Masks: chroma key."
     if kind == "model":
-        return _model(spec, names, pool, cache_folder), f"Masks: matting model {spec.mask_model}."
+        return _model(spec, names, pool, cache_folder, device, threads), f"Masks: matting model {spec.mask_model}."
     if kind == "plain" or (kind == "auto" and _before_plain(sources)):
         return PlainMatteSource(lambda camera: _first(sources[camera])), "Masks: difference from the plain background."
     count = min(len(source.frames) for source in sources.values())
@@ -122,7 +123,7 @@ def mask_source(
             return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
 
         paths = [path for source in sources.values() for path in source.files()]
-        matte_source = PlateMatteSource(background, paths, _difference(spec))
+        matte_source = PlateMatteSource(background, paths, spec)
         return matte_source, "Masks: difference from the background estimated from the footage."
     return FullMatteSource(), "Masks: none; everything is foreground."
 
@@ -140,18 +141,23 @@ def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
         return False
 
 
-def _chroma(spec: CaptureSpec, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatteSource:
+def _chroma(spec: CaptureSettings, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatteSource:
     def read(camera: str, frame: int) -> np.ndarray:
         return sources[camera].read(frame)[:, :, :3]
 
     key = None if isinstance(spec.key_color, str) else spec.key_color
     kind = DespillingMatteSource if spec.despill else ChromaMatteSource
     garbage = garbage_mattes(spec, tuple(sources), pool)
-    return kind(read, lambda camera: sources[camera].frames, key, _difference(spec), garbage)
+    return kind(read, lambda camera: sources[camera].frames, key, spec, garbage)
 
 
 def _model(
-    spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool, cache_folder: Path | None
+    spec: CaptureSettings,
+    names: tuple[str, ...],
+    pool: DecoderPool,
+    cache_folder: Path | None,
+    device: str,
+    threads: int,
 ) -> FunctionMatteSource:
     if not spec.mask_model:
         raise StudioError(
@@ -161,18 +167,11 @@ def _model(
             setting="capture.mask_model",
         )
     path = spec.root / Path(spec.mask_model).expanduser()
-    settings = OnnxSettings(
-        spec.mask_model_size,
-        spec.mask_model_mean,
-        spec.mask_model_std,
-        spec.mask_model_sigmoid,
-        spec.mask_device,
-        spec.mask_threads,
-    )
-    model = OnnxModel(path, settings)
+    model = OnnxModel(path, spec, device=device, threads=threads)
     cache = None
     if cache_folder is not None:
-        recipe = replace(settings, device="", threads=0)  # mattes do not depend on the device
+        # mattes do not depend on the device
+        recipe = spec.model_dump_json(include=set(OnnxSettings.model_fields) - {"mask_model"})
         cache = MatteCache(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
     return FunctionMatteSource(
         model,
@@ -184,11 +183,7 @@ def _model(
     )
 
 
-def _difference(spec: CaptureSpec) -> DifferenceSettings:
-    return DifferenceSettings(spec.mask_sensitivity, spec.mask_components, spec.mask_shadows)
-
-
-def _mask_files(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+def _mask_files(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
     if spec.mask_files != "auto":
         matches = [match for match in find_files(spec.root, spec.mask_files) if match.camera in names]
         if not matches:
@@ -213,7 +208,7 @@ def _mask_files(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tu
     return found
 
 
-def _plates(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+def _plates(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
     if spec.clean_plates != "auto":
         matches = [match for match in find_files(spec.root, spec.clean_plates) if match.camera in names]
         if not matches:
@@ -261,7 +256,9 @@ def _file_matte_source(
     return matte_source
 
 
-def exact_mattes(spec: CaptureSpec, names: tuple[str, ...], frames: tuple[int, ...]) -> tuple[MatteSource | None, str]:
+def exact_mattes(
+    spec: CaptureSettings, names: tuple[str, ...], frames: tuple[int, ...]
+) -> tuple[MatteSource | None, str]:
     """The exact mattes for evaluation, `spec.evaluation_mattes`.
 
     Args:

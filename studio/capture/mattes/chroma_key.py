@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.mattes.clean_plate import DifferenceSettings, noise_of, solve_edges
+from studio.capture.mattes.clean_plate import noise_of, solve_edges
 from studio.capture.mattes.despill import despill
 from studio.capture.mattes.filters import guided_filter, keep_components
 from studio.capture.mattes.garbage_mattes import GarbageMattes
 from studio.capture.mattes.screen_color import Screen, find_screen
 from studio.capture.per_camera_cache import PerCameraCache
+from studio.capture.settings import DifferenceSettings
 
 SAMPLES = 5
 """Frames per camera from which the screen color is estimated."""
@@ -83,14 +84,14 @@ def key_evidence(image: np.ndarray, screen: Screen, settings: DifferenceSettings
     tangents, along = screen.tangents(soft)
     angle = tangents[..., 0] ** 2 + tangents[..., 1] ** 2
     variance = screen.spread**2 + _FLOOR**2 + (noise / along) ** 2
-    by_angle = 1.2 * (np.sqrt(angle / variance) * settings.sensitivity - 4.0)
+    by_angle = 1.2 * (np.sqrt(angle / variance) * settings.mask_sensitivity - 4.0)
     # Local brightness of the screen, from pixels that are certainly screen; follows shadows if these are to be ignored.
     typical = float(np.linalg.norm(screen.color))
-    least, reach = (_DEEPEST_SHADOW, 0.04) if settings.shadows else (_NO_SHADOW, 0.2)
+    least, reach = (_DEEPEST_SHADOW, 0.04) if settings.mask_shadows else (_NO_SHADOW, 0.2)
     plain = ((by_angle < -1.0) & (along > _DEEPEST_SHADOW * typical)).astype(np.uint8)
     everywhere = np.array([typical], np.float32)
     light = _extrapolate(along[..., None], plain, reach * max(image.shape[:2]), everywhere)[..., 0]
-    by_darkness = 40.0 * (least * min(settings.sensitivity, 1.3) - along / light)
+    by_darkness = 40.0 * (least * min(settings.mask_sensitivity, 1.3) - along / light)
     return np.clip(np.maximum(by_angle, by_darkness), -4.0, 6.0).astype(np.float32)
 
 
@@ -104,7 +105,7 @@ def _binary(image: np.ndarray, screen: Screen, settings: DifferenceSettings, ins
     gray = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
     smooth = guided_filter(gray, evidence, radius=2, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
-    return keep_components(mask, settings.components, int(1e-4 * mask.size), core=evidence > 4.0)
+    return keep_components(mask, settings.mask_components, int(1e-4 * mask.size), core=evidence > 4.0)
 
 
 def edge_reach(image: np.ndarray) -> float:

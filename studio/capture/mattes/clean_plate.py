@@ -8,30 +8,14 @@ I = a F + (1 - a) B.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from studio.capture.mattes.filters import color_table, guided_filter, keep_components, look_up, masked_mean
+from studio.capture.settings import DifferenceSettings
 
 _NO_CHROMA = 127.5  # gray in Cr and Cb
 _FADED = 4.0  # levels of chroma: a smaller loss by a shadow is ignored
 _WORK_SIDE = 960  # longest side for computing evidence; edges are solved at full size
-
-
-@dataclass(frozen=True)
-class DifferenceSettings:
-    """How `difference_matte` decides.
-
-    Attributes:
-        sensitivity: above 1 finds more foreground, below 1 less.
-        components: how many foreground pieces to keep, largest first; 0 keeps all that are larger than noise.
-        shadows: discount pixels that look like the plate under less light.
-    """
-
-    sensitivity: float = 1.0
-    components: int = 0
-    shadows: bool = True
 
 
 def noise_of(difference: np.ndarray) -> np.ndarray:
@@ -95,7 +79,7 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     across, down = cv2.Sobel(empty, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(empty, cv2.CV_32F, 0, 1, scale=1 / 8)
     slope = across * across + down * down
     variance = noise * noise + slope * np.array([0.15**2, 0.5**2, 0.5**2], np.float32)
-    if settings.shadows:
+    if settings.mask_shadows:
         shadow, factor = _shadow(ours[..., 0], empty[..., 0], noise)
         variance[..., 0] += shadow * difference[..., 0] ** 2
         # less light reduces chroma by the same factor, which matters where the set is colorful
@@ -105,7 +89,7 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     difference *= difference
     difference /= variance + np.array([9.0, 2.25, 2.25], np.float32)
     score = np.sqrt(cv2.transform(difference, np.ones((1, 3), np.float32)))
-    return np.clip(1.2 * (score * settings.sensitivity - 4.0), -4.0, 6.0).astype(np.float32)
+    return np.clip(1.2 * (score * settings.mask_sensitivity - 4.0), -4.0, 6.0).astype(np.float32)
 
 
 def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +184,7 @@ def foreground_mask(
     smooth = guided_filter(gray, evidence, radius=3, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
     minimum = int(1e-4 * mask.size)
-    mask = keep_components(mask, settings.components, minimum, core=sure, likeness=ratio)
+    mask = keep_components(mask, settings.mask_components, minimum, core=sure, likeness=ratio)
     if doubtful is None or ratio is None or not mask.any():
         return mask
     # Where the plate may show the performer, close concavities and holes that have the performer's colors.
@@ -212,7 +196,7 @@ def foreground_mask(
     cv2.floodFill(outside, None, (0, 0), 2)
     enclosed = outside[1:-1, 1:-1] != 2
     added = enclosed & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
-    return keep_components((mask > 0) | added, settings.components, minimum, core=sure, likeness=ratio)
+    return keep_components((mask > 0) | added, settings.mask_components, minimum, core=sure, likeness=ratio)
 
 
 def solve_edges(

@@ -10,7 +10,7 @@ import numpy as np
 from studio.capture.frame_sources import DecoderPool, make_sources
 from studio.capture.mattes.matte_source import FileMatteSource
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
 
 
@@ -21,7 +21,7 @@ class GarbageMattes:
     Args:
         matches: the files; an image without a frame number applies to all frames of its camera.
         pool: bounds the number of open decoders.
-        offsets: camera to sync offset in frames, as in `CaptureSpec`; for files with a frame number, and videos.
+        offsets: camera to sync offset in frames, as in `CaptureSettings`; for files with a frame number, and videos.
 
     Raises:
         StudioError: a file cannot be opened.
@@ -52,7 +52,7 @@ class GarbageMattes:
         return self._matte_source.files()
 
 
-def garbage_mattes(spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool) -> GarbageMattes | None:
+def garbage_mattes(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPool) -> GarbageMattes | None:
     """The garbage mattes `spec.garbage_mattes` of the cameras `names`; None if the setting is empty.
 
     Raises:

@@ -14,10 +14,11 @@ import numpy as np
 
 from studio.capture.frame_sources import FrameSource
 from studio.capture.images import read_image
-from studio.capture.mattes.clean_plate import DifferenceSettings, difference_matte
+from studio.capture.mattes.clean_plate import difference_matte
 from studio.capture.mattes.median_background import Background, median_plate
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.per_camera_cache import PerCameraCache
+from studio.capture.settings import DifferenceSettings
 from studio.errors import StudioError
 
 

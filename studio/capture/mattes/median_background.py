@@ -21,8 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.mattes.clean_plate import DifferenceSettings, difference_evidence
+from studio.capture.mattes.clean_plate import difference_evidence
 from studio.capture.mattes.filters import color_table, guided_filter, look_up
+from studio.capture.settings import DifferenceSettings
 
 _SIDE = 480  # longest side while estimating
 _SLOTS = 7  # full-size samples per pixel for the median

@@ -5,37 +5,16 @@ from __future__ import annotations
 import importlib.util
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studio.capture.settings import OnnxSettings
 from studio.errors import StudioError
 
 STRIDE = 32
 """Image sides must be multiples of this: networks downsample up to five times by 2."""
-
-
-@dataclass(frozen=True)
-class OnnxSettings:
-    """How pictures are put into a model, and what it is run on.
-
-    Attributes:
-        size: longer side that pictures are resized to, a multiple of 32; 0 takes the size that the file has fixed, else
-            the pictures' own, to the nearest multiples of 32.
-        mean, std: (red, green, blue), of values in 0..1: the model sees (value - mean) / std.
-        sigmoid: the model gives logits.
-        device: "cpu", "cuda", "cuda:1", or "auto": CUDA where onnxruntime has it.
-        threads: on the CPU; 0 is all cores.
-    """
-
-    size: int = 0
-    mean: tuple[float, float, float] = (0.485, 0.456, 0.406)
-    std: tuple[float, float, float] = (0.229, 0.224, 0.225)
-    sigmoid: bool = False
-    device: str = "auto"
-    threads: int = 0
 
 
 class OnnxModel:
@@ -46,14 +25,20 @@ class OnnxModel:
 
     Args:
         path: the ONNX file.
-        settings: preprocessing and device; None: the defaults.
+    Args:
+        path: the ONNX file.
+        settings: how images are prepared; None: the defaults. `mask_model` is not read.
+        device: "cpu", "cuda", "cuda:1", or "auto": CUDA if onnxruntime supports it.
+        threads: CPU threads; 0: all cores.
 
     Raises:
         StudioError: `matte.model_missing`, or `matte.runtime_missing`: onnxruntime is not installed.
     """
 
-    def __init__(self, path: Path, settings: OnnxSettings | None = None) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, settings: OnnxSettings | None = None, *, device: str = "auto", threads: int = 0
+    ) -> None:
+        self.path, self.device, self.threads = path, device, threads
         self.settings = settings or OnnxSettings()
         if not path.is_file():
             raise StudioError(
@@ -90,9 +75,9 @@ class OnnxModel:
 
         with self._lock:
             if self._loaded is None:
-                self._loaded = _Loaded(self.path, self.settings)
+                self._loaded = _Loaded(self.path, self.device, self.threads)
         height, width = image.shape[:2]
-        size = input_size(self.path, self.settings.size, self._loaded.fixed, width, height)
+        size = input_size(self.path, self.settings.mask_model_size, self._loaded.fixed, width, height)
         matte = self._matte_of(self._loaded.run(preprocess(image, size, self.settings)))
         return cv2.resize(matte, (width, height), interpolation=cv2.INTER_LINEAR)
 
@@ -108,7 +93,7 @@ class OnnxModel:
                 setting="capture.mask_model",
             )
         matte = np.ascontiguousarray(matte, np.float32)
-        if self.settings.sigmoid:
+        if self.settings.mask_model_sigmoid:
             return (1.0 / (1.0 + np.exp(-np.clip(matte, -60.0, 60.0)))).astype(np.float32)
         low, high = float(matte.min()), float(matte.max())
         if not (low >= -0.01 and high <= 1.01):  # NaN too
@@ -131,16 +116,16 @@ class _Loaded:
         fixed: (height, width) of the model's input, None where it is dynamic.
     """
 
-    def __init__(self, path: Path, settings: OnnxSettings) -> None:
+    def __init__(self, path: Path, device: str, threads: int) -> None:
         import onnxruntime
 
         self._path = path
         options = onnxruntime.SessionOptions()
         options.log_severity_level = 3  # errors are raised; warnings concern only its optimizer
-        options.intra_op_num_threads = settings.threads
+        options.intra_op_num_threads = threads
         try:
             self._session: Any = onnxruntime.InferenceSession(
-                str(path), options, providers=providers(settings.device, onnxruntime.get_available_providers())
+                str(path), options, providers=providers(device, onnxruntime.get_available_providers())
             )
         except StudioError:
             raise
@@ -152,12 +137,12 @@ class _Loaded:
                 fix="Replace the ONNX file.",
                 setting="capture.mask_model",
             ) from None
-        if settings.device.startswith("cuda") and self._session.get_providers()[0] == "CPUExecutionProvider":
+        if device.startswith("cuda") and self._session.get_providers()[0] == "CPUExecutionProvider":
             raise StudioError(
                 "matte.no_cuda",
-                f"run.device is {settings.device}, but onnxruntime cannot initialize CUDA for the matting model",
+                f"run.device is {device}, but onnxruntime cannot initialize CUDA for the matting model",
                 file=path,
-                value=settings.device,
+                value=device,
                 fix="Install the CUDA and cuDNN versions that your onnxruntime-gpu requires, or set run.device to auto "
                 "or cpu.",
                 setting="run.device",
@@ -274,7 +259,7 @@ def preprocess(image: np.ndarray, size: tuple[int, int], settings: OnnxSettings)
     if (image.shape[1], image.shape[0]) != size:
         shrinks = size[0] * size[1] < image.shape[0] * image.shape[1]
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-    mean, deviation = np.array(settings.mean, np.float32), np.array(settings.std, np.float32)
+    mean, deviation = np.array(settings.mask_model_mean, np.float32), np.array(settings.mask_model_std, np.float32)
     values = (image.astype(np.float32) / 255.0 - mean) / deviation
     return np.ascontiguousarray(values.transpose(2, 0, 1)[None], np.float32)
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipelines.config import CalibrateSection, Config
+from pipelines.config import Config
 from pipelines.stages.base import Context
 from pipelines.stages.calibrate import CalibrateStage
 from pipelines.stages.known_cameras import focal_lengths, known_cameras, known_distance
 from pipelines.takes.take import Take
+from studio.calibration import CalibrateSettings
 from studio.camera_files import write_rig
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -79,8 +80,8 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
 
 def test_a_known_distance_needs_both_parts() -> None:
     names = ("a", "b", "c")
-    assert known_distance(CalibrateSection(), names) is None
-    section = CalibrateSection(scale_between=("a", "b"), scale_distance=2.5)
+    assert known_distance(CalibrateSettings(), names) is None
+    section = CalibrateSettings(scale_between=("a", "b"), scale_distance=2.5)
     assert known_distance(section, names) == ("a", "b", 2.5)
     with pytest.raises(StudioError, match="names camera 'b', which the footage has not; it has a, c"):
         known_distance(section, ("a", "c"))
@@ -90,7 +91,7 @@ def test_a_known_distance_needs_both_parts() -> None:
         {"scale_between": ("a",), "scale_distance": 1},
     ):
         with pytest.raises(StudioError, match="needs two cameras"):
-            known_distance(CalibrateSection(**values), names)
+            known_distance(CalibrateSettings(**values), names)
 
 
 def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.errors import Cancelled
 from tests.support.errors import refuses
@@ -14,7 +14,7 @@ from tests.support.errors import refuses
 
 def test_sound_footage_has_no_problems(image_folders: Path, three_videos: Path) -> None:
     calls: list[tuple[int, int]] = []
-    footage = open_footage(CaptureSpec(image_folders, images="images/{camera}/{frame}.png"))
+    footage = open_footage(CaptureSettings(root=image_folders, images="images/{camera}/{frame}.png"))
     assert check_footage(footage, lambda done, total, **_: calls.append((done, total))) == []
     assert calls[-1] == (8, 8)
     assert len(calls) == 9
@@ -26,18 +26,18 @@ def test_checking_can_be_stopped(image_folders: Path) -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        check_footage(open_footage(CaptureSpec(image_folders)), stop)
+        check_footage(open_footage(CaptureSettings(root=image_folders)), stop)
 
 
 def test_a_camera_missing_in_a_frame(image_folders: Path) -> None:
     (image_folders / "images" / "right" / "000006.png").unlink()
     with refuses("footage.frames_missing", camera="right", frames=(6,)) as caught:
-        open_footage(CaptureSpec(image_folders))
+        open_footage(CaptureSettings(root=image_folders))
     assert str(caught.value) == (
         "Camera 'right' lacks frame 6, which other cameras have. Add the missing files, or exclude the camera or the "
         "frames."
     )
-    footage = open_footage(CaptureSpec(image_folders), strict=False)
+    footage = open_footage(CaptureSettings(root=image_folders), strict=False)
     assert footage.frames == (5, 7, 8)
     assert [problem.code for problem in check_footage(footage)] == ["footage.frames_missing"]
 
@@ -46,28 +46,28 @@ def test_several_cameras_with_missing_frames_are_counted(image_folders: Path) ->
     for camera, frame in (("left", 7), ("right", 6)):
         (image_folders / "images" / camera / f"{frame:06d}.png").unlink()
     with refuses("footage.frames_missing", camera="left", frames=(7,)) as caught:
-        open_footage(CaptureSpec(image_folders))
+        open_footage(CaptureSettings(root=image_folders))
     assert "(1 more like this)" in str(caught.value)
 
 
 def test_different_frame_counts(three_videos: Path, make: SimpleNamespace) -> None:
     make.video(three_videos / "videos" / "cam2.mp4", [make.numbered(index) for index in range(9)])
     with refuses("footage.camera_ends_early", value=8, camera="cam2", expected=11, setting="capture.stop") as caught:
-        open_footage(CaptureSpec(three_videos))
+        open_footage(CaptureSettings(root=three_videos))
     assert "set capture.stop to 9" in str(caught.value)
-    assert open_footage(CaptureSpec(three_videos, stop=9)).frames == tuple(range(9))
+    assert open_footage(CaptureSettings(root=three_videos, stop=9)).frames == tuple(range(9))
 
 
 def test_different_rates(three_videos: Path, make: SimpleNamespace) -> None:
     make.video(three_videos / "videos" / "cam2.mp4", [make.numbered(index) for index in range(12)], fps=30)
     with refuses("footage.fps_mismatch", value=(25, 30), cameras=("cam1", "cam2"), setting="capture.fps"):
-        open_footage(CaptureSpec(three_videos))
-    assert open_footage(CaptureSpec(three_videos, fps=25)).fps == 25
+        open_footage(CaptureSettings(root=three_videos))
+    assert open_footage(CaptureSettings(root=three_videos, fps=25)).fps == 25
 
 
 def test_different_sizes_within_a_camera(image_folders: Path, make: SimpleNamespace) -> None:
     path = make.image(image_folders / "images" / "left" / "000007.png", make.numbered(7, 80, 64))
-    (problem,) = check_footage(open_footage(CaptureSpec(image_folders)))
+    (problem,) = check_footage(open_footage(CaptureSettings(root=image_folders)))
     assert (problem.code, problem.file, problem.value) == ("footage.size_changed", path, (80, 64))
     assert problem.fields == {"camera": "left", "frame": 7, "expected": (96, 64)}
 
@@ -77,7 +77,7 @@ def test_truncated_and_unreadable_images(image_folders: Path) -> None:
     cut.write_bytes(cut.read_bytes()[:-40])
     text = image_folders / "images" / "right" / "000008.png"
     text.write_text("not an image")
-    footage = open_footage(CaptureSpec(image_folders))
+    footage = open_footage(CaptureSettings(root=image_folders))
     problems = check_footage(footage)
     assert [(problem.code, problem.file) for problem in problems] == [
         ("footage.image_unreadable", cut),
@@ -96,7 +96,7 @@ def test_truncated_jpeg(tmp_path: Path, make: SimpleNamespace) -> None:
     rng = np.random.default_rng(0)
     path = make.image(tmp_path / "images" / "a.jpg", rng.integers(0, 255, (64, 96, 3), dtype=np.uint8))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    (problem,) = check_footage(open_footage(CaptureSpec(tmp_path)))
+    (problem,) = check_footage(open_footage(CaptureSettings(root=tmp_path)))
     assert (problem.code, problem.file) == ("footage.image_unreadable", path)
 
 
@@ -104,14 +104,14 @@ def test_truncated_video_names_its_file(three_videos: Path) -> None:
     path = three_videos / "videos" / "cam2.mp4"
     path.write_bytes(path.read_bytes()[:900])
     with refuses("footage.video_unreadable", file=path):
-        open_footage(CaptureSpec(three_videos))
+        open_footage(CaptureSettings(root=three_videos))
 
 
 def test_empty_and_all_white_masks(image_folders: Path, make: SimpleNamespace) -> None:
     for frame in (6, 7):
         make.image(image_folders / "masks" / "left" / f"{frame:06d}.png", np.zeros((64, 96), np.uint8))
     make.image(image_folders / "masks" / "right" / "000005.png", np.full((64, 96), 255, np.uint8))
-    problems = check_footage(open_footage(CaptureSpec(image_folders)))
+    problems = check_footage(open_footage(CaptureSettings(root=image_folders)))
     assert [(problem.code, problem.fields) for problem in problems] == [
         ("matte.empty", {"camera": "left", "frames": (6, 7)}),
         ("matte.full", {"camera": "right", "frames": (5,)}),
@@ -123,9 +123,9 @@ def test_missing_mask_and_wrong_mask_shape(image_folders: Path, make: SimpleName
     mask = image_folders / "masks" / "left" / "000006.png"
     mask.unlink()
     with refuses("matte.missing", camera="left", frames=(6,), kind="mask"):
-        open_footage(CaptureSpec(image_folders))
+        open_footage(CaptureSettings(root=image_folders))
     make.image(mask, np.full((64, 64), 255, np.uint8))
-    (problem,) = check_footage(open_footage(CaptureSpec(image_folders)))
+    (problem,) = check_footage(open_footage(CaptureSettings(root=image_folders)))
     assert (problem.code, problem.file, problem.value) == ("footage.size_changed", mask, (64, 64))
     assert problem.fields == {"camera": "left", "frame": 6, "expected": (96, 64)}
 
@@ -133,7 +133,7 @@ def test_missing_mask_and_wrong_mask_shape(image_folders: Path, make: SimpleName
 def test_masks_of_another_aspect_ratio(image_folders: Path, make: SimpleNamespace) -> None:
     for frame in range(5, 9):
         make.image(image_folders / "masks" / "left" / f"{frame:06d}.png", np.full((64, 64), 255, np.uint8))
-    footage = open_footage(CaptureSpec(image_folders))
+    footage = open_footage(CaptureSettings(root=image_folders))
     mask = image_folders / "masks" / "left" / "000006.png"
     with refuses("matte.aspect_ratio", file=mask, value=(64, 64), camera="left", frame=6, expected=(96, 64)):
         footage.matte("left", 6)
@@ -143,8 +143,8 @@ def test_two_cameras_with_one_name(three_videos: Path, make: SimpleNamespace) ->
     make.video(three_videos / "videos" / "cam2.mkv", [make.numbered(0)])
     folder = three_videos / "videos"
     with refuses("footage.duplicate_file", file=folder / "cam2.mp4", camera="cam2", other=folder / "cam2.mkv"):
-        open_footage(CaptureSpec(three_videos))
-    assert open_footage(CaptureSpec(three_videos, images="videos/{camera}.mp4")).camera_names == (
+        open_footage(CaptureSettings(root=three_videos))
+    assert open_footage(CaptureSettings(root=three_videos, images="videos/{camera}.mp4")).camera_names == (
         "cam1",
         "cam2",
         "cam10",
@@ -158,25 +158,25 @@ def test_masks_that_are_not_there(three_videos: Path, make: SimpleNamespace) -> 
         ("alpha", "matte.alpha_missing", "capture.masks"),
     ):
         with refuses(code, setting=setting):
-            open_footage(CaptureSpec(three_videos, masks=masks))
+            open_footage(CaptureSettings(root=three_videos, masks=masks))
     make.image(three_videos / "bg" / "cam1.png", make.numbered(0))
     with refuses("matte.plate_missing", camera="cam2"):
-        open_footage(CaptureSpec(three_videos, masks="clean_plate"))
+        open_footage(CaptureSettings(root=three_videos, masks="clean_plate"))
     for name in ("cam2", "cam10"):
         make.image(three_videos / "bg" / f"{name}.png", make.numbered(0, 80, 64))
-    footage = open_footage(CaptureSpec(three_videos, masks="clean_plate"))
+    footage = open_footage(CaptureSettings(root=three_videos, masks="clean_plate"))
     with refuses("matte.plate_size", value=(80, 64), camera="cam2", expected=(96, 64)):
         footage.matte("cam2", 0)
 
 
 def test_no_such_camera_or_frame(three_videos: Path) -> None:
-    footage = open_footage(CaptureSpec(three_videos, masks="none"))
+    footage = open_footage(CaptureSettings(root=three_videos, masks="none"))
     with refuses("footage.unknown_camera", value="cam3", known=("cam1", "cam2", "cam10")):
         footage.image("cam3", 0)
     with refuses("footage.no_such_frame", file=three_videos / "videos" / "cam1.mp4", value=99):
         footage.image("cam1", 99)
     with refuses("footage.unknown_camera", value="cm1", setting="capture.cameras", suggestion="cam1") as caught:
-        open_footage(CaptureSpec(three_videos, cameras=("cm1",)))
+        open_footage(CaptureSettings(root=three_videos, cameras=("cm1",)))
     assert str(caught.value) == (
         "capture.cameras: no camera 'cm1' in the footage. Did you mean 'cam1'? Cameras: cam1, cam2, cam10."
     )
@@ -185,10 +185,10 @@ def test_no_such_camera_or_frame(three_videos: Path) -> None:
 def test_videos_and_images_cannot_be_mixed(three_videos: Path, make: SimpleNamespace) -> None:
     make.image(three_videos / "videos" / "still.png", make.numbered(0))
     with refuses("footage.mixed_media", cameras=["cam10", "still"], setting="capture.images"):
-        open_footage(CaptureSpec(three_videos, images="videos/{camera}.*"))
+        open_footage(CaptureSettings(root=three_videos, images="videos/{camera}.*"))
 
 
 def test_a_video_is_not_a_single_frame(three_videos: Path) -> None:
     video = three_videos / "videos" / "cam1.mp4"
     with refuses("footage.video_as_frame", file=video, camera="cam"):
-        open_footage(CaptureSpec(three_videos, images="videos/{camera}{frame}.mp4"))
+        open_footage(CaptureSettings(root=three_videos, images="videos/{camera}{frame}.mp4"))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.sync import check_sync, offsets_of, sound_signal
 from tests.support.errors import refuses
 
@@ -43,7 +43,7 @@ def film(folder: Path, frames: int = 60) -> None:
 
 def test_offsets_from_motion_and_their_correction(tmp_path: Path) -> None:
     film(tmp_path)
-    footage = open_footage(CaptureSpec(tmp_path, masks="none", fps=FPS))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS))
     report = check_sync(footage)
     assert report.method == "motion"
     assert report.whole == {"b": 3, "c": -2}
@@ -54,12 +54,12 @@ def test_offsets_from_motion_and_their_correction(tmp_path: Path) -> None:
         ("sync.offset", "c", -2),
     ]
     assert str(warnings[0]) == "Camera 'b' is 3 frames late, judged by motion. Set capture.offsets to {b: 3}."
-    aligned = open_footage(CaptureSpec(tmp_path, masks="none", fps=FPS, offsets=report.whole))
+    aligned = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS, offsets=report.whole))
     assert aligned.frames == tuple(range(2, 57))  # what all cameras have
     assert check_sync(aligned).whole == {}
     np.testing.assert_array_equal(aligned.raw_image("b", 10), footage.raw_image("b", 13))
     with refuses("footage.unknown_camera", value="e", setting="capture.offsets"):
-        open_footage(CaptureSpec(tmp_path, masks="none", offsets={"e": 1}))
+        open_footage(CaptureSettings(root=tmp_path, masks="none", offsets={"e": 1}))
 
 
 def clap(path: Path, seconds: float, offset: float, rate: int = 16000) -> None:
@@ -89,7 +89,7 @@ def test_offsets_from_sound(tmp_path: Path) -> None:
     (tmp_path / "videos").mkdir()
     for name, offset in (("a", 0.0), ("b", 0.25), ("c", 0.0)):
         clap(tmp_path / "videos" / f"{name}.mp4", 3.0, offset)
-    footage = open_footage(CaptureSpec(tmp_path, masks="none"))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
     report = check_sync(footage)
     assert report.method == "sound"
     assert report.offsets["b"] == pytest.approx(0.25 * FPS, abs=0.3)
@@ -114,7 +114,7 @@ def test_bad_input(tmp_path: Path) -> None:
         (tmp_path / "images" / name).mkdir(parents=True)
         for frame in range(3):
             cv2.imwrite(str(tmp_path / "images" / name / f"{frame}.png"), np.zeros((20, 20, 3), np.uint8))
-    footage = open_footage(CaptureSpec(tmp_path, masks="none"))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
     with refuses("sync.too_few_frames", value=3, expected=12):
         check_sync(footage)
     with refuses("sync.no_sound", camera="a"):
@@ -123,4 +123,4 @@ def test_bad_input(tmp_path: Path) -> None:
         with refuses("sync.seconds", value=seconds):
             check_sync(footage, seconds=seconds)
     with refuses("sync.one_camera"):
-        check_sync(open_footage(CaptureSpec(tmp_path, masks="none", cameras=("a",))))
+        check_sync(open_footage(CaptureSettings(root=tmp_path, masks="none", cameras=("a",))))

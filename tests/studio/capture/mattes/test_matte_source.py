@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from studio.cameras import Rig
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.capture.mattes.clean_plate import DifferenceSettings, difference_matte
 from studio.capture.mattes.filters import guided_filter, keep_components
@@ -20,7 +20,7 @@ def iou(matte: np.ndarray, truth: np.ndarray) -> float:
 
 
 def test_clean_plates_of_the_sample_capture(make: SimpleNamespace, sample_rig: Rig) -> None:
-    spec = CaptureSpec(make.sample, masks="clean_plate", evaluation_mattes="mattes/{camera}.mkv")
+    spec = CaptureSettings(root=make.sample, masks="clean_plate", evaluation_mattes="mattes/{camera}.mkv")
     footage = open_footage(spec, sample_rig)
     assert len(footage.camera_names) == 16
     assert len(footage.frames) == 30
@@ -38,7 +38,7 @@ def test_sample_mattes_agree_with_the_exact_surface(make: SimpleNamespace, sampl
     """Mattes, meshes and cameras of the sample are consistent: every vertex projects into the matte or its border."""
     import cv2
 
-    footage = open_footage(CaptureSpec(make.sample, evaluation_mattes="mattes/{camera}.mkv"), sample_rig)
+    footage = open_footage(CaptureSettings(root=make.sample, evaluation_mattes="mattes/{camera}.mkv"), sample_rig)
     data = (make.sample / "meshes" / "000012.ply").read_bytes()
     header, body = data.split(b"end_header\n", 1)
     count = int(header.split(b"element vertex ")[1].split()[0])
@@ -98,7 +98,7 @@ def test_soft_shadows_are_not_the_performer() -> None:
     image = compose(empty * shade[..., None], alpha, 2.0, 2)
     plate = compose(empty, 0 * alpha, 2.0, 1)
     assert iou(difference_matte(image, plate), 255 * alpha) > 0.95
-    kept = difference_matte(image, plate, DifferenceSettings(shadows=False))
+    kept = difference_matte(image, plate, DifferenceSettings(mask_shadows=False))
     assert iou(kept, 255 * alpha) < 0.85  # the setting makes the difference
 
 
@@ -123,7 +123,7 @@ def test_only_the_largest_components_are_kept() -> None:
     alpha = np.maximum(performer(240, 160, 70, 80), performer(240, 160, 190, 80, 14))
     image, plate = compose(empty, alpha, 2.0, 2), compose(empty, 0 * alpha, 2.0, 1)
     assert iou(difference_matte(image, plate), 255 * alpha) > 0.96
-    one = difference_matte(image, plate, DifferenceSettings(components=1))
+    one = difference_matte(image, plate, DifferenceSettings(mask_components=1))
     assert iou(one, 255 * performer(240, 160, 70, 80)) > 0.96
 
 
@@ -176,7 +176,7 @@ def test_static_footage_has_empty_masks(tmp_path: Path, make: SimpleNamespace) -
     empty = set_of()
     for frame in range(12):
         make.image(tmp_path / "images" / "a" / f"{frame}.png", compose(empty, np.zeros((160, 240)), 2.0, frame))
-    footage = open_footage(CaptureSpec(tmp_path))
+    footage = open_footage(CaptureSettings(root=tmp_path))
     assert "estimated from the footage" in footage.description
     (problem,) = check_footage(footage)
     assert problem.code == "matte.empty"
@@ -193,7 +193,7 @@ def test_any_object_with_the_protocol_is_a_matte_source(three_videos: Path) -> N
         def files(self) -> list[Path]:
             return []
 
-    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matte_source(Left())
+    footage = open_footage(CaptureSettings(root=three_videos, masks="none")).with_matte_source(Left())
     assert footage.matte("cam1", 6)[:, :24].min() == 255
     assert footage.matte("cam1", 6)[:, 24:].max() == 0
 

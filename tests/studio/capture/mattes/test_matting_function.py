@@ -10,14 +10,15 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, FunctionMatteSource, open_footage
+from studio.capture import CaptureSettings, FunctionMatteSource, open_footage
 from studio.capture.mattes.matte_cache import MatteCache
-from studio.capture.mattes.onnx_model import OnnxModel, OnnxSettings, first_matte, input_size, preprocess, providers
-from studio.errors import StudioError
+from studio.capture.mattes.onnx_model import OnnxModel, first_matte, input_size, preprocess, providers
+from studio.capture.settings import OnnxSettings
 from tests.support.errors import refuses
+from tests.support.settings import refuses_setting
 
 DATA = Path(__file__).parent / "data"
-PLAIN = OnnxSettings(mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0), device="cpu")
+PLAIN = OnnxSettings(mask_model_mean=(0.0, 0.0, 0.0), mask_model_std=(1.0, 1.0, 1.0))
 
 
 def noisy(height: int = 64, width: int = 96, seed: int = 0) -> np.ndarray:
@@ -32,16 +33,16 @@ def weighted(values: np.ndarray) -> np.ndarray:
 def test_the_matte_is_the_first_output_of_one_channel() -> None:
     """The first output of free.onnx is the mean per channel, which is not an image."""
     image = noisy()
-    matte = OnnxModel(DATA / "free.onnx", PLAIN)(image)
+    matte = OnnxModel(DATA / "free.onnx", PLAIN, device="cpu")(image)
     assert matte.shape == (64, 96)
     assert np.abs(matte - weighted(image / 255)).max() < 1e-6
 
 
 def test_normalization_and_sigmoid() -> None:
     image = noisy()
-    settings = OnnxSettings(mean=(0.5, 0.4, 0.3), std=(0.5, 0.25, 0.2), sigmoid=True, device="cpu")
+    settings = OnnxSettings(mask_model_mean=(0.5, 0.4, 0.3), mask_model_std=(0.5, 0.25, 0.2), mask_model_sigmoid=True)
     seen = (image / 255 - [0.5, 0.4, 0.3]) / [0.5, 0.25, 0.2]
-    matte = OnnxModel(DATA / "free.onnx", settings)(image)
+    matte = OnnxModel(DATA / "free.onnx", settings, device="cpu")(image)
     assert np.abs(matte - 1 / (1 + np.exp(-weighted(seen)))).max() < 1e-6
     assert preprocess(image, (96, 64), settings)[0].transpose(1, 2, 0) == pytest.approx(seen, abs=1e-5)
 
@@ -51,8 +52,8 @@ def test_images_are_resized_for_the_model_and_mattes_back(file: str, wanted: int
     """Away from the border a linear ramp is invariant to both resizes, whatever the sizes."""
     columns = np.broadcast_to((np.arange(300) + 0.5) / 300, (150, 300))
     image = np.repeat(np.rint(255 * columns)[..., None], 3, axis=2).astype(np.uint8)
-    settings = OnnxSettings(wanted, PLAIN.mean, PLAIN.std, device="cpu")
-    matte = OnnxModel(DATA / file, settings)(image)
+    settings = PLAIN.replace(mask_model_size=wanted)
+    matte = OnnxModel(DATA / file, settings, device="cpu")(image)
     assert matte.shape == (150, 300)
     assert np.abs(matte - columns)[:, 8:-8].max() < 0.004
 
@@ -88,7 +89,7 @@ def test_first_matte() -> None:
 )
 def test_models_that_are_not_matting_models(file: str, code: str, value: object) -> None:
     with refuses(code, file=DATA / file, value=value, setting="capture.mask_model"):
-        OnnxModel(DATA / file, PLAIN)(noisy())
+        OnnxModel(DATA / file, PLAIN, device="cpu")(noisy())
 
 
 def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
@@ -100,13 +101,13 @@ def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
     broken = tmp_path / "broken.onnx"
     broken.write_bytes((DATA / "free.onnx").read_bytes()[:100])
     with refuses("matte.model_unloadable", file=broken, setting="capture.mask_model"):
-        OnnxModel(broken, PLAIN)(noisy())
+        OnnxModel(broken, PLAIN, device="cpu")(noisy())
 
 
 def test_values_outside_0_to_1() -> None:
     """Another mean and standard deviation than the model's, or logits."""
     with refuses("matte.model_values", file=DATA / "free.onnx", setting="capture.mask_model_sigmoid") as caught:
-        OnnxModel(DATA / "free.onnx", OnnxSettings(device="cpu"))(noisy())
+        OnnxModel(DATA / "free.onnx", OnnxSettings(), device="cpu")(noisy())
     low, high = caught.value.value
     assert low < 0
     assert high > 1
@@ -138,9 +139,9 @@ def capture(tmp_path: Path, make: SimpleNamespace) -> Path:
     return tmp_path
 
 
-def spec_of(root: Path, **values: object) -> CaptureSpec:
-    given = {"mask_model": "model.onnx", "mask_model_mean": PLAIN.mean, "mask_model_std": PLAIN.std, **values}
-    return CaptureSpec(root, masks="model", mask_device="cpu", **given)  # type: ignore[arg-type]
+def spec_of(root: Path, **values: object) -> CaptureSettings:
+    given = {**dict(PLAIN), "mask_model": "model.onnx", **values}
+    return CaptureSettings(root=root, masks="model", **given)  # type: ignore[arg-type]
 
 
 def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
@@ -158,7 +159,7 @@ def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
     assert np.array_equal(inside.matte("b", 1)[:30], footage.matte("b", 1)[:30])
     with refuses("matte.model_not_set", setting="capture.mask_model"):
         open_footage(spec_of(capture, mask_model=""))
-    with pytest.raises(StudioError, match="mask_model_size is 500; it must be a multiple of 32"):
+    with refuses_setting("mask_model_size"):
         spec_of(capture, mask_model_size=500)
 
 
@@ -180,13 +181,14 @@ def test_mattes_are_computed_once_per_model(capture: Path, monkeypatch: pytest.M
     monkeypatch.setattr(OnnxModel, "__call__", counted)
     cache = capture / "cache"
 
-    def matte(**values: object) -> np.ndarray:
-        return open_footage(spec_of(capture, **values), cache_folder=cache).matte("a", 0)
+    def matte(threads: int = 0, **values: object) -> np.ndarray:
+        footage = open_footage(spec_of(capture, **values), cache_folder=cache, device="cpu", threads=threads)
+        return footage.matte("a", 0)
 
     first = matte()
     assert np.array_equal(matte(), first)
     assert len(made) == 1
-    assert np.array_equal(matte(mask_threads=1), first)  # threads do not affect the mattes
+    assert np.array_equal(matte(threads=1), first)  # threads do not affect the mattes
     assert len(made) == 1
     (file,) = (cache / "mattes").iterdir()
     file.write_bytes(file.read_bytes()[:200])  # truncated: recomputed
@@ -217,7 +219,9 @@ def test_any_function_can_compute_mattes(three_videos: Path) -> None:
     def bright(image: np.ndarray, /) -> np.ndarray:
         return image.mean(axis=2) / 255
 
-    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matte_source(FunctionMatteSource(bright))
+    footage = open_footage(CaptureSettings(root=three_videos, masks="none")).with_matte_source(
+        FunctionMatteSource(bright)
+    )
     assert np.abs(footage.matte("cam1", 6) - footage.image("cam1", 6).mean(axis=2)).max() <= 0.5
 
 

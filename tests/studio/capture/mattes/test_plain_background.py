@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.capture.mattes.plain_background import plain_color, plain_matte
 from tests.support.errors import refuses
@@ -60,7 +60,7 @@ def test_auto_detects_it_and_cleans_the_outline(tmp_path: Path) -> None:
     for camera in ("a", "b"):
         (tmp_path / "images" / camera).mkdir(parents=True)
         Image.fromarray(before(255)).save(tmp_path / "images" / camera / "000000.png")
-    footage = open_footage(CaptureSpec(tmp_path))
+    footage = open_footage(CaptureSettings(root=tmp_path))
     assert "plain background" in footage.description
     image, matte = footage.image("a", 0).astype(float), footage.matte("a", 0)
     colors, _ = performer()
@@ -76,7 +76,7 @@ def test_another_background_is_refused(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE, 3)).astype(np.uint8)
     Image.fromarray(noise).save(tmp_path / "images" / "a.png")
     Image.fromarray(before(0)).save(tmp_path / "images" / "b.png")
-    assert "none" in open_footage(CaptureSpec(tmp_path)).description
-    footage = open_footage(CaptureSpec(tmp_path, masks="plain"))
+    assert "none" in open_footage(CaptureSettings(root=tmp_path)).description
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="plain"))
     with refuses("matte.not_plain", camera="a", setting="capture.masks"):
         footage.matte("a", 0)
