@@ -81,13 +81,17 @@ class BakeSettings(Settings):
             )
         return self
 
+    @property
+    def qp_overrides(self) -> dict[str, int]:
+        """`attribute_qps` by plain name."""
+        return {str(name): qp for name, qp in self.attribute_qps.items()}
+
     def attribute_qp(self, attribute: str) -> int:
         """QP of an attribute of `QP_ATTRIBUTES`; 0 for the high bytes of the means ("means_high")."""
         if attribute == "means_high":
             return 0
-        overrides: dict[str, int] = {**self.attribute_qps}
-        if attribute in overrides:
-            return overrides[attribute]
+        if attribute in self.qp_overrides:
+            return self.qp_overrides[attribute]
         return min(self.qp, QP_KNEE) if attribute in _HELD_AT_KNEE else self.qp
 
     def at_qp(self, qp: int) -> BakeSettings:
