@@ -101,7 +101,7 @@ def _sync(arguments: argparse.Namespace) -> int:
     footage = open_footage(spec, None, strict=False)
     try:
         # they do not count here, where offsets are looked for; one that names no camera is a slip all the same
-        refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "The setting capture.offsets")
+        refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "capture.offsets")
         report = check_sync(footage, method=arguments.method, seconds=arguments.seconds)
     finally:
         footage.close()
@@ -116,9 +116,9 @@ def _sync(arguments: argparse.Namespace) -> int:
         return 0
     for name, offset in report.offsets.items():
         print(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")
-    for sentence in report.sentences():
-        print(sentence)
-    if not report.sentences():
+    for warning in report.warnings():
+        print(warning)
+    if not report.warnings():
         print(f"By their {report.method} all cameras are within half a frame of each other.")
     elif report.whole:
         words = ", ".join(f"{name}: {offset}" for name, offset in report.whole.items())

@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from pipelines.config.config import Config
 from pipelines.config.renamed import first_tree, note_renames, renamed, renamed_override
 from studio.errors import Message, StudioError
+from studio.paths import need_utf8
 from studio.settings import Conflict, Settings, submodel
-from studio.validation import need_utf8
 
 COMMAND_LINE = "command line"
 """Named in place of a file in errors about overrides."""

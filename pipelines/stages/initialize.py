@@ -125,7 +125,7 @@ class InitializeStage:
             "vertices": len(found.mesh.vertices),
             "faces": len(found.mesh.faces),
             "disagreement": {camera: round(float(value), 4) for camera, value in found.disagreement.items()},
-            "warnings": found.warnings,
+            "warnings": [str(warning) for warning in found.warnings],
             "files": {name: digest_of_file(folder / name) for name in ("mesh.ply", "points.ply")},
         }
         write_json(folder / "report.json", report)

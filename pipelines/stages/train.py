@@ -96,7 +96,7 @@ class TrainStage:
 
         problems = check_footage(context.footage.calibrated, tell, frames=frames)
         if problems:
-            raise StudioError("\n".join(problems))
+            raise StudioError("\n".join(str(problem) for problem in problems))
 
     def _recipe(self, context: Context) -> Params:
         """Of all frames."""

@@ -1,4 +1,4 @@
-"""Footage: frames x cameras in files -> image, matte and camera of a view."""
+"""Footage of a capture: images, mattes and cameras, by camera and frame."""
 
 from typing import TYPE_CHECKING
 

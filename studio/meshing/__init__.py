@@ -1,4 +1,4 @@
-"""Geometry from masks: visual hull, its surface, colored points on it."""
+"""Geometry from masks: the visual hull, its surface, and colored points on it."""
 
 from typing import TYPE_CHECKING
 

@@ -41,7 +41,7 @@ class CaptureView(StageView):
         footage = self._open()
         if footage is None:
             return sentence(size, "This take has no settings that can be read, so no footage is known.", self.em)
-        problems = [*footage.problems, *self._check.problems]
+        problems = [*map(str, footage.problems), *self._check.problems]
         lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
         room = min(len(lines), 8)
         bottom = (room + 1.2) * line_height(self._small) if lines or self._check.words else 0
@@ -216,7 +216,7 @@ class FootageCheck:
             self.words, self.problems = "the footage cannot be checked", (str(error),)
         else:
             count = len(problems)
-            self.problems = problems
+            self.problems = [str(problem) for problem in problems]
             self.words = (
                 f"{count} problem{'s' * (count != 1)} found" if problems else "all images were read: no problem"
             )
