@@ -59,23 +59,21 @@ def main() -> None:
     eyes = {"left": [-0.7, -1.3, 0.1], "middle": [0.0, -1.5, 0.2], "right": [0.7, -1.3, 0.0]}
     truth = v3.Rig(
         tuple(
-            v3.Camera(
-                name=name, width=WIDTH, height=HEIGHT, K=K, world_to_camera=look_at(np.array(eye), np.zeros(3))
-            )
+            v3.Camera(name=name, width=WIDTH, height=HEIGHT, K=K, world_to_camera=look_at(np.array(eye), np.zeros(3)))
             for name, eye in eyes.items()
         )
     )
     frames = range(12)
     views, sizes = v3.detect_target(
         {camera.name: (lambda frame, camera=camera: photograph(camera, frame)) for camera in truth},
-        {name: frames for name in truth.names},
+        dict.fromkeys(truth.names, frames),
         BOARD,
     )
     print(f"The board was found in {len(views)} of {len(frames) * len(truth)} pictures.")
 
     result = v3.calibrate_from_target(BOARD, views, sizes)
 
-    aligned, _ = v3.align_rigs(result.rig, truth)
+    aligned = v3.align_rigs(result.rig, truth).rig(result.rig)
     for camera in truth:
         distance = np.linalg.norm(aligned[camera.name].center - camera.center)
         print(f"{camera.name}: center {1000 * distance:.2f} mm from the truth, fx {result.rig[camera.name].fx:.1f} px")

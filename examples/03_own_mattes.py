@@ -29,7 +29,9 @@ def main() -> None:
 
     settings = v3.CaptureSettings(root=SAMPLE, masks="none", cameras=(arguments.camera,))
     rig = v3.read_rig(SAMPLE / "cameras.json").subset([arguments.camera])
-    footage = v3.open_footage(settings, rig).with_matte_source(v3.FunctionMatteSource(matte_of, "difference to the set"))
+    footage = v3.open_footage(settings, rig).with_matte_source(
+        v3.FunctionMatteSource(matte_of, "difference to the set")
+    )
     view = footage.view(arguments.camera, footage.frames[0])
     print(f"{arguments.camera}: {view.matte.shape[1]}x{view.matte.shape[0]}, {(view.matte > 127).mean():.1%} performer")
     assert 0.01 < (view.matte > 127).mean() < 0.5

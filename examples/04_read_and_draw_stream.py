@@ -34,7 +34,8 @@ def main() -> None:
                 drawn = v3.rasterize(gaussians, camera, background=torch.tensor([0.1, 0.1, 0.1]))
             picture = (drawn.image.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
             Image.fromarray(picture).save(out / f"{index:06d}.png")
-            print(f"frame {index}: {len(gaussians)} splats, {np.mean(drawn.alpha.numpy() > 0.5):.0%} of the picture covered")
+            covered = np.mean(drawn.alpha.numpy() > 0.5)
+            print(f"frame {index}: {len(gaussians)} splats cover {covered:.0%} of the picture")
             assert drawn.alpha.max() > 0.5
     print(f"pictures: {out}")
 

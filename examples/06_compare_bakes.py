@@ -27,7 +27,10 @@ def main() -> None:
                 for decoded, frame in zip(reader.iterate(), frames, strict=True)
             ]
         found.append((manifest.total_bytes, sum(psnrs) / len(psnrs)))
-        print(f"QP {qp}: {found[-1][0] / len(frames) / 1000:.1f} kB per frame, {found[-1][1]:.2f} dB, worst {min(psnrs):.2f} dB")
+        print(
+            f"QP {qp}: {manifest.total_bytes / len(frames) / 1000:.1f} kB per frame, {found[-1][1]:.2f} dB, "
+            f"worst {min(psnrs):.2f} dB"
+        )
     if arguments.qps == sorted(set(arguments.qps)):
         assert found == sorted(found, reverse=True), "a higher QP must be smaller and worse"
 

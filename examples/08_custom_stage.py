@@ -2,8 +2,8 @@
 
     python examples/08_custom_stage.py demo-take --out stream-without-faint-splats
 
-The take itself is not changed. Without a take it works on a small cloud. A splat must be kept or removed in all frames of
-its group, since the stream codes the same splats in each.
+The take itself is not changed. Without a take it works on a small cloud. A splat must be kept or removed in all frames
+of its group, since the stream codes the same splats in each.
 """
 
 import argparse
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder of the new stream (default: a temporary one)")
     arguments = parser.parse_args()
     if arguments.take:
-        video = v3.trained_video(v3.Take.open(arguments.take))
+        video = v3.trained_video(arguments.take)
     else:
         cloud = swinging_cloud(2000, 0.0)
         cloud = v3.Gaussians.from_activated(

@@ -26,7 +26,7 @@ def camera_of(manifest: "v3.Manifest | None" = None, width: int = 480, height: i
     """A camera that sees the whole stream from its front (-y), OpenCV axes."""
     low, high = np.full(3, -1.0), np.full(3, 1.0)
     if manifest is not None:
-        low, high = (np.array(corner, dtype=float) for corner in manifest.bounding_box)
+        low, high = np.array(manifest.bounding_box.min), np.array(manifest.bounding_box.max)
     center, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # x right, z up in the world is up in the picture

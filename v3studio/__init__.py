@@ -6,7 +6,7 @@ scripts that use each part.
 
     footage        open_footage, CaptureSettings, Footage, read_rig, write_rig
     calibration    calibrate_from_images, detect_target, calibrate_from_target, calibrate_from_tie_points, ...
-    takes          Take, load_config, run, status: the stages of the command line over a folder
+    takes          Take, load_config, run, status, trained_video: the stages of the command line over a folder
     training       initialize_points, TrainingView, train_keyframe, train_interframe
     splats         Gaussians, read_splats, write_splats, rasterize
     streams        bake_video, bake_group, write_manifest, BakeSettings, StreamReader, SplatVideo, open_import
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pipelines.runs.runner import run, status
     from pipelines.runs.staleness import StageStatus
     from pipelines.takes.take import Take
+    from pipelines.takes.videos import trained_video
     from studio.calibration import (
         CalibrationResult,
         CalibrationTarget,
@@ -125,6 +126,7 @@ __all__ = [
     "status",
     "train_interframe",
     "train_keyframe",
+    "trained_video",
     "write_manifest",
     "write_rig",
     "write_splats",
