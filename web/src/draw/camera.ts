@@ -63,22 +63,22 @@ export function pinholeOf({ width, height, K, worldToCamera: w }: Camera): Pinho
   return {
     width,
     height,
-    fx: K[0]![0]!,
-    fy: K[1]![1]!,
-    cx: K[0]![2]!,
-    cy: K[1]![2]!,
+    fx: K[0][0],
+    fy: K[1][1],
+    cx: K[0][2],
+    cy: K[1][2],
     rotation: rows.flatMap((row) => row.slice(0, 3)),
-    translation: rows.map((row) => row[3]!) as unknown as Vector,
+    translation: rows.map((row) => row[3]) as unknown as Vector,
   };
 }
 
 export function depthAxis({ rotation: r, translation: t }: Pinhole): DepthAxis {
-  return [r[6]!, r[7]!, r[8]!, t[2]];
+  return [r[6], r[7], r[8], t[2]];
 }
 
 /** The camera's place in the world. */
 export function centerOf({ rotation: r, translation: t }: Pinhole): Vec3 {
-  return [0, 1, 2].map((k) => -(r[k]! * t[0] + r[3 + k]! * t[1] + r[6 + k]! * t[2])) as Vec3;
+  return [0, 1, 2].map((k) => -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2])) as Vec3;
 }
 
 export class OrbitCamera {

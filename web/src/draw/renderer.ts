@@ -7,6 +7,8 @@ export interface Renderer {
   readonly name: string;
   /** Side of the largest picture that can be held. */
   readonly maxTexture: number;
+  /** Whether the graphics are still at what was drawn last; drawing more would only queue up. */
+  readonly busy: boolean;
   /** Whether the graphics were lost; nothing can be drawn until they are restored. */
   readonly lost: boolean;
   /** Takes over a group; pictures of other groups must not be shown before its own. */

@@ -238,6 +238,7 @@ export class WebGL2Renderer implements Renderer {
   private readonly half: boolean;
   private readonly timer: TimerQuery | null;
   private query: WebGLQuery | null = null;
+  private fence: WebGLSync | null = null;
   private resources: Resources | null;
   private setup: GroupSetup | null = null;
   private hasPicture = false;
@@ -265,6 +266,7 @@ export class WebGL2Renderer implements Renderer {
       event.preventDefault();
       this.resources = null;
       this.query = null;
+      this.fence = null;
     });
     canvas.addEventListener("webglcontextrestored", () => {
       this.setup = null;
@@ -273,6 +275,15 @@ export class WebGL2Renderer implements Renderer {
       gl.getExtension("EXT_color_buffer_half_float");
       this.resources = new Resources(gl, this.half);
     });
+  }
+
+  get busy(): boolean {
+    const { fence, gl } = this;
+    if (fence === null || this.resources === null) return false;
+    if (gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.UNSIGNALED) return true;
+    gl.deleteSync(fence);
+    this.fence = null;
+    return false;
   }
 
   get lost(): boolean {
@@ -344,7 +355,7 @@ export class WebGL2Renderer implements Renderer {
     const points: number[] = [];
     for (let i = 0, begin = 0; i < count; i++)
       if (i + 1 === count || escapes[4 * (i + 1)] !== escapes[4 * i]) {
-        points.push(escapes[4 * i]!, begin, i + 1 - begin);
+        points.push(escapes[4 * i], begin, i + 1 - begin);
         begin = i + 1;
       }
     gl.bindBuffer(gl.ARRAY_BUFFER, resources.points);
@@ -363,6 +374,9 @@ export class WebGL2Renderer implements Renderer {
     gl.viewport(0, 0, width, height);
     this.resolveFrom(resources, resources.canvasTarget, [width, height], background);
     if (begun) gl.endQuery(this.timer!.TIME_ELAPSED_EXT);
+    gl.deleteSync(this.fence);
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
   }
 
   snapshot(pinhole: Pinhole, background: readonly [number, number, number]): Uint8ClampedArray<ArrayBuffer> {

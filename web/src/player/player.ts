@@ -80,7 +80,7 @@ export class Player {
   private position = 0;
   private lastTick: number | null = null;
   private lastShownAt: number | null = null;
-  private lastDrawAt: number | null = null;
+  private drawBegan: number | null = null;
   /** Frame and splats on the canvas. */
   private shown: { frame: number; count: number; group: number } | null = null;
   private ready: Picture | null = null;
@@ -122,13 +122,13 @@ export class Player {
     }, { signal });
     document.addEventListener("visibilitychange", () => {
       // Hidden pages get no frames; the clock must not run on meanwhile.
-      this.lastTick = this.lastDrawAt = this.lastShownAt = null;
+      this.lastTick = this.drawBegan = this.lastShownAt = null;
+      this.resolution.forget();
     }, { signal });
     this.resizing = new ResizeObserver(() => {
       this.dirty = true;
     });
     this.resizing.observe(canvas);
-    this.tick = this.tick.bind(this);
     this.handle = requestAnimationFrame(this.tick);
   }
 
@@ -137,7 +137,7 @@ export class Player {
   on<K extends keyof PlayerEvents>(event: K, handler: Handler<PlayerEvents[K]>): void {
     let set = this.handlers.get(event);
     if (set === undefined) this.handlers.set(event, (set = new Set()));
-    set.add(handler as Handler<never>);
+    set.add(handler);
   }
 
   private emit<K extends keyof PlayerEvents>(event: K, value: PlayerEvents[K]): void {
@@ -301,9 +301,10 @@ export class Player {
 
   private snapshotSorted: (() => void) | null = null;
 
-  /** Waits until all drawing that was asked for is done, and says how long that took, milliseconds. */
-  finishDrawing(): number {
+  /** Draws what is shown now and waits for the graphics: milliseconds that took. */
+  timeDraw(): number {
     const began = performance.now();
+    this.draw(began);
     this.renderer.finish();
     return performance.now() - began;
   }
@@ -443,7 +444,7 @@ export class Player {
     const { info } = this;
     if (info === null) return;
     this.leftOut.set(group, message);
-    const { firstFrame, frameCount } = info.groups[group]!;
+    const { firstFrame, frameCount } = info.groups[group];
     if (this.leftOut.size === info.groups.length) {
       this.fail(message);
       return;
@@ -466,7 +467,7 @@ export class Player {
     if (!this.leftOut.has(first)) return frame;
     for (let step = 1; step <= info.groups.length; step++) {
       const group = (first + step) % info.groups.length;
-      if (!this.leftOut.has(group)) return info.groups[group]!.firstFrame;
+      if (!this.leftOut.has(group)) return info.groups[group].firstFrame;
     }
     return null;
   }
@@ -478,21 +479,21 @@ export class Player {
     this.emit("waiting", waiting);
   }
 
-  private tick(now: number): void {
+  private readonly tick = (now: number): void => {
     this.handle = requestAnimationFrame(this.tick);
     const began = performance.now();
     try {
       this.advance(now);
       this.follow();
+      if (this.drawBegan !== null && !this.renderer.busy) this.drawn(now);
       if (this.dirty) this.draw(now);
-      else this.lastDrawAt = null;
     } catch (error) {
       this.fail(messageOf(error));
       cancelAnimationFrame(this.handle);
     }
     if (this.playing_) this.statistics.main.add(performance.now() - began + this.handlerTime);
     this.handlerTime = 0;
-  }
+  };
 
   /** Moves the clock, shows the frame that is due, asks for the next. */
   private advance(now: number): void {
@@ -556,8 +557,8 @@ export class Player {
   private follow(): void {
     if (!this.dirty || this.sorting || this.shown === null || this.requested !== null) return;
     const axis = depthAxis(this.pinhole());
-    const turned = Math.hypot(axis[0] - this.sortedAxis[0]!, axis[1] - this.sortedAxis[1]!, axis[2] - this.sortedAxis[2]!);
-    const moved = Math.abs(axis[3] - this.sortedAxis[3]!);
+    const turned = Math.hypot(axis[0] - this.sortedAxis[0], axis[1] - this.sortedAxis[1], axis[2] - this.sortedAxis[2]);
+    const moved = Math.abs(axis[3] - this.sortedAxis[3]);
     if (turned < SORT_AGAIN && moved < SORT_AGAIN * this.camera.distance) return;
     this.sorting = true;
     this.sortedAxis = axis;
@@ -590,12 +591,14 @@ export class Player {
 
   private targetSize(): [number, number] {
     const [width, height] = this.canvasSize();
-    const { scale } = this.resolution;
+    const scale = this.resolution.scale(width, height);
     return [Math.max(1, Math.round(width * scale)), Math.max(1, Math.round(height * scale))];
   }
 
   private draw(now: number): void {
     if (this.renderer.lost || this.shown === null) return;
+    if (this.renderer.busy) return;
+    this.drawn(now);
     const [width, height] = this.canvasSize();
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
@@ -608,11 +611,7 @@ export class Player {
     this.statistics.draw.add(performance.now() - began);
     if (this.renderer.gpuMilliseconds !== null) this.statistics.gpu.add(this.renderer.gpuMilliseconds);
     this.dirty = false;
-    if (this.lastDrawAt !== null) {
-      this.statistics.redraw.add(now - this.lastDrawAt);
-      if (this.resolution.measured(now - this.lastDrawAt, now)) this.dirty = true;
-    }
-    this.lastDrawAt = now;
+    this.drawBegan = now;
     const view = this.camera.view;
     const key = JSON.stringify(view);
     if (key !== this.viewTold) {
@@ -620,6 +619,18 @@ export class Player {
       this.emit("view", view);
     }
   }
+
+  /** The graphics are done with the last drawing. */
+  private drawn(now: number): void {
+    if (this.drawBegan === null) return;
+    const took = now - this.drawBegan;
+    this.drawBegan = null;
+    if (this.drawings++ < 2) return; // the first ones compile shaders
+    this.statistics.done.add(took);
+    if (this.resolution.measured(took)) this.dirty = true;
+  }
+
+  private drawings = 0;
 
   /** The graphics came back empty. */
   private restore(): void {

@@ -29,7 +29,7 @@ export class Series {
   quantile(part: number): number {
     if (this.values.length === 0) return 0;
     const sorted = [...this.values].sort((a, b) => a - b);
-    return sorted[Math.min(sorted.length - 1, Math.floor(part * sorted.length))]!;
+    return sorted[Math.min(sorted.length - 1, Math.floor(part * sorted.length))];
   }
 }
 
@@ -42,15 +42,16 @@ export class Statistics {
   readonly gpu = new Series();
   /** Main thread, whole frames. */
   readonly main = new Series();
-  /** Between frames that were shown, and between redraws. */
+  /** From drawing to the first tick of the display at which the graphics were done. */
+  readonly done = new Series();
+  /** Between frames that were shown. */
   readonly interval = new Series();
-  readonly redraw = new Series();
   shown = 0;
   dropped = 0;
   stalls = 0;
 
   clear(): void {
-    for (const series of [this.decode, this.dequantize, this.sort, this.upload, this.draw, this.gpu, this.main, this.interval, this.redraw])
+    for (const series of [this.decode, this.dequantize, this.sort, this.upload, this.draw, this.gpu, this.main, this.interval, this.done])
       series.clear();
     this.shown = this.dropped = this.stalls = 0;
   }

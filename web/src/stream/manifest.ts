@@ -197,7 +197,7 @@ class Reader {
   box(key: string): Box {
     const box = this.object(key);
     const [min, max] = [box.vector("min"), box.vector("max")];
-    if (min.some((low, i) => low > max[i]!)) throw wrong(this.at(key), "has its minimum above its maximum", null);
+    if (min.some((low, i) => low > max[i])) throw wrong(this.at(key), "has its minimum above its maximum", null);
     return { min, max };
   }
 
@@ -212,7 +212,7 @@ class Reader {
 }
 
 function wrong(place: string, what: string, value: unknown): StreamError {
-  const found = value === null ? "" : `; found ${(JSON.stringify(value) ?? "nothing").slice(0, 80)}`;
+  const found = value === null ? "" : `; found ${(value === undefined ? "nothing" : JSON.stringify(value)).slice(0, 80)}`;
   return new StreamError(`The stream's manifest is damaged: ${place} ${what}${found}.`);
 }
 
@@ -331,7 +331,7 @@ function readCamera(metadata: Values): Camera | null {
       return value;
     };
     const K = matrix("K", 3, 3);
-    if (!(K[0]![0]! > 0 && K[1]![1]! > 0)) throw new StreamError("K");
+    if (!(K[0][0] > 0 && K[1][1] > 0)) throw new StreamError("K");
     return {
       width: camera.integer("width", 1, 1e6),
       height: camera.integer("height", 1, 1e6),
@@ -426,7 +426,7 @@ export function groupOfFrame(groups: readonly { readonly firstFrame: number }[],
   let high = groups.length - 1;
   while (low < high) {
     const middle = (low + high + 1) >> 1;
-    if (groups[middle]!.firstFrame <= frame) low = middle;
+    if (groups[middle].firstFrame <= frame) low = middle;
     else high = middle - 1;
   }
   return low;

@@ -31,14 +31,14 @@ export function planePositions(group: PlanesGroup, picture: Uint8Array, out: Flo
   const width = tile * columns;
   group.components.slice(0, 3).forEach((component, axis) => {
     const scale = (component.max - component.min) / 65535;
-    const mirrored = component.planes[1]!.part === "low_mirrored";
+    const mirrored = component.planes[1].part === "low_mirrored";
     const [high, low] = [2 * axis, 2 * axis + 1].map(
       (plane) => Math.floor(plane / columns) * tile * width + (plane % columns) * tile,
     ) as [number, number];
     for (let i = 0, row = 0, column = 0; i < group.splats; i++) {
       const at = row * width + column;
-      const h = picture[high + at]!;
-      const l = picture[low + at]!;
+      const h = picture[high + at];
+      const l = picture[low + at];
       out[3 * i + axis] = component.min + (256 * h + (mirrored && h & 1 ? 255 - l : l)) * scale;
       if (++column === tile) {
         column = 0;

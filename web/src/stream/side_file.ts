@@ -52,13 +52,13 @@ class Cursor {
     const values = new Int32Array(count);
     if (width === 2)
       for (let i = 0; i < count; i++) {
-        const z = planes[i]! | (planes[count + i]! << 8);
+        const z = planes[i] | (planes[count + i] << 8);
         values[i] = (z >>> 1) ^ -(z & 1);
       }
     else
       for (let i = 0; i < count; i++) {
         const z =
-          planes[i]! | (planes[count + i]! << 8) | (planes[2 * count + i]! << 16) | (planes[3 * count + i]! << 24);
+          planes[i] | (planes[count + i] << 8) | (planes[2 * count + i] << 16) | (planes[3 * count + i] << 24);
         values[i] = (z >>> 1) ^ -(z & 1);
       }
     return values;
@@ -76,9 +76,9 @@ function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
     const occupancy = cursor.take(count);
     let filled = 0;
     for (let i = 0; i < count; i++) {
-      const children = occupancy[i]!;
+      const children = occupancy[i];
       if (children === 0) throw new StreamError(wrong);
-      const [px, py, pz] = [x[i]! << 1, y[i]! << 1, z[i]! << 1];
+      const [px, py, pz] = [x[i] << 1, y[i] << 1, z[i] << 1];
       for (let c = 0; c < 8; c++) {
         if ((children >> c) & 1) {
           if (filled === splats) throw new StreamError(wrong);
@@ -96,7 +96,7 @@ function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
   const cells = new Uint16Array(3 * splats);
   let splat = 0;
   for (let i = 0; i < count; i++) {
-    const copies = shared[i]! + 1;
+    const copies = shared[i] + 1;
     if (copies < 1 || copies > splats - splat) throw new StreamError("the octree's points do not fit the number of splats");
     for (let k = 0; k < copies; k++, splat++) {
       cells[3 * splat] = x[i]!;
@@ -114,9 +114,9 @@ function integrate(differences: Int32Array, frames: number, rows: number): Float
   for (let t = 0; t < frames; t++)
     for (let i = 0; i < rows; i++) {
       const at = t * rows + i;
-      const before = t > 0 ? values[at - rows]! : 0;
-      const earlier = t > 1 ? values[at - 2 * rows]! : 0;
-      values[at] = differences[at]! + 2 * before - earlier;
+      const before = t > 0 ? values[at - rows] : 0;
+      const earlier = t > 1 ? values[at - 2 * rows] : 0;
+      values[at] = differences[at] + 2 * before - earlier;
     }
   return values;
 }
@@ -126,7 +126,7 @@ function accumulate(differences: Int32Array, limit: number, what: string): Uint3
   const values = new Uint32Array(differences.length);
   let sum = 0;
   for (let i = 0; i < differences.length; i++) {
-    sum += differences[i]!;
+    sum += differences[i];
     if (sum < 0 || sum >= limit) throw new StreamError(what);
     values[i] = sum;
   }
@@ -153,7 +153,7 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   if (motions.some((value) => Math.abs(value) * group.blocks.step > MAX_MOVE))
     throw new StreamError(`a block moves further than ${MAX_MOVE}`);
   const turns = integrate(cursor.numbers(moved * 3 * blocks, 4), moved, 3 * blocks);
-  const count = cursor.numbers(1, 4)[0]!;
+  const count = cursor.numbers(1, 4)[0];
   if (count < 0 || count > cursor.left) throw new StreamError(`there are ${count} escapes`);
   const outside = "an escape lies outside the group";
   const channel = cursor.take(count);
@@ -174,16 +174,16 @@ function byFrame(
   frames: number,
 ): SideFile["escapes"] {
   const starts = new Uint32Array(frames + 1);
-  for (const f of frame) starts[f + 1]!++;
-  for (let f = 0; f < frames; f++) starts[f + 1]! += starts[f]!;
+  for (const f of frame) starts[f + 1]++;
+  for (let f = 0; f < frames; f++) starts[f + 1] += starts[f];
   const next = starts.slice();
   const count = channel.length;
   const sorted = { starts, channel: new Uint8Array(count), splat: new Uint32Array(count), code: new Int32Array(count) };
   for (let i = 0; i < count; i++) {
-    const to = next[frame[i]!]!++;
+    const to = next[frame[i]]++;
     sorted.channel[to] = channel[i]!;
     sorted.splat[to] = splat[i]!;
-    sorted.code[to] = beyond[i]! < 0 ? beyond[i]! : beyond[i]! + 255;
+    sorted.code[to] = beyond[i] < 0 ? beyond[i] : beyond[i] + 255;
   }
   return sorted;
 }

@@ -36,7 +36,7 @@ export class DepthSorter {
     let nearest = Infinity;
     let farthest = -Infinity;
     for (let i = 0, p = 0; i < count; i++, p += 3) {
-      const depth = ax * positions[p]! + ay * positions[p + 1]! + az * positions[p + 2]! + aw;
+      const depth = ax * positions[p] + ay * positions[p + 1] + az * positions[p + 2] + aw;
       depths[i] = depth;
       if (depth >= near) {
         if (depth < nearest) nearest = depth;
@@ -47,17 +47,17 @@ export class DepthSorter {
     starts.fill(0);
     const scale = farthest > nearest ? (BINS - 1) / (farthest - nearest) : 0;
     for (let i = 0; i < count; i++) {
-      const depth = depths[i]!;
+      const depth = depths[i];
       if (depth >= near) {
         const key = Math.min(BINS - 1, Math.max(0, ((farthest - depth) * scale) | 0));
         keys[i] = key;
-        starts[key + 1]!++;
+        starts[key + 1]++;
       }
     }
-    for (let key = 1; key <= BINS; key++) starts[key]! += starts[key - 1]!;
-    const total = starts[BINS]!;
+    for (let key = 1; key <= BINS; key++) starts[key] += starts[key - 1];
+    const total = starts[BINS];
     for (let i = count - 1; i >= 0; i--)
-      if (depths[i]! >= near) out[starts[keys[i]!]!++] = pixels === null ? i : pixels[i]!;
+      if (depths[i] >= near) out[starts[keys[i]]++] = pixels === null ? i : pixels[i];
     return total;
   }
 }

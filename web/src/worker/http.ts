@@ -150,7 +150,7 @@ async function consume(response: Response, take: (chunk: Uint8Array) => void): P
       const stalled = new Promise<never>((_, reject) => {
         timer = setTimeout(() => {
           reject(new StreamError("no data arrived for a while", true));
-        }, STALL) as unknown as number;
+        }, STALL);
       });
       const { done, value } = await Promise.race([reader.read(), stalled]).finally(() => {
         clearTimeout(timer);

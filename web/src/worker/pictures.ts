@@ -177,7 +177,7 @@ export class WebCodecsPictures implements PictureSource {
     const all = this.pool.take(frame.allocationSize());
     // Many decoders' rows are as long as the picture's: then the luma is what the copy begins with.
     const planes = await frame.copyTo(all);
-    const { offset, stride } = planes[0]!;
+    const { offset, stride } = planes[0];
     if (offset === 0 && stride === width) return all.subarray(0, width * height);
     const luma = this.pool.take(width * height);
     for (let row = 0; row < height; row++)
@@ -194,7 +194,7 @@ export class WebCodecsPictures implements PictureSource {
       const until = Math.min(packets.length, this.wanted + AHEAD);
       // Ahead of the wanted picture slowly, up to it at once.
       while (this.fed < until && (this.fed < this.wanted + 1 || this.fed - this.out < AHEAD)) {
-        const packet = packets[this.fed]!;
+        const packet = packets[this.fed];
         this.submitted.push(performance.now());
         decoder.decode(
           new EncodedVideoChunk({
@@ -214,7 +214,7 @@ export class WebCodecsPictures implements PictureSource {
     if (this.waiting !== null)
       this.watchdog = setTimeout(() => {
         this.fail(new PathFailed(`${this.name}: the decoder gives no picture.`));
-      }, PATIENCE) as unknown as number;
+      }, PATIENCE);
   }
 
   private async flush(decoder: VideoDecoder, run: number): Promise<void> {

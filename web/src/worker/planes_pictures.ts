@@ -38,7 +38,7 @@ export class PlanesPictures implements PictureSource {
   }
 
   async get(index: number): Promise<Luma> {
-    const picture = (await this.pictures)[index]!;
+    const picture = (await this.pictures)[index];
     const data = this.pool.take(picture.length);
     data.set(picture);
     return { data, decode: this.decode / this.group.frameCount };

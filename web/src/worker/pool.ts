@@ -8,7 +8,7 @@ export class Pool {
   /** A buffer of exactly `bytes` bytes, its content undefined. */
   take(bytes: number): Uint8Array<ArrayBuffer> {
     const at = this.free.findIndex((buffer) => buffer.byteLength === bytes);
-    const buffer = at < 0 ? new ArrayBuffer(bytes) : this.free.splice(at, 1)[0]!;
+    const buffer = at < 0 ? new ArrayBuffer(bytes) : this.free.splice(at, 1)[0];
     return new Uint8Array(buffer);
   }
 

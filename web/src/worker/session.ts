@@ -164,7 +164,7 @@ export class Session {
     const { manifest, store } = this;
     if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
     const index = groupOfFrame(manifest.groups, frame);
-    const group = manifest.groups[index]!;
+    const group = manifest.groups[index];
     store.follow(index, this.loop);
     try {
       const within = frame - group.firstFrame;
@@ -236,7 +236,7 @@ export class Session {
     const transfer: Transferable[] = [luma.buffer, order.buffer];
     if (blocks !== null) transfer.push(blocks.buffer);
     if (picture.escapes !== null) transfer.push(picture.escapes.buffer);
-    if (setup?.statics != null) transfer.push(setup.statics.buffer);
+    if (setup !== null && setup.statics !== null) transfer.push(setup.statics.buffer);
     this.post({ type: "picture", picture }, transfer);
   }
 
@@ -262,7 +262,7 @@ export class Session {
         statics: null,
         blocks: 0,
         lattice: null,
-        mirrored: group.components.slice(0, 3).map((entry) => entry.planes[1]!.part === "low_mirrored"),
+        mirrored: group.components.slice(0, 3).map((entry) => entry.planes[1].part === "low_mirrored"),
       };
     const units = new Float32Array(2 * group.channels.length);
     group.channels.forEach(({ offset, step }, c) => {
@@ -326,12 +326,12 @@ export class Session {
 
   private async read(index: number): Promise<Prepared> {
     const manifest = this.manifest!;
-    const group = manifest.groups[index]!;
+    const group = manifest.groups[index];
     const files = await this.store!.get(index);
     if (group.profile === "planes") {
       const pictures = new PlanesPictures(
         group,
-        (plane) => this.openVideo(files, group.files[plane]!.path, [group.side, group.side], group.frameCount),
+        (plane) => this.openVideo(files, group.files[plane].path, [group.side, group.side], group.frameCount),
         this.pool,
       );
       return { group, tables: null, pictures };

@@ -69,7 +69,7 @@ export class GroupStore {
     if (failed !== undefined) return Promise.reject(failed);
     let fetching = this.fetching.get(group);
     if (fetching === undefined) {
-      fetching = this.fetch(this.groups[group]!).finally(() => this.fetching.delete(group));
+      fetching = this.fetch(this.groups[group]).finally(() => this.fetching.delete(group));
       this.fetching.set(group, fetching);
     }
     return fetching;
@@ -85,7 +85,7 @@ export class GroupStore {
           throw new StreamError(`${file.path} is damaged: its bytes do not match their SHA-256.`);
         return data;
       });
-      group.files.forEach((file, i) => files.set(file.path, contents[i]!));
+      group.files.forEach((file, i) => files.set(file.path, contents[i]));
       this.files.set(group.index, files);
       this.bytes += group.bytes;
       this.dropOldest(group.index);
@@ -102,7 +102,7 @@ export class GroupStore {
       if (this.bytes <= KEPT_BYTES) return;
       if (index === except || index === this.playhead) continue;
       this.files.delete(index);
-      this.bytes -= this.groups[index]!.bytes;
+      this.bytes -= this.groups[index].bytes;
     }
   }
 
@@ -128,7 +128,7 @@ export class GroupStore {
         if (!this.loop) return null;
         index -= this.groups.length;
       }
-      ahead += this.groups[index]!.bytes;
+      ahead += this.groups[index].bytes;
       if (step > 1 && ahead > AHEAD_BYTES) return null;
       if (!this.files.has(index) && !this.failed.has(index)) return index;
     }
@@ -144,7 +144,7 @@ async function inTurns<T, R>(items: readonly T[], lanes: number, map: (item: T) 
     Array.from({ length: Math.min(lanes, items.length) }, async () => {
       while (next < items.length) {
         const at = next++;
-        results[at] = await map(items[at]!);
+        results[at] = await map(items[at]);
       }
     }),
   );

@@ -110,7 +110,7 @@ export class VideoElementPictures implements PictureSource {
   private read(index: number): Promise<Luma> {
     const reading = this.chain.then(async () => {
       if (this.closed) throw new Closed();
-      const packet = this.demuxed.packets[index]!;
+      const packet = this.demuxed.packets[index];
       const began = performance.now();
       const luma = await this.channel.ask((request) => ({
         type: "video-read",
