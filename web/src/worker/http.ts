@@ -122,7 +122,9 @@ export class HttpSource implements Source {
       const waiting = setTimeout(abort, STALL);
       let response: Response;
       try {
-        response = await fetch(url, { headers, signal: stop.signal, cache: "no-cache" });
+        // A browser's cache that holds the first part would ask for other ranges than these.
+        const cache = "Range" in headers ? "no-store" : "no-cache";
+        response = await fetch(url, { headers, signal: stop.signal, cache });
       } catch (error) {
         throw new StreamError(stop.signal.aborted ? "the server does not answer" : messageOf(error), true);
       } finally {
