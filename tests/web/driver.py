@@ -106,6 +106,7 @@ class Site:
             self.cuts_left -= 1
             handler.wfile.write(body[:limit])
             handler.wfile.flush()
+            time.sleep(0.5)  # so that what was sent arrives before the connection breaks
             handler.close_connection = True
             handler.connection.shutdown(socket.SHUT_RDWR)
             return
@@ -141,6 +142,7 @@ class Page:
         handle.on("pageerror", lambda error: self.errors.append(str(error)))
         handle.add_init_script(f"document.addEventListener('DOMContentLoaded', {_PREPARE})")
         handle.set_default_timeout(PATIENCE)
+        self._session: Any = None
 
     def evaluate(self, script: str, argument: Any = None) -> Any:
         return self.handle.evaluate(script, argument)
@@ -175,6 +177,13 @@ class Page:
     def click(self, act: str) -> None:
         """Press a button of the bar."""
         self.handle.locator(f"v3-player .bar [data-act='{act}']").click()
+
+    def touch(self, kind: str, points: list[tuple[float, float]]) -> None:
+        """Fingers on the screen: kind is touchStart, touchMove or touchEnd."""
+        if self._session is None:
+            self._session = self.handle.context.new_cdp_session(self.handle)
+        places = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
+        self._session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
 
     def seek_frame(self, frame: int) -> None:
         """Pause, go to a frame and wait until it is shown."""

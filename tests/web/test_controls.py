@@ -12,13 +12,13 @@ pytestmark = pytest.mark.web
 CALM = {"reduced_motion": "reduce"}
 
 
-def centre(page):
+def middle(page):
     box = page.handle.locator("v3-player .stage").bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 3
 
 
 def drag(page, dx, dy, *, button="left", keys=()):
-    x, y = centre(page)
+    x, y = middle(page)
     mouse = page.handle.mouse
     for key in keys:
         page.handle.keyboard.down(key)
@@ -31,27 +31,20 @@ def drag(page, dx, dy, *, button="left", keys=()):
         page.handle.keyboard.up(key)
 
 
-def touch(page, kind, points):
-    page.handle.context.new_cdp_session(page.handle).send(
-        "Input.dispatchTouchEvent",
-        {"type": kind, "touchPoints": [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]},
-    )
-
-
 def test_the_mouse_turns_moves_and_zooms(stream, open_page):
     page = open_page("?t=0", **CALM)
     home = page.state["view"]
     assert home["azimuth"] == 0 and abs(home["elevation"] - 10) < 0.01
     drag(page, 80, 0)
     turned = page.state["view"]
-    assert turned["azimuth"] < -20 and turned["elevation"] == home["elevation"]
+    assert turned["azimuth"] > 20 and turned["elevation"] == home["elevation"]
     drag(page, 0, 40)
     assert page.state["view"]["elevation"] > home["elevation"] + 5
     before = page.state["view"]
     drag(page, 50, 0, button="right")
     moved = page.state["view"]
     assert moved["azimuth"] == before["azimuth"] and moved["target"] != before["target"]
-    x, y = centre(page)
+    x, y = middle(page)
     page.handle.mouse.move(x, y)
     page.handle.mouse.wheel(0, -120)
     page.wait("player.state.view.distance < argument", moved["distance"] * 0.95)
@@ -78,40 +71,48 @@ def test_what_is_dragged_follows_the_pointer(stream, open_page):
 def test_one_finger_turns_two_move_and_pinch_and_a_double_tap_resets(stream, open_page):
     page = open_page("?t=0", has_touch=True, **CALM)
     home = page.state["view"]
-    touch(page, "touchStart", [(200, 200)])
+    page.touch("touchStart", [(200, 200)])
     for step in range(1, 6):
-        touch(page, "touchMove", [(200 - 10 * step, 200)])
-    touch(page, "touchEnd", [])
-    page.wait("player.state.view.azimuth > 10")
+        page.touch("touchMove", [(200 - 10 * step, 200)])
+    page.touch("touchEnd", [])
+    page.wait("player.state.view.azimuth < -10")
     before = page.state["view"]
-    touch(page, "touchStart", [(150, 200), (250, 200)])
+    page.touch("touchStart", [(150, 200), (250, 200)])
     for step in range(1, 6):
-        touch(page, "touchMove", [(150 - 8 * step, 200), (250 + 8 * step, 200)])
-    touch(page, "touchEnd", [])
+        page.touch("touchMove", [(150 - 8 * step, 200), (250 + 8 * step, 200)])
+    page.touch("touchEnd", [])
     page.wait("player.state.view.distance < argument", before["distance"] * 0.8)
     after = page.state["view"]
     assert after["azimuth"] == before["azimuth"]
-    touch(page, "touchStart", [(150, 200), (250, 200)])
+    page.touch("touchStart", [(150, 200), (250, 200)])
     for step in range(1, 6):
-        touch(page, "touchMove", [(150, 200 + 10 * step), (250, 200 + 10 * step)])
-    touch(page, "touchEnd", [])
+        page.touch("touchMove", [(150, 200 + 10 * step), (250, 200 + 10 * step)])
+    page.touch("touchEnd", [])
     page.wait("Math.hypot(...player.state.view.target.map((v, k) => v - argument[k])) > 0.05", after["target"])
     page.handle.wait_for_timeout(400)
     for _ in range(2):
-        touch(page, "touchStart", [(200, 200)])
-        touch(page, "touchEnd", [])
+        page.touch("touchStart", [(200, 200)])
+        page.touch("touchEnd", [])
     page.wait("player.state.view.azimuth === 0")
     assert page.state["view"] == home
 
 
 def test_inertia_unless_motion_is_reduced(stream, open_page):
+    # Thrown within one task: on a busy machine a driven mouse is too slow to throw anything.
+    throw = """() => {
+      const stage = document.querySelector('v3-player').shadowRoot.querySelector('.stage');
+      const send = (kind, x) => stage.dispatchEvent(
+        new PointerEvent(kind, {pointerId: 7, clientX: x, clientY: 200, buttons: 1, bubbles: true}));
+      send('pointerdown', 100);
+      for (const x of [110, 120, 130, 140]) send('pointermove', x);
+      send('pointerup', 140);
+      return document.querySelector('v3-player').state.view.azimuth;
+    }"""
     page = open_page("?t=0")
-    drag(page, 120, 0)
-    first = page.state["view"]["azimuth"]
-    page.wait("player.state.view.azimuth < argument - 2", first)
+    first = page.evaluate(throw)
+    page.wait("player.state.view.azimuth > argument + 2", first)
     calm = open_page("?t=0", **CALM)
-    drag(calm, 120, 0)
-    first = calm.state["view"]["azimuth"]
+    first = calm.evaluate(throw)
     calm.handle.wait_for_timeout(400)
     assert calm.state["view"]["azimuth"] == first
 
@@ -137,7 +138,7 @@ def test_keys(stream, open_page):
     keyboard.press("k")
     page.wait("!player.state.playing")
     keyboard.down("ArrowRight")
-    page.wait("player.state.view.azimuth > 3")
+    page.wait("player.state.view.azimuth < -3")
     keyboard.up("ArrowRight")
     keyboard.press("r")
     page.wait("player.state.view.azimuth === 0")

@@ -172,7 +172,8 @@ export class Player {
   play(): void {
     if (this.playing_ || this.failed) return;
     const { info } = this;
-    if (info !== null && !this.loop_ && this.position >= info.frameCount - 1) this.seekFrame(0);
+    // From the end it goes on at the beginning.
+    if (info !== null && !this.loop_ && this.nextPlayable(info) === null) this.seekFrame(0);
     this.playing_ = true;
     this.lastTick = null;
     this.emit("play", undefined);
@@ -480,6 +481,14 @@ export class Player {
     return null;
   }
 
+  /** The frame after the one that is shown, without looping; null at the end. */
+  private nextPlayable(info: StreamInfo): number | null {
+    if (this.shown === null) return 0;
+    const next = this.shown.frame + 1;
+    const playable = next < info.frameCount ? this.playable(next) : null;
+    return playable === null || playable < next ? null : playable;
+  }
+
   private setWaiting(waiting: boolean): void {
     if (waiting === this.waiting) return;
     this.waiting = waiting;
@@ -540,16 +549,14 @@ export class Player {
     let next = shown + 1;
     let lap = 0;
     // What was due while the last frame was on its way is passed over.
-    const due = Math.floor(this.position);
+    const due = this.loop_ ? Math.floor(this.position) : Math.min(Math.floor(this.position), info.frameCount - 1);
     if (due > next) {
       this.statistics.dropped += due - next;
       next = due;
     }
     if (next >= info.frameCount) {
       if (!this.loop_) {
-        this.position = info.frameCount - 1;
-        this.pause();
-        this.emit("ended", undefined);
+        this.end();
         return;
       }
       next = 0;
@@ -560,10 +567,21 @@ export class Player {
     if (playable === null) return;
     if (playable !== next) {
       // Past groups that are left out; there may be none left before the end.
-      if (playable < next) lap = info.frameCount;
+      if (playable < next) {
+        if (!this.loop_) {
+          this.end();
+          return;
+        }
+        lap = info.frameCount;
+      }
       this.position = playable + lap;
     }
     this.request(playable, false, lap);
+  }
+
+  private end(): void {
+    this.pause();
+    this.emit("ended", undefined);
   }
 
   /** Has the frame on the canvas sorted again where the camera has turned. */

@@ -130,7 +130,7 @@ export class Motion {
 
   private turn(dx: number, dy: number): void {
     const scale = TURN * (500 / Math.max(300, Math.min(this.height, this.surface.clientWidth)));
-    this.player.camera.orbit(-dx * scale, dy * scale);
+    this.player.camera.orbit(dx * scale, dy * scale);
     this.touched();
   }
 
@@ -145,7 +145,8 @@ export class Motion {
   }
 
   private down(event: PointerEvent): void {
-    this.surface.setPointerCapture(event.pointerId);
+    // Events made by scripts have no pointer that could be captured.
+    if (event.isTrusted) this.surface.setPointerCapture(event.pointerId);
     this.fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     this.velocity = { x: 0, y: 0, at: 0 };
     this.flight = null;

@@ -17,6 +17,8 @@ import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
 /** As in studio.rasterizer: splats nearer than this are not drawn. */
 export const NEAR = 0.01;
+const NEEDS_WEBCODECS =
+  "Streams of the profile planes need WebCodecs, which this browser offers on secure (https) pages only, or not at all.";
 /** Groups that are prepared (side file read, video demuxed) at the same time. */
 const PREPARED = 3;
 
@@ -83,6 +85,7 @@ export class Session {
     if (digest !== null && digest !== manifest.sha256)
       throw new StreamError("The stream's manifest is damaged: its bytes do not match their own SHA-256.");
     this.checkDevice(manifest);
+    if (manifest.profile === "planes" && this.path === "video") throw new StreamError(NEEDS_WEBCODECS);
     this.manifest = manifest;
     this.store = new GroupStore(manifest.groups, source, () => {
       this.tellFetched();
@@ -357,10 +360,6 @@ export class Session {
     const data = files.get(path)!;
     const demuxed = await demux(data, path, codec, size, frames);
     if (this.path === "video") {
-      if (this.manifest!.profile === "planes")
-        throw new StreamError(
-          "Streams of the profile planes need WebCodecs, which this browser offers on secure (https) pages only, or not at all.",
-        );
       return new VideoElementPictures(this.channel, data, demuxed, size, this.pool);
     }
     const config: VideoDecoderConfig = {
