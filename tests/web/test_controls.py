@@ -173,6 +173,7 @@ def test_the_timeline(stream, open_page):
 def test_the_info_panel_has_the_figures(stream, open_page):
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 2")
+    page.call("pause")  # while it plays, the bar hides by itself
     page.click("settings")
     page.handle.locator("v3-player .settings [data-act='info']").click()
     text = page.handle.locator("v3-player .info").inner_text()

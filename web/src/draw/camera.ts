@@ -41,6 +41,8 @@ export const unit = (a: Vector): Vec3 => {
 
 const DEGREES = 180 / Math.PI;
 const MAX_ELEVATION = 89;
+/** Room left around the scene. */
+const MARGIN = 1.12;
 /** As in studio.rasterizer: the projection is linearized at most this far (x / z, y / z) off the axis, ... */
 const FIELD = 2;
 /** ... or outside the image by this part of half its size. */
@@ -113,9 +115,27 @@ export class OrbitCamera {
       const distance = Math.max(dot(add(middle, center, -1), forward), 0.1 * this.radius);
       const elevation = Math.asin(Math.max(-1, Math.min(1, -dot(forward, this.up)))) * DEGREES;
       this.home = { azimuth: 0, elevation, distance, target: add(center, forward, distance) };
-      this.tangents = [pinhole.width / 2 / pinhole.fx, pinhole.height / 2 / pinhole.fy];
     }
     this.reset();
+    // All of the box is to be seen, but no more than the suggested camera saw.
+    const [across, up_] = pinhole === null ? [1, 1] : [pinhole.width / 2 / pinhole.fx, pinhole.height / 2 / pinhole.fy];
+    const [x, y] = this.extent(box);
+    this.tangents = [Math.min(across, MARGIN * x), Math.min(up_, MARGIN * y)];
+  }
+
+  /** Largest |x / z| and |y / z| of the box's corners; without bound where one is behind the camera. */
+  private extent({ min, max }: { readonly min: Vector; readonly max: Vector }): [number, number] {
+    const axes = this.axes();
+    const eye = add(this.target, axes[2], -this.distance);
+    const result: [number, number] = [1e-3, 1e-3];
+    for (let corner = 0; corner < 8; corner++) {
+      const point = [0, 1, 2].map((k) => ((corner >> k) & 1 ? max[k] : min[k])) as Vec3;
+      const [x, y, z] = axes.map((axis) => dot(axis, add(point, eye, -1)));
+      if (z <= 0) return [Infinity, Infinity];
+      result[0] = Math.max(result[0], Math.abs(x / z));
+      result[1] = Math.max(result[1], Math.abs(y / z));
+    }
+    return result;
   }
 
   reset(): void {

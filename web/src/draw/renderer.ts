@@ -11,6 +11,8 @@ export interface Renderer {
   readonly busy: boolean;
   /** Whether the graphics were lost; nothing can be drawn until they are restored. */
   readonly lost: boolean;
+  /** Compiles, in the background, what drawing such a stream takes. */
+  prepare(profile: "motion" | "planes", shDegree: number): void;
   /** Takes over a group; pictures of other groups must not be shown before its own. */
   setGroup(setup: GroupSetup): void;
   /** Takes over a frame's content. */

@@ -157,7 +157,9 @@ vec3 harmonics(vec3 d) {
  * The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
  * blue and opacity (half floats); 1 where the splat is to be drawn.
  */
-export function projectFragment(profile: "motion" | "planes", shDegree: number, channelCount: number, escapes: boolean): string {
+export function projectFragment(profile: "motion" | "planes", shDegree: number, escapes: boolean): string {
+  // Positions of planes have two planes each.
+  const channelCount = (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;
   return `${HEAD}
 layout(location = 0) out uvec4 first;
 layout(location = 1) out uvec4 second;

@@ -24,6 +24,7 @@ const DRAWING = 6;
 class Program {
   readonly handle: WebGLProgram;
   private readonly gl: WebGL2RenderingContext;
+  private checked = false;
   private readonly places = new Map<string, WebGLUniformLocation | null>();
 
   constructor(gl: WebGL2RenderingContext, vertex: string, fragment: string, attribute?: string) {
@@ -41,14 +42,21 @@ class Program {
     }
     if (attribute !== undefined) gl.bindAttribLocation(this.handle, 0, attribute);
     gl.linkProgram(this.handle);
+  }
+
+  /** Drivers compile in the background until somebody asks how it went. */
+  use(): void {
+    if (!this.checked) this.check();
+    this.checked = true;
+    this.gl.useProgram(this.handle);
+  }
+
+  private check(): void {
+    const { gl } = this;
     if (gl.getProgramParameter(this.handle, gl.LINK_STATUS) !== true && !gl.isContextLost()) {
       const logs = (gl.getAttachedShaders(this.handle) ?? []).map((shader) => gl.getShaderInfoLog(shader) ?? "");
       throw new StreamError(`This device's graphics refuse the player's shader: ${logs.join(" ").slice(0, 300)}`);
     }
-  }
-
-  use(): void {
-    this.gl.useProgram(this.handle);
   }
 
   at(name: string): WebGLUniformLocation | null {
@@ -201,12 +209,11 @@ class Resources {
     this.canvasTarget = new Target(gl, half);
   }
 
-  project(setup: GroupSetup, escapes: boolean): Program {
-    const count = setup.units.length / 2;
-    const key = `${setup.profile} ${setup.shDegree} ${escapes}`;
+  project(profile: "motion" | "planes", shDegree: number, escapes: boolean): Program {
+    const key = `${profile} ${shDegree} ${escapes}`;
     let program = this.projects.get(key);
     if (program === undefined) {
-      const fragment = projectFragment(setup.profile, setup.shDegree, count, escapes);
+      const fragment = projectFragment(profile, shDegree, escapes);
       program = new Program(this.gl, escapes ? ESCAPE_VERTEX : FULL_VERTEX, fragment, escapes ? "entry" : undefined);
       this.projects.set(key, program);
     }
@@ -288,6 +295,11 @@ export class WebGL2Renderer implements Renderer {
 
   get lost(): boolean {
     return this.resources === null || this.gl.isContextLost();
+  }
+
+  prepare(profile: "motion" | "planes", shDegree: number): void {
+    this.resources?.project(profile, shDegree, false);
+    if (profile === "motion") this.resources?.project(profile, shDegree, true);
   }
 
   setGroup(setup: GroupSetup): void {
@@ -454,7 +466,7 @@ export class WebGL2Renderer implements Renderer {
 
   private useProject(resources: Resources, setup: GroupSetup, pinhole: Pinhole, escapes: boolean): void {
     const { gl } = this;
-    const program = resources.project(setup, escapes);
+    const program = resources.project(setup.profile, setup.shDegree, escapes);
     program.use();
     resources.luma.bind();
     gl.uniform1i(program.at("luma"), LUMA);

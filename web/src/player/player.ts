@@ -380,6 +380,7 @@ export class Player {
 
   private opened(info: StreamInfo): void {
     this.info = info;
+    this.renderer.prepare(info.profile, info.shDegree);
     this.camera.frame(info.box, info.camera, info.up);
     if (info.background !== null) this.background_ = info.background;
     this.resolution.budget = 1000 / Math.min(60, Math.max(30, info.fps));
