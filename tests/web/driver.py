@@ -123,11 +123,13 @@ class Site:
 _PREPARE = """() => {
   const element = document.querySelector('v3-player');
   window.seen = {};
-  for (const name of ['ready', 'opened', 'play', 'pause', 'time', 'view', 'waiting', 'ended', 'looped', 'notice', 'error'])
+  const names = ['ready', 'opened', 'play', 'pause', 'time', 'view', 'waiting', 'ended', 'looped', 'notice', 'error'];
+  for (const name of names)
     element.addEventListener('v3-' + name, ({detail}) => { (window.seen[name] ??= []).push(detail); });
   window.text = pixels => {
     let text = '';
-    for (let i = 0; i < pixels.length; i += 32768) text += String.fromCharCode.apply(null, pixels.subarray(i, i + 32768));
+    for (let i = 0; i < pixels.length; i += 32768)
+      text += String.fromCharCode.apply(null, pixels.subarray(i, i + 32768));
     return btoa(text);
   };
 }"""
@@ -213,5 +215,3 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     """Of two uint8 pictures, dB."""
     error = float(((a.astype(np.float64) - b) ** 2).mean())
     return float(10 * np.log10(255**2 / max(error, 1e-10)))
-
-

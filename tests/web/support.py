@@ -179,7 +179,12 @@ def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
         "motions": side.affine.reshape(-1).tolist(),
         "turns": side.rotation.reshape(-1).tolist(),
         "escapes": [
-            [int(side.escapes.frame[i]), int(side.escapes.splat[i]), int(side.escapes.channel[i]), int(side.escapes.code[i])]
+            [
+                int(side.escapes.frame[i]),
+                int(side.escapes.splat[i]),
+                int(side.escapes.channel[i]),
+                int(side.escapes.code[i]),
+            ]
             for i in order
         ],
         "pixels": square_scan(group.tile, group.splats).tolist(),

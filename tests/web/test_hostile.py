@@ -23,7 +23,28 @@ pytestmark = pytest.mark.web
 
 COUNT = int(os.environ.get("V3STUDIO_HOSTILE_STREAMS", "24"))
 BATCH = 12
-VALUES: list[Any] = [None, True, False, 0, -1, 1, 7, 255, 65536, 2**31, 2**53, 1e300, -1e9, 1e-300, "", "x", "../x", [], {}, [[]]]
+VALUES: list[Any] = [
+    None,
+    True,
+    False,
+    0,
+    -1,
+    1,
+    7,
+    255,
+    65536,
+    2**31,
+    2**53,
+    1e300,
+    -1e9,
+    1e-300,
+    "",
+    "x",
+    "../x",
+    [],
+    {},
+    [[]],
+]
 
 
 def mutate_bytes(rng: random.Random, data: bytes) -> bytes:
