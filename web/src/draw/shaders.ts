@@ -213,7 +213,8 @@ void main() {
 
 /** The second pass: a quad along the splat's axes in the picture, as far as its alpha reaches 1/255. */
 export const SPLAT_VERTEX = `${HEAD}
-in uint splat; // pixel of its tile
+uniform usampler2D order; // pixels of the splats' tile, the farthest first
+uniform int count, batch;
 uniform usampler2D words0, words1;
 uniform int tile;
 uniform vec2 size;
@@ -221,7 +222,10 @@ flat out vec4 paint; // color and opacity
 flat out vec3 conic;
 out vec2 offset;
 void main() {
-  ivec2 at = ivec2(int(splat) % tile, int(splat) / tile);
+  int number = gl_InstanceID * batch + (gl_VertexID >> 2);
+  if (number >= count) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
+  int splat = int(texelFetch(order, ivec2(number & 1023, number >> 10), 0).x);
+  ivec2 at = ivec2(splat % tile, splat / tile);
   uvec4 b = texelFetch(words1, at, 0);
   if (b.w == 0u) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
   uvec4 a = texelFetch(words0, at, 0);
@@ -236,7 +240,7 @@ void main() {
   float least = max((conic.x * conic.z - conic.y * conic.y) / most, 1e-12);
   vec2 axis = abs(conic.y) > 1e-12 ? normalize(vec2(conic.y, least - conic.x)) : (conic.x < conic.z ? vec2(1.0, 0.0) : vec2(0.0, 1.0));
   float reach = sqrt(2.0 * log(max(bo.y * 255.0, 1.0))) + 0.01;
-  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  vec2 corner = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0;
   offset = reach * (corner.x * axis * inversesqrt(least) + corner.y * vec2(-axis.y, axis.x) * inversesqrt(most));
   vec2 pixel = place + offset;
   gl_Position = vec4(pixel.x / size.x * 2.0 - 1.0, 1.0 - pixel.y / size.y * 2.0, 0.0, 1.0);

@@ -20,6 +20,12 @@ const ESCAPES = 3;
 const WORDS0 = 4;
 const WORDS1 = 5;
 const DRAWING = 6;
+const ORDER = 7;
+
+/** Splats per row of the order's texture. */
+const ORDER_WIDTH = 1024;
+/** Splats per instance: with one each, graphics spend more on the instances than on the splats. */
+const BATCH = 1024;
 
 class Program {
   readonly handle: WebGLProgram;
@@ -165,8 +171,9 @@ class Resources {
   readonly escapes: Texture;
   readonly words: readonly [Texture, Texture];
   readonly wordsFrame: WebGLFramebuffer;
-  readonly order: WebGLBuffer;
-  readonly orderArray: WebGLVertexArrayObject;
+  readonly order: Texture;
+  readonly quads: WebGLBuffer;
+  readonly quadsArray: WebGLVertexArrayObject;
   readonly points: WebGLBuffer;
   readonly pointsArray: WebGLVertexArrayObject;
   readonly emptyArray: WebGLVertexArrayObject;
@@ -190,13 +197,13 @@ class Resources {
     ];
     this.wordsFrame = gl.createFramebuffer();
     this.emptyArray = gl.createVertexArray();
-    this.orderArray = gl.createVertexArray();
-    this.order = gl.createBuffer();
-    gl.bindVertexArray(this.orderArray);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(0, 1);
+    this.order = new Texture(gl, ORDER, [gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT]);
+    this.quadsArray = gl.createVertexArray();
+    this.quads = gl.createBuffer();
+    gl.bindVertexArray(this.quadsArray);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.quads);
+    const corners = Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 2, 1, 3][i % 6]);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
     this.pointsArray = gl.createVertexArray();
     this.points = gl.createBuffer();
     gl.bindVertexArray(this.pointsArray);
@@ -204,7 +211,7 @@ class Resources {
     gl.enableVertexAttribArray(0);
     gl.vertexAttribIPointer(0, 3, gl.INT, 0, 0);
     gl.bindVertexArray(null);
-    this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT, "splat");
+    this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
     this.resolve = new Program(gl, FULL_VERTEX, RESOLVE_FRAGMENT);
     this.canvasTarget = new Target(gl, half);
   }
@@ -222,12 +229,12 @@ class Resources {
 
   dispose(): void {
     const { gl } = this;
-    for (const texture of [this.luma, this.statics, this.blocks, this.escapes, ...this.words]) texture.dispose();
+    for (const texture of [this.luma, this.statics, this.blocks, this.escapes, this.order, ...this.words]) texture.dispose();
     this.canvasTarget.dispose();
     gl.deleteFramebuffer(this.wordsFrame);
-    gl.deleteBuffer(this.order);
+    gl.deleteBuffer(this.quads);
     gl.deleteBuffer(this.points);
-    for (const array of [this.orderArray, this.pointsArray, this.emptyArray]) gl.deleteVertexArray(array);
+    for (const array of [this.quadsArray, this.pointsArray, this.emptyArray]) gl.deleteVertexArray(array);
     for (const program of [this.splat, this.resolve, ...this.projects.values()]) program.dispose();
   }
 }
@@ -337,8 +344,12 @@ export class WebGL2Renderer implements Renderer {
   setOrder(order: Uint32Array, count: number): void {
     const { resources, gl } = this;
     if (resources === null) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, resources.order);
-    gl.bufferData(gl.ARRAY_BUFFER, order, gl.DYNAMIC_DRAW, 0, count);
+    const rows = Math.floor(count / ORDER_WIDTH);
+    resources.order.resize(ORDER_WIDTH, Math.max(1, Math.ceil(order.length / ORDER_WIDTH)));
+    if (rows > 0) resources.order.fill(order, ORDER_WIDTH, rows);
+    const rest = count - rows * ORDER_WIDTH;
+    if (rest > 0)
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, rows, rest, 1, gl.RED_INTEGER, gl.UNSIGNED_INT, order, rows * ORDER_WIDTH);
     this.count = count;
   }
 
@@ -443,8 +454,12 @@ export class WebGL2Renderer implements Renderer {
     gl.uniform2f(splat.at("size"), ...size);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.bindVertexArray(resources.orderArray);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    resources.order.bind();
+    gl.uniform1i(splat.at("order"), ORDER);
+    gl.uniform1i(splat.at("count"), this.count);
+    gl.uniform1i(splat.at("batch"), BATCH);
+    gl.bindVertexArray(resources.quadsArray);
+    gl.drawElementsInstanced(gl.TRIANGLES, 6 * BATCH, gl.UNSIGNED_SHORT, 0, Math.ceil(this.count / BATCH));
     gl.bindVertexArray(null);
     gl.disable(gl.BLEND);
   }
