@@ -19,22 +19,12 @@ from studio.stream.manifest_models import BlockTable, Box, ChannelEntry, Lattice
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
+from studio.stream.profiles.motion import POSITION_STEP, channel_range, channel_steps, to_ycocg
 from studio.stream.rotation import conjugate, multiply, nearest_form, to_mrp
 from studio.stream.settings import BakeSettings
 from studio.stream.video import PlaneEncoder, codec_qp
 
-# Steps of the codes: those at which an error of one code in every channel shows about alike, found by drawing trained
-# groups with one attribute coarsened at a time. Positions: of a typical
-# splat's size.
-POSITION_STEP = 0.08
-ROTATION_STEP = 0.0015
-SCALE_STEP = 0.017
-OPACITY_STEP = 0.0096
-LUMA_STEP = 0.0069
-CHROMA_STEP = 0.0072
-
 _USUAL_OPACITY = 0.15  # median of the trained splats at which the steps were found
-_TAIL = 1e-4  # share of values at either end that may become escapes rather than widen the range
 _BLOCK_STEP = 1.5  # of the position step: one unit of a motion's numbers
 _BLOCK_ERROR = 3.0  # of the position step: what finer blocks are not paid for
 _KEYFRAME_STEP = 1.0  # of the position step, at `_REFERENCE_QP`: cells of the keyframe's positions
@@ -106,9 +96,7 @@ class MotionBake:
         np.maximum(scales, np.float32(self._floor), out=scales)
         red, green, blue = values[:, 3:-8:3], values[:, 4:-8:3], values[:, 5:-8:3]
         colors = np.empty((self._count, values.shape[1] - 11, self._splats), dtype=np.float32)
-        colors[:, 0::3] = (red + 2 * green + blue) / 4
-        colors[:, 1::3] = (red - blue) / 2
-        colors[:, 2::3] = (2 * green - red - blue) / 4
+        colors[:, 0::3], colors[:, 1::3], colors[:, 2::3] = to_ycocg(red, green, blue)
         return np.concatenate([scales, values[:, -8:-7], colors], axis=1), quats
 
     def write(
@@ -126,7 +114,7 @@ class MotionBake:
             codes, self._labels, np.zeros(self._splats, np.uint8), affine, turns, Escapes(empty, empty, empty, empty)
         )
         residuals, rotations = self._residuals(MotionState(lattice, table, side), side)
-        steps = _steps(self._degree, self._step, settings)
+        steps = channel_steps(self._degree, self._step, settings)
         classes = _classes(self._importance, residuals, steps[0])
         gains = np.ldexp(1.0, classes.astype(np.int64))
         entries: list[ChannelEntry] = []
@@ -140,7 +128,7 @@ class MotionBake:
                 values, offset = residuals[:, :, index] / gains, 0.0
             else:
                 values = rotations[:, :, index - 3] if index < 6 else self._attributes[:, index - 6].astype(np.float64)
-                offset, step = _range(values, step)
+                offset, step = channel_range(values, step)
             codes_8 = np.rint((values - offset) / step).astype(np.int64) + 128
             beyond = (codes_8 < 0) | (codes_8 > 255)
             frame, splat = np.nonzero(beyond)
@@ -263,27 +251,3 @@ def _classes(importance: np.ndarray, residuals: np.ndarray, step: float) -> np.n
     reach = np.quantile(np.abs(residuals).max(axis=2), 0.8, axis=0)
     needed = np.ceil(np.log2(np.maximum(reach / (_STEPS_A_SIDE * step), 1e-9)))
     return np.clip(np.maximum(wanted, needed), 0, MAX_CLASS).astype(np.uint8)
-
-
-def _steps(sh_degree: int, position_step: float, settings: BakeSettings) -> list[float]:
-    """Step of each channel, before its range is looked at."""
-
-    def step(base: float, attribute: str) -> float:
-        qp = settings.attribute_qps.get(attribute, settings.qp)
-        return base * 2.0 ** ((qp - settings.qp) / 6)
-
-    result = [step(position_step / 2, "means_low")] * 3  # class 0; most splats have class 1
-    result += [step(ROTATION_STEP, "quats")] * 3
-    result += [step(SCALE_STEP, "scales")] * 3
-    result.append(step(OPACITY_STEP, "opacities"))
-    for _ in range((sh_degree + 1) ** 2):
-        result += [step(LUMA_STEP, "sh"), step(CHROMA_STEP, "sh"), step(CHROMA_STEP, "sh")]
-    return result
-
-
-def _range(values: np.ndarray, step: float) -> tuple[float, float]:
-    """Offset and step for a channel: its whole range where 255 steps hold it, else all but the tails."""
-    low, high = float(values.min()), float(values.max())
-    if high - low > 254 * step:
-        low, high = (float(end) for end in np.quantile(values, [_TAIL, 1 - _TAIL]))
-    return (low + high) / 2, max(step, (high - low) / 254)

@@ -13,6 +13,7 @@ from studio.stream.decoder import DecodedFrame, GroupDecoder
 from studio.stream.manifest_models import MotionGroup
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
+from studio.stream.profiles.motion import from_ycocg
 from studio.stream.rotation import from_mrp, multiply
 from studio.stream.video import PlaneDecoder
 
@@ -84,7 +85,7 @@ class MotionFrame(DecodedFrame):
             quats = multiply(turned[tables.state.labels], quats)
         opacities = np.clip(values[9], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
         luma, orange, green = values[10::3].T, values[11::3].T, values[12::3].T  # (N, K) each
-        sh = np.stack([luma + orange - green, luma + green, luma - orange - green], axis=-1)
+        sh = np.stack(from_ycocg(luma, orange, green), axis=-1)
         return Gaussians(
             means=torch.from_numpy(means),
             quats=torch.from_numpy(quats),
