@@ -201,6 +201,9 @@ class TrainSection(Section):
     temporal_huber: float = Field(default=0.0, ge=0)
     """0: the temporal loss is the paper's L1. Above 0: a Huber loss, quadratic up to this many quantization steps."""
 
+    regularize: Literal["planes", "motion"] = "planes"
+    """Profile whose coded values the residual entropy and temporal losses act on. planes: as in the paper."""
+
     simulate_quantization: bool = False
     """While fine-tuning, draw the attributes as the baker will round them."""
 

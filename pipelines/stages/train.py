@@ -112,7 +112,7 @@ class TrainStage:
         files = read_json(points).get("files") if points.is_file() else None
         recipe = self._recipe(context)
         later_names = [f"train.{name}" for name in AFTER_KEYFRAME]
-        later = {name: recipe[name] for name in later_names}
+        later = {name: recipe[name] for name in later_names if name in recipe}
         start = key_of(
             self.name,
             self.version,

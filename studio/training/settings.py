@@ -82,6 +82,8 @@ class TrainSettings:
         temporal_weight: lambda_t of equation 13.
         temporal_huber: equation 12 is an L1; above 0 it is a Huber loss instead, quadratic up to this many quantization
             steps, so that what rounding hides anyway is not pressed to zero.
+        regularize: profile whose coded values the entropy and temporal losses and `simulate_quantization` act on:
+            "planes" (as in the paper) or "motion". Independent of the profile that is baked.
         simulate_quantization: fine-tuning draws the attributes as the baker will round them (straight-through).
         rates: learning rates of the splats.
         snapshot_every: steps between calls of the `snapshot` callback.
@@ -131,6 +133,7 @@ class TrainSettings:
     entropy_weight: float = 1e-5
     temporal_weight: float = 1e-3
     temporal_huber: float = 0.0
+    regularize: str = "planes"
     simulate_quantization: bool = False
     rates: LearningRates = LearningRates()
     snapshot_every: int = 500
@@ -150,6 +153,13 @@ class TrainSettings:
             raise StudioError(f"background is '{self.background}'; it must be random, black or white.")
         if self.strategy not in ("default", "mcmc"):
             raise StudioError(f"strategy is '{self.strategy}'; it must be default or mcmc.")
+        if self.regularize not in ("planes", "motion"):
+            raise StudioError(
+                "settings.invalid_value",
+                f"train.regularize is '{self.regularize}'; expected planes or motion",
+                value=self.regularize,
+                setting="train.regularize",
+            )
         if not 0 <= self.dropout < 1:
             raise StudioError(f"dropout is {self.dropout}; it must be at least 0 and below 1.")
         if not 0 < self.prune_ratio < 1:
@@ -162,7 +172,7 @@ AFTER_KEYFRAME = (
     "motion_iterations", "motion_first_iterations", "motion_learning_rate", "motion_views", "motion_velocity",
     "motion_velocity_neighbors", "motion_warm_start", "motion_neighbors", "hash_levels", "hash_features",
     "hash_log2_size", "hash_base_resolution", "hash_growth", "mlp_width", "mlp_layers", "finetune_iterations",
-    "finetune_means", "entropy_weight", "temporal_weight", "temporal_huber", "simulate_quantization",
-    "rates.means_finetune",
+    "finetune_means", "entropy_weight", "temporal_weight", "temporal_huber", "regularize",
+    "simulate_quantization", "rates.means_finetune",
 )  # fmt: skip
 """Settings that only the frames after the keyframe are trained by: changing them leaves keyframes as they are."""
