@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from studio.camera_files import read_rig
 from studio.camera_files.common import read_json
-from studio.cameras import Camera, Rig
+from studio.cameras import Camera, Rig, look_at_pose
 from studio.errors import StudioError
 from studio.splat_video import SplatVideo
 
@@ -233,11 +233,4 @@ def look_at(
     name: str, width: int, height: int, K: np.ndarray, eye: np.ndarray, target: np.ndarray, up: np.ndarray
 ) -> Camera:
     """A camera at `eye` whose axis goes through `target`, upright. `up` must not lie along that axis."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = -rotation @ eye
-    return Camera(name, width, height, K, pose)
+    return Camera(name, width, height, K, look_at_pose(eye, target, up))

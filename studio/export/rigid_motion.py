@@ -6,11 +6,12 @@ import functools
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 
 from studio.gaussians import Gaussians
 from studio.rasterizer.spherical_harmonics import sh_basis
+from studio.rotations import matrices_to_quats
 from studio.splat_video import SplatVideo
+from studio.torch_rotations import quat_multiply
 
 
 def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
@@ -25,15 +26,12 @@ def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
     """
     dtype, device = gaussians.means.dtype, gaussians.device
     matrix = torch.as_tensor(rotation, dtype=torch.float64)
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
-    a = torch.tensor([w, x, y, z], dtype=torch.float64)
-    b = gaussians.unit_quats.detach().cpu().double()
-    scalar = a[0] * b[:, :1] - (a[1:] * b[:, 1:]).sum(dim=1, keepdim=True)
-    vector = a[0] * b[:, 1:] + b[:, :1] * a[1:] + torch.linalg.cross(a[1:].expand_as(b[:, 1:]), b[:, 1:])
+    turn = torch.from_numpy(matrices_to_quats(rotation))[None]
+    quats = quat_multiply(turn, gaussians.unit_quats.detach().cpu().double())
     sh = _turning_of_harmonics(matrix, gaussians.sh_degree) @ gaussians.sh.detach().cpu().double()
     return Gaussians(
         means=(gaussians.means.detach().cpu().double() @ matrix.T).to(device, dtype),
-        quats=torch.cat([scalar, vector], dim=1).to(device, dtype),
+        quats=quats.to(device, dtype),
         log_scales=gaussians.log_scales,
         logit_opacities=gaussians.logit_opacities,
         sh=sh.to(device, dtype),

@@ -22,6 +22,7 @@ import torch
 from studio.errors import StudioError
 from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.silhouettes import Silhouettes
+from studio.rays import nearest_point_to_rays
 
 _CHUNK = 1 << 18
 
@@ -159,9 +160,7 @@ def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
     weights = np.ones(len(at))
     center = everyone.mean(0)
     for _ in range(10):
-        projectors = weights[:, None, None] * (np.eye(3)[None] - to[:, :, None] * to[:, None, :])
-        matrix, right = projectors.sum(0), np.einsum("cij,cj->i", projectors, at)
-        center = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+        center = nearest_point_to_rays(at, to, weights)
         away = center - at
         error = np.linalg.norm(away - (away * to).sum(1, keepdims=True) * to, axis=1)
         weights = 1 / np.maximum(error, 1e-3 * max(spread, 1e-12))

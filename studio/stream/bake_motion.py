@@ -13,6 +13,7 @@ import numpy as np
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
+from studio.rotations import quat_conjugate, quat_multiply, quats_to_mrp
 from studio.stream.files import describe
 from studio.stream.layout import channels, component_frames, scale_floor, tile_grid, tile_side, typical_size
 from studio.stream.manifest_models import BlockTable, Box, ChannelEntry, Lattice, MotionGroup, SideEntry, VideoEntry
@@ -20,7 +21,7 @@ from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
 from studio.stream.profiles.motion import POSITION_STEP, channel_range, channel_steps, to_ycocg
-from studio.stream.rotation import conjugate, multiply, nearest_form, to_mrp
+from studio.stream.rotation import nearest_form
 from studio.stream.settings import BakeSettings
 from studio.stream.video import PlaneEncoder, codec_qp
 
@@ -87,7 +88,7 @@ class MotionBake:
         splats' axes named so that the keyframe's rotations are nearest to none."""
         values = self._values
         factors, axes = nearest_form(values[0, -4:].T.astype(np.float64))
-        quats = multiply(values[:, -4:].transpose(0, 2, 1).astype(np.float64), factors)
+        quats = quat_multiply(values[:, -4:].transpose(0, 2, 1).astype(np.float64), factors)
         quats[0] *= np.where(quats[0][:, :1] < 0, -1.0, 1.0)
         for frame in range(1, self._count):
             likeness = (quats[frame] * quats[frame - 1]).sum(axis=1, keepdims=True)
@@ -204,11 +205,11 @@ class MotionBake:
         order = np.argsort(self._labels, kind="stable")
         parts = np.split(order, np.cumsum(np.bincount(self._labels))[:-1])
         for frame in range(1, self._count):
-            turn = multiply(self._quats[frame], conjugate(self._quats[0]))
+            turn = quat_multiply(self._quats[frame], quat_conjugate(self._quats[0]))
             turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
             mean = np.stack([np.median(turn[part], axis=0) for part in parts])
             mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
-            numbers = to_mrp(mean)
+            numbers = quats_to_mrp(mean)
             numbers[np.linalg.norm(numbers, axis=1) < _TURN] = 0
             turns[frame - 1] = np.rint(numbers / table.rotation_step).T
         return turns
@@ -224,12 +225,12 @@ class MotionBake:
             turned = state.rotations(frame)
             rest = self._quats[frame]
             if turned is not None:
-                rest = multiply(conjugate(turned)[self._labels], rest)
+                rest = quat_multiply(quat_conjugate(turned)[self._labels], rest)
             if before is not None:
                 rest = rest * np.where((rest * before).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
             rest = rest * np.where(rest[:, :1] < -0.5, -1.0, 1.0)  # far from -1, where the three numbers end
             before = rest
-            rotations[frame] = to_mrp(rest)
+            rotations[frame] = quats_to_mrp(rest)
         return residuals, rotations
 
 

@@ -9,12 +9,12 @@ import torch
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.rotations import mrp_to_quats, quat_multiply
 from studio.stream.decoder import DecodedFrame, GroupDecoder
 from studio.stream.manifest_models import MotionGroup
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
 from studio.stream.profiles.motion import from_ycocg
-from studio.stream.rotation import from_mrp, multiply
 from studio.stream.video import PlaneDecoder
 
 OPACITY_MARGIN = 1e-6
@@ -79,10 +79,10 @@ class MotionFrame(DecodedFrame):
         tables, index = self._tables, self._index
         values = tables.values(index, self._picture)
         means = tables.state.positions(index) + (values[:3] * tables.gains).T
-        quats = from_mrp(values[3:6].T)
+        quats = mrp_to_quats(values[3:6].T)
         turned = tables.state.rotations(index)
         if turned is not None:
-            quats = multiply(turned[tables.state.labels], quats)
+            quats = quat_multiply(turned[tables.state.labels], quats)
         opacities = np.clip(values[9], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
         luma, orange, green = values[10::3].T, values[11::3].T, values[12::3].T  # (N, K) each
         sh = np.stack(from_ycocg(luma, orange, green), axis=-1)

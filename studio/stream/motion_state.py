@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from studio.rotations import mrp_to_quats
 from studio.stream.manifest_models import MAX_VALUE, BlockTable, Lattice, MotionGroup
 from studio.stream.morton import deinterleave
 from studio.stream.motion_blocks import Blocks
 from studio.stream.octree import decode_octree, encode_octree
-from studio.stream.rotation import from_mrp
 from studio.stream.sidefile import Cursor, deflate, inflate, split
 
 MAX_CLASS = 15
@@ -160,7 +160,7 @@ class MotionState:
         """(B, 4) mean rotations since the keyframe; None where no block turns."""
         if index == 0 or not self._side.rotation[index - 1].any():
             return None
-        return from_mrp(self._side.rotation[index - 1].T * self._table.rotation_step).astype(self.keyframe.dtype)
+        return mrp_to_quats(self._side.rotation[index - 1].T * self._table.rotation_step).astype(self.keyframe.dtype)
 
 
 def keyframe_bits(extent: float, step: float) -> int:

@@ -12,12 +12,13 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.stream.profiles import coding_of
+from studio.torch_rotations import quat_multiply
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
 from studio.training.regularizers import ResidualEntropy, simulate_quantization, temporal_loss
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.splat_rotation import local_median, local_rotations, multiply, neighbors
+from studio.training.splat_rotation import local_median, local_rotations, neighbors
 from studio.training.step import SnapshotFn, Step, Stepper, check_finite
 from studio.training.views import TrainingView
 
@@ -141,7 +142,7 @@ def _move(
     def turned(means: Tensor) -> Tensor:
         if near is None:
             return previous.quats
-        return multiply(local_rotations(previous.means, means.detach(), near), previous.quats)
+        return quat_multiply(local_rotations(previous.means, means.detach(), near), previous.quats)
 
     quats = turned(start)
     for iteration in range(1, iterations + 1):

@@ -11,8 +11,9 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.stream.layout import scale_floor, tile_side, typical_size
 from studio.stream.profiles.coding import SplatCoding
-from studio.stream.rotation import multiply, nearest_form
+from studio.stream.rotation import nearest_form
 from studio.stream.settings import BakeSettings
+from studio.torch_rotations import quat_multiply
 
 # An error of one step is about equally visible in every channel. Found by drawing trained groups with one attribute
 # coarsened at a time.
@@ -94,21 +95,16 @@ class MotionCoding(SplatCoding):
         device, dtype = previous.device, previous.means.dtype
         quats = previous.unit_quats.detach()
         factors, axes = nearest_form(quats.cpu().double().numpy())
-        # row i of matrix n: basis quaternion i times factor n, so that q @ matrix is q times the factor
-        matrices = multiply(np.eye(4), factors[:, None])
-        self._factors = torch.as_tensor(matrices, dtype=dtype, device=device)
+        self._factors = torch.as_tensor(factors, dtype=dtype, device=device)
         self._axes = torch.as_tensor(axes, device=device)
-        canonical = self._canonical(quats)
+        canonical = quat_multiply(quats, self._factors)
         self._quats = torch.where(canonical[:, :1] < 0, -canonical, canonical)
         extent = float((previous.means.amax(0) - previous.means.amin(0)).max())
         self._floor = scale_floor(typical_size(previous.log_scales.detach().cpu().numpy().T, extent))
 
-    def _canonical(self, quats: Tensor) -> Tensor:
-        return torch.einsum("ni,nij->nj", quats, self._factors)
-
     def coded_values(self, gaussians: Gaussians) -> Tensor:
         """See `SplatCoding`. Axes and quaternion signs are those nearest to the previous frame."""
-        quats = self._canonical(gaussians.unit_quats)
+        quats = quat_multiply(gaussians.unit_quats, self._factors)
         sign = torch.where((quats.detach() * self._quats).sum(-1, keepdim=True) < 0, -1.0, 1.0)
         quats = quats * sign
         rotation = quats[:, 1:] / (1 + quats[:, :1])
