@@ -1,4 +1,4 @@
-"""The stream: Gaussians baked into videos with a manifest, and read back. `docs/STREAM.md` is its description."""
+"""The stream: Gaussians baked into videos with a manifest, and read back. Specified in `docs/STREAM.md`."""
 
 from studio.stream.bake import bake_group, group_folder_name, write_manifest
 from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder

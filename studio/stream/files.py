@@ -1,4 +1,4 @@
-"""What the manifest says of a file that was just written."""
+"""Manifest values of a written file."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ from studio.export import axes_of, export_frame, export_sequence, turned, uprigh
 from studio.export.camera_path import look_at
 from studio.rasterizer import rasterize
 from studio.splat_files import read_splats
+from tests.support.errors import refuses
 
 K = np.array([[90.0, 0, 40], [0, 90, 32], [0, 0, 1]])
 
@@ -101,8 +102,9 @@ def test_whole_or_not_at_all(tmp_path, make_video):
         export_sequence(make_video(), tmp_path / "out", ".ply", progress=stop)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "one.ply").touch()
-    with pytest.raises(StudioError, match=r"one\.ply: this exists already"):
+    with refuses("export.already_exists", file=tmp_path / "one.ply") as caught:
         export_frame(make_video(), tmp_path / "one.ply")
+    assert str(caught.value) == f"{tmp_path / 'one.ply'}: the file exists already. Delete it, or choose another name."
 
 
 def test_parts_of_a_video(make_video):

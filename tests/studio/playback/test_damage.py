@@ -1,12 +1,12 @@
-"""Groups that are damaged or missing are left out, playing goes on, and it is said."""
+"""Damaged and missing groups are skipped and reported, and playback continues."""
 
 import json
 
 import pytest
 
-from studio.errors import StudioError
 from studio.playback import Player, play_headless
 from studio.stream import SourceUnavailable, StreamReader
+from tests.support.errors import refuses
 
 
 def number(played) -> int:
@@ -46,9 +46,11 @@ def test_goes_on_with_the_next_intact_group(stream, realtime, damage):
         assert seen == intact
     (skipped,) = report.skipped
     assert (skipped.group, skipped.first_frame, skipped.frame_count) == (1, 5, 4)
-    assert "group_001/quat_w.mp4" in skipped.reason
-    assert "frames 5 to 8" in str(skipped)
-    assert json.loads(json.dumps(report.to_dict()))["skipped"][0]["group"] == 1
+    code = {"missing": "source.file_missing", "shorter": "stream.wrong_size", "other bytes": "stream.wrong_checksum"}
+    assert (skipped.cause.code, skipped.cause.file) == (code[damage], str(path))
+    assert str(skipped) == f"Group 1, frames 5 to 8, was skipped: {skipped.reason}"
+    written = json.loads(json.dumps(report.to_dict()))["skipped"][0]
+    assert (written["group"], written["code"], written["reason"]) == (1, code[damage], skipped.reason)
 
 
 @pytest.mark.parametrize("realtime", [False, True])
@@ -67,8 +69,12 @@ def test_damage_at_both_ends(stream, realtime):
 def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
     for group in range(4):
         (stream / f"group_{group:03d}" / "opacity.mp4").unlink()
-    with pytest.raises(StudioError, match=r"Nothing of the stream can be played.*group_000/opacity\.mp4: the file is"):
+    file = stream / "group_000" / "opacity.mp4"
+    with refuses("playback.nothing_playable", file=file, cause="source.file_missing", group=0) as caught:
         play_headless(stream, realtime=realtime)
+    assert str(caught.value) == (
+        f"{file}: no frame of the stream can be played; the file is missing. Bake the stream again, or copy it again."
+    )
     with Player(stream, loop=True) as player:  # not round and round for ever
         player.play()
 
@@ -76,13 +82,13 @@ def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
             while True:
                 player.frame()
 
-        with pytest.raises(StudioError, match="Nothing of the stream"):
+        with refuses("playback.nothing_playable"):
             look_for_ever()
 
 
 def test_from_a_frame_on_nothing_is_intact(stream):
     (stream / "group_003" / "opacity.mp4").unlink()
-    with pytest.raises(StudioError, match="Nothing can be played from frame 11 on"):
+    with refuses("playback.nothing_playable", file=stream / "group_003" / "opacity.mp4", group=3):
         play_headless(stream, start_frame=11)
 
 
@@ -115,7 +121,8 @@ def test_a_picture_that_cannot_be_decoded(stream, gate):
     (skipped,) = report.skipped
     assert skipped.first_frame == len(seen)
     assert skipped.first_frame + skipped.frame_count == 16
-    assert "quat_z.mp4" in skipped.reason
+    assert skipped.cause.code in ("stream.video_damaged", "stream.video_too_short")
+    assert skipped.cause.file == str(stream / "group_003" / "quat_z.mp4")
 
 
 def test_the_frame_before_stays_up_and_seeking_jumps_over(stream, gated, clock, until):
@@ -176,7 +183,9 @@ class Dead:
         if "/" in path and group not in self.tried:
             self.tried.append(group)
         if "/" in path and group > self.last_group:
-            raise SourceUnavailable(f"{self.name}/{path}: the server refuses the connection; check it.")
+            raise SourceUnavailable(
+                "source.unavailable", "the server refuses the connection", file=f"{self.name}/{path}"
+            )
         return (self.folder / path).read_bytes()
 
 
@@ -184,7 +193,7 @@ class Dead:
 def test_a_server_that_stays_away_ends_it(long_stream, realtime):
     source = Dead(long_stream, "group_001")
     seen = []
-    with pytest.raises(SourceUnavailable, match="refuses the connection"):
+    with pytest.raises(SourceUnavailable):
         play_headless(source, realtime=realtime, on_frame=lambda played: seen.append(number(played)))
     assert seen[-1] == 27
     assert source.tried == ["group_000", "group_001", "group_002", "group_003"]
