@@ -47,7 +47,7 @@ def test_goes_on_with_the_next_intact_group(stream, realtime, damage):
     (skipped,) = report.skipped
     assert (skipped.group, skipped.first_frame, skipped.frame_count) == (1, 5, 4)
     code = {"missing": "source.file_missing", "shorter": "stream.wrong_size", "other bytes": "stream.wrong_checksum"}
-    assert (skipped.cause.code, skipped.cause.file) == (code[damage], str(path))
+    assert (skipped.cause.code, str(skipped.cause.file)) == (code[damage], str(path))
     assert str(skipped) == f"Group 1, frames 5 to 8, was skipped: {skipped.reason}"
     written = json.loads(json.dumps(report.to_dict()))["skipped"][0]
     assert (written["group"], written["code"], written["reason"]) == (1, code[damage], skipped.reason)
