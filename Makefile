@@ -66,3 +66,9 @@ system:
 
 system-tests:
 	@bash scripts/system_packages.sh --tests
+
+.PHONY: docs
+docs: setup ## build the documentation into site/, with warnings as errors
+	@$(PY) -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
+	@echo "Documentation: site/index.html"

@@ -210,7 +210,7 @@ def check_video() -> None:
 
 def check_vulkan() -> None:
     """Makes a Vulkan instance and lists its devices, as the window does before it opens."""
-    from gui.vulkan import vulkan_devices
+    from gui.platform.vulkan import vulkan_devices
 
     vulkan_devices()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -93,16 +92,3 @@ def _first_that_is_none(value: Any) -> tuple[str, Any]:
 def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 40 else text[:37] + "..."
-
-
-def need_utf8(path: Path) -> None:
-    """A path must be text that every library and every file of settings can hold.
-
-    Raises:
-        StudioError: its bytes are not UTF-8.
-    """
-    try:
-        str(path).encode("utf-8")
-    except UnicodeEncodeError:
-        shown = str(path).encode("utf-8", "backslashreplace").decode()
-        raise StudioError(f"{shown}: the path is not valid UTF-8; rename the folder.") from None

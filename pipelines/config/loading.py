@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pipelines.config.renamed import first_tree, renamed, renamed_override, tell
 from pipelines.config.sections import Config
 from studio.errors import StudioError
-from studio.validation import need_utf8
+from studio.paths import need_utf8
 
 
 class _Loader(yaml.SafeLoader):

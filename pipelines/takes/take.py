@@ -31,7 +31,7 @@ from typing import IO
 from pipelines.config.renamed import first_name, first_path
 from pipelines.takes.atomic_files import read_json, remove, sweep_partial, write_json
 from studio.errors import StudioError
-from studio.validation import need_utf8
+from studio.paths import need_utf8
 
 TAKE_FORMAT = 2
 """Version of this layout. Format 1 had other names (`pipelines.config.renamed`): it is read as it is, and brought to

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import psutil
 
+import pipelines
 from pipelines.events import Event, Log, RunFinished, read_line
 from pipelines.takes.take import Take
 
@@ -41,7 +42,7 @@ class ChildProcess:
 
     def __init__(self, command: Sequence[str], errors: Path, folder: Path) -> None:
         self.errors = errors
-        root = str(Path(__file__).resolve().parents[2])  # the packages, wherever the window was started from
+        root = str(Path(pipelines.__file__).resolve().parents[1])  # wherever the window was started from
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         with errors.open("wb") as file:
             self._process = subprocess.Popen(
