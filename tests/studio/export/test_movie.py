@@ -1,4 +1,4 @@
-"""Camera paths and movies: at keys exactly the keys, smooth between, and the pictures are the rasterizer's."""
+"""Camera paths are exact at keys and smooth in between; movies contain the rasterizer's pictures."""
 
 import json
 import math
@@ -181,7 +181,7 @@ def test_a_movie_shows_what_the_rasterizer_draws(tmp_path, make_video):
         corner = difference[:10, :10].mean()
         assert corner < 0.01
     wrong = rasterize(video.read(2), path.camera(0), torch.tensor(video.background)).image.clamp(0, 1).numpy()
-    assert np.abs(found[7] / 255 - wrong).mean() > 2 * difference.mean()  # the comparison tells cameras apart
+    assert np.abs(found[7] / 255 - wrong).mean() > 2 * difference.mean()  # the comparison is sensitive to the camera
 
 
 def test_colors_are_those_of_bt709(tmp_path, make_video):

@@ -76,7 +76,7 @@ def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
     assert len(frames) == 6
     for group in video.groups:
         keyframe = video.read(group[0])
-        # which exported splat is which: the nearest in the first frame of the group
+        # match exported splats by the nearest one in the first frame of the group
         distance = torch.cdist(torch.tensor(frames[group[0]]["position"]), keyframe.means.double())
         which = distance.argmin(dim=1)
         assert len(set(which.tolist())) == len(keyframe)
@@ -141,7 +141,7 @@ def test_lossy_export_is_smaller_and_keeps_high_bytes(tmp_path, make_video):
     for channel in (1, 3, 5):
         data = [(tmp_path / str(qp) / "group0" / f"{channel}.mp4").read_bytes() for qp in (0, 35)]
         assert data[0] == data[1]
-    # above 22 color, scale and rotation stand still; positions' low bytes and opacity follow
+    # above 22, color, scale and rotation stay at 22; low bytes of positions and opacity follow the QP
     export_videogs(video, tmp_path / "22", qp=22)
     files = {path.name: path.read_bytes() for path in (tmp_path / "22" / "group0").iterdir()}
     same = {name for name, data in files.items() if data == (tmp_path / "35" / "group0" / name).read_bytes()}
@@ -207,7 +207,7 @@ def test_frames_called_by_their_names_as_the_released_baker_does(exported):
 
 
 def test_limited_range_video_is_scaled_to_the_full_one(exported):
-    """As the released baker encodes: within two levels of what full range gives."""
+    """Limited range, as the released baker encodes: within two levels of full range."""
     import av
 
     before = open_videogs(exported).read(0)

@@ -1,4 +1,4 @@
-"""Sequences of splat files that other programs wrote: their order, where groups begin, and baking them."""
+"""Sequences of splat files from other programs: order, group boundaries, baking."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from tests.support.errors import refuses
 
 
 def body(frame: int, splats: int = 120, degree: int = 0, seed: int = 0) -> Gaussians:
-    """A body that walks along x: splats follow each other from frame to frame."""
+    """A body that moves along x, with the same splats in each frame."""
     generator = torch.Generator().manual_seed(seed)
     means = torch.randn(splats, 3, generator=generator) * torch.tensor([0.2, 0.2, 0.5])
     means[:, 0] += 0.05 * frame
@@ -28,7 +28,7 @@ def body(frame: int, splats: int = 120, degree: int = 0, seed: int = 0) -> Gauss
 
 
 def covariances(splats: Gaussians) -> torch.Tensor:
-    """(N, 3, 3): shapes, whichever axis of a splat is called the first."""
+    """(N, 3, 3) covariances, independent of the order of a splat's axes."""
     matrix = torch.from_numpy(Rotation.from_quat(splats.quats.numpy(), scalar_first=True).as_matrix())
     stretched = matrix * splats.scales[:, None]
     return stretched @ stretched.transpose(1, 2)

@@ -14,7 +14,7 @@ def number(played) -> int:
 
 
 def break_late(stream, reader, group: int) -> None:
-    """Cut the pictures of one file of a group short but keep checksums right: decoding fails in its middle."""
+    """Zero the second half of the pictures in one file of a group, so that decoding fails midway."""
     entry = reader.manifest.groups[group]
     path = stream / entry.planes[-1].path
     data = bytearray(path.read_bytes())
@@ -75,7 +75,7 @@ def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
     assert str(caught.value) == (
         f"{file}: no frame of the stream can be played; the file is missing. Bake the stream again, or copy it again."
     )
-    with Player(stream, loop=True) as player:  # not round and round for ever
+    with Player(stream, loop=True) as player:  # no endless loop
         player.play()
 
         def look_for_ever():
@@ -100,7 +100,7 @@ def test_only_what_was_to_be_played_is_reported(stream):
 
 
 def test_a_picture_that_cannot_be_decoded(stream, gate):
-    """The files fit their checksums here: the source hands out damaged bytes under a manifest that is made to fit."""
+    """Checksums match here: the manifest is updated to the damaged file."""
     import hashlib
 
     from studio.stream.manifest import parse_manifest, seal
@@ -152,10 +152,10 @@ def test_a_slow_fetch_is_waited_for_and_nothing_is_dropped(long_stream, gate, cl
         player.play()
         until(lambda: player.frame() is not None)
         until(lambda: source.groups_read() == ["group_000", "group_001", "group_002"])
-        until(lambda: source.whole("group_002"))  # or the gate would hold back the rest of it
+        until(lambda: source.whole("group_002"))  # otherwise the gate would block the rest of it
         source.gate.clear()
         clock.forward(30)
-        until(lambda: number(player.frame()) == 30)  # what was fetched goes on playing; group 3 is held back
+        until(lambda: number(player.frame()) == 30)  # fetched frames keep playing; group 3 is blocked
         clock.forward(100)
         until(lambda: player.frame() and player.buffering, "waiting for the network")
         before = player.dropped
@@ -169,7 +169,7 @@ def test_a_slow_fetch_is_waited_for_and_nothing_is_dropped(long_stream, gate, cl
 
 
 class Dead:
-    """A source whose server goes away after its manifest."""
+    """A source whose server disappears after some groups."""
 
     name = "http://dead"
 

@@ -43,7 +43,7 @@ def test_part_of_a_stream(stream):
     with StreamReader.open(stream) as reader:
         report = play_headless(reader, start_frame=7, frame_limit=5)
         assert [stats.frame for stats in report.frames] == [7, 8, 9, 10, 11]
-        assert len(reader.gaussians(0)) == 40  # a reader that was given stays open
+        assert len(reader.gaussians(0)) == 40  # the caller's reader stays open
 
 
 def test_by_the_clock(stream):

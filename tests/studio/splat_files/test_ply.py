@@ -1,4 +1,4 @@
-"""3DGS PLY: what Open3D and a reader of plain bytes find in our files, and what we find in others'."""
+"""3DGS PLY: our files read by Open3D and byte by byte, and foreign files read by us."""
 
 import struct
 
@@ -27,7 +27,7 @@ def test_round_trip_is_exact(tmp_path, make_splats, degree):
 
 
 def test_the_head_and_the_order_are_those_of_3dgs(tmp_path, make_splats):
-    """Read by hand: the property list that the released trainer writes, little-endian floats, channel after channel."""
+    """Parsed by hand: the property list of the released trainer, little-endian floats, SH by channel."""
     splats = make_splats(5, degree=1)
     path = tmp_path / "a.ply"
     write_splats(path, splats)
@@ -63,7 +63,7 @@ def test_open3d_reads_it(tmp_path, make_splats):
 
 
 def test_other_programs_files(tmp_path):
-    """ASCII, doubles, other order, further properties, no normals; an opacity of exactly 1 is an infinite logit."""
+    """ASCII, doubles, another order, extra properties, no normals; an opacity of exactly 1 is an infinite logit."""
     names = ["opacity", "z", "y", "x", "temperature", "f_dc_0", "f_dc_1", "f_dc_2"]
     names += ["rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2"]
     head = ["ply", "format ascii 1.0", "comment made elsewhere", "element vertex 2"]

@@ -1,4 +1,4 @@
-"""SPZ: files that other programs wrote, a reader of plain bytes beside ours, and errors within the format's steps."""
+"""SPZ: files from other programs, an independent reader, and errors within the format's steps."""
 
 import gzip
 import math
@@ -27,7 +27,7 @@ DATA = Path(__file__).parents[2] / "data" / "splats"
     ],
 )
 def test_files_of_other_programs(name, z, dc, quat):
-    """Values as splat-transform 3.7 reads them (it turns y and z to PLY's axes; here they stand as in the file)."""
+    """Values as read by splat-transform 3.7 (which flips y and z to PLY axes; here they are as in the file)."""
     assert splats_size(DATA / name) == (4, 0)
     splats = read_splats(DATA / name)
     expected = [[-1, 0, z], [0, 0, z], [-1, 0, 0], [0, 0, 0]]
@@ -41,7 +41,7 @@ def test_files_of_other_programs(name, z, dc, quat):
 
 
 def by_the_description(data: bytes) -> dict[str, np.ndarray]:
-    """Every splat by itself, as the format's README describes version 3."""
+    """Splat by splat, as in the README of the format for version 3."""
     data = gzip.decompress(data)
     magic, version, count, degree, bits, flags, reserved = struct.unpack_from("<IIIBBBB", data)
     assert (magic, version, flags, reserved) == (0x5053474E, 3, 0, 0)

@@ -1,4 +1,4 @@
-"""Files of a baked group: determinism, layout, what other decoders make of them, and that baking is atomic."""
+"""Files of a baked group: determinism, layout, decoding with other libraries, and atomicity."""
 
 import json
 
@@ -65,7 +65,7 @@ def test_videos_are_i_then_p_full_range_and_free_of_dates(tmp_path, make_frames)
 
 
 def test_opencv_reads_the_planes_as_we_do(tmp_path, make_frames):
-    """An independent decoder and a formula written down again: the position from high and low pictures."""
+    """With an independent decoder and formula: means from high and low pictures."""
     import cv2
 
     frames = make_frames(4, 300)

@@ -1,4 +1,4 @@
-"""Reading over HTTP from a real server on this machine that stalls, breaks off, lies and comes back."""
+"""HTTP reads from a local server that stalls, disconnects, sends wrong data and restarts."""
 
 import contextlib
 import hashlib
@@ -19,7 +19,7 @@ CONTENT = bytes(range(256)) * 800  # 204,800 bytes
 
 
 class Server:
-    """Serves `files`; a `fault` of a path, a function of the handler and the bytes, replaces the answer while it lasts.
+    """Serves `files`. A function of handler and bytes in `faults` replaces the response for its path.
 
     Attributes:
         requests: (path, Range header or None), in order.
@@ -49,7 +49,7 @@ class Server:
                     self.answer(data)
 
             def answer(self, data: bytes, say: int | None = None, send: int | None = None) -> None:
-                """The file or the range asked for; `say` another length, `send` only so many bytes and close."""
+                """The file or the requested range; declare the length `say`, send only `send` bytes and close."""
                 start = 0
                 tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
                 asked = self.headers.get("Range")
@@ -225,7 +225,7 @@ def test_more_than_the_limit_without_a_length(server, source):
             while not server.stop_stalling.is_set():
                 handler.wfile.write(data)
         except OSError:
-            server.stop_stalling.set()  # the client hung up
+            server.stop_stalling.set()  # the client disconnected
 
     server.faults["/s/file"] = endless
     with refuses("source.file_too_long", file=f"{server.url}/file", expected=1000):

@@ -1,4 +1,4 @@
-"""Damage: everything that is wrong with a manifest or a file is refused with a sentence, and nothing is made up."""
+"""Damaged manifests and files of the profile `planes` are refused with a clear error."""
 
 import hashlib
 import json
@@ -173,7 +173,7 @@ def test_every_flipped_byte_of_the_manifest_is_noticed(stream):
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), signed=st.booleans())
 def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(stream, edit_manifest, data, signed):
-    """A value of any kind, put in anywhere, with and without a fitting checksum: a StudioError or frames, in time."""
+    """Any value at any place, with and without a valid checksum: a StudioError or frames, in bounded time."""
     path = stream / "manifest.json"
     original = path.read_bytes()
     values = json.loads(original)
@@ -215,7 +215,7 @@ def test_group_entry_goes_through_json(stream):
 
 
 def test_sizes_on_a_change_of_digits(stream):
-    """`total_bytes` counts its own digits: try files' sums around powers of ten."""
+    """`total_bytes` includes its own digits: totals around powers of ten."""
     with StreamReader.open(stream) as reader:
         manifest = reader.manifest
     for metadata_length in range(40):
@@ -229,7 +229,7 @@ def test_sizes_on_a_change_of_digits(stream):
 
 
 class TestFiles:
-    """Damage to the videos, noticed when their group is opened."""
+    """Damaged videos are detected when their group is opened."""
 
     @pytest.fixture
     def plane(self, stream):
@@ -274,7 +274,7 @@ class TestFiles:
         self.refuses(stream, "source.outside_folder")
 
     def replace(self, stream, edit_manifest, plane, data):
-        """Put other bytes in and sign them: what a faulty or hostile writer would do."""
+        """Replace the bytes and update the checksums, as a faulty or malicious writer would."""
         plane.write_bytes(data)
 
         def change(values):

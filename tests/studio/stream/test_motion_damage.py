@@ -1,4 +1,4 @@
-"""Damage to streams of the profile `motion`: a sentence that names the file, in little time and memory, or frames."""
+"""Damaged streams of the profile `motion`: a clear error or frames, in bounded time and memory."""
 
 import hashlib
 import json
@@ -127,7 +127,7 @@ def test_damaged_files_leave_the_other_group(stream, name, damage):
 
 
 def sign(stream, edit_manifest, key, data, raw_bytes=None):
-    """Put other bytes in and sign them: what a faulty or hostile writer would do."""
+    """Replace the bytes and update the checksums, as a faulty or malicious writer would."""
 
     def change(values):
         group = values["groups"][0]
@@ -142,7 +142,7 @@ def sign(stream, edit_manifest, key, data, raw_bytes=None):
 
 
 def outcome(stream):
-    """Frames that were read, or the sentence; the second group is intact whatever happened to the first."""
+    """Reading gives valid frames or an error about the first group; the second group stays readable."""
     began = time.perf_counter()
     with StreamReader.open(stream) as reader:
         try:
@@ -160,7 +160,7 @@ def outcome(stream):
 @QUICK
 @given(data=st.data())
 def test_signed_changes_of_the_side_files_content(stream, edit_manifest, data):
-    """Any bytes put in at any place of what the side file holds once decompressed."""
+    """Arbitrary bytes at arbitrary places of the decompressed side file."""
     manifest = (stream / "manifest.json").read_bytes()
     file = stream / "group_000" / "motion.bin"
     original = file.read_bytes()
@@ -237,7 +237,7 @@ def test_a_bomb_is_not_unpacked(stream, edit_manifest):
 
 
 def test_motion_without_bounds_is_refused(tmp_path, turning_bodies, edit_manifest):
-    """Numbers that would carry splats past all bounds are found when the group is opened."""
+    """Motion that exceeds all bounds is detected when the group is opened."""
     baking = BakeSettings(preset="ultrafast")
     write_manifest(tmp_path, [bake_group(turning_bodies(3, 200), tmp_path, 0, 0, baking)], 25, baking)
     edit_manifest(tmp_path, set_(("groups", 0, "blocks", "step"), 1e9))

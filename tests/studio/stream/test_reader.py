@@ -1,4 +1,4 @@
-"""Random access, threads, and that frames are the same however they are reached."""
+"""Random access and threads: a frame is the same in whatever order it is read."""
 
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,4 +1,4 @@
-"""QPs that reach a target."""
+"""Search for QPs that reach a target."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_kilobytes(tmp_path, turning_bodies, profile):
 
 
 def test_psnr_by_the_callers_measure(tmp_path, turning_bodies):
-    """Opacities stand in for pictures: the frames asked for come decoded, and the found QP is the highest that does."""
+    """With opacities in place of pictures: decoded frames are passed, and the QP found is the highest that suffices."""
     frames = turning_bodies(5, 800)
     wanted = np.sort(frames[0].opacities.numpy())
     asked = []
