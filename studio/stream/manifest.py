@@ -19,11 +19,11 @@ from studio.stream.manifest_models import (
     MAX_GROUPS,
     Box,
     GroupEntry,
+    InconsistentError,
     Model,
     MotionGroup,
     PlanesGroup,
     Sha256,
-    inconsistent,
     invalid,
 )
 from studio.stream.source import BAKE_AGAIN
@@ -81,22 +81,22 @@ class Manifest(Model):
         paths: set[str] = set()
         for number, group in enumerate(self.groups):
             if group.index != number or group.first_frame != frame:
-                raise inconsistent(
+                raise InconsistentError(
                     "group_order",
                     f"group {number} has index {group.index} and starts at frame {group.first_frame}; expected index "
                     f"{number} and frame {frame}",
                 )
             if group.sh_degree != self.sh_degree:
-                raise inconsistent(
+                raise InconsistentError(
                     "sh_degree", f"group {number} has SH degree {group.sh_degree}, the stream has {self.sh_degree}"
                 )
             frame = group.end_frame
             for file in group.files:
                 if file.path in paths or file.path == MANIFEST_NAME:
-                    raise inconsistent("duplicate_path", f"path {file.path!r} is used twice")
+                    raise InconsistentError("duplicate_path", f"path {file.path!r} is used twice")
                 paths.add(file.path)
         if frame != self.frame_count:
-            raise inconsistent("frame_count", f"frame_count is {self.frame_count}, the groups have {frame} frames")
+            raise InconsistentError("frame_count", f"frame_count is {self.frame_count}, the groups have {frame} frames")
         return self
 
     def group_of(self, frame: int) -> GroupEntry:
@@ -137,7 +137,7 @@ class PlanesManifest(Manifest):
     @model_validator(mode="after")
     def _check_codec(self) -> PlanesManifest:
         if self.codec.name != "h264":
-            raise inconsistent("codec", f"profile planes requires codec h264, not {self.codec.name}")
+            raise InconsistentError("codec", f"profile planes requires codec h264, not {self.codec.name}")
         return self
 
 

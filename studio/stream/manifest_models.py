@@ -8,7 +8,6 @@ import re
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
 
 from studio.errors import StudioError
 from studio.stream.layout import Component, channels, components, plane_side, tile_side
@@ -32,9 +31,12 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 _PATH = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}")
 
 
-def inconsistent(rule: str, problem: str) -> PydanticCustomError:
-    """The error of a validator: values that contradict each other. `rule` is a stable name for programs."""
-    return PydanticCustomError(rule, "{problem}", {"problem": problem})
+class InconsistentError(ValueError):
+    """Raised by validators for values that contradict each other. `rule` is a stable name for programs."""
+
+    def __init__(self, rule: str, problem: str) -> None:
+        super().__init__(problem)
+        self.rule = rule
 
 
 class Model(BaseModel):
@@ -52,7 +54,7 @@ class Box(Model):
     @model_validator(mode="after")
     def _check(self) -> Box:
         if any(low > high for low, high in zip(self.min, self.max, strict=True)):
-            raise inconsistent("box_order", f"box minimum {self.min} exceeds its maximum {self.max}")
+            raise InconsistentError("box_order", f"box minimum {self.min} exceeds its maximum {self.max}")
         return self
 
     def union(self, other: Box) -> Box:
@@ -77,7 +79,7 @@ class FileEntry(Model):
     @model_validator(mode="after")
     def _check(self) -> FileEntry:
         if not _PATH.fullmatch(self.path):
-            raise inconsistent(
+            raise InconsistentError(
                 "unsafe_path", f"{self.path[:200]!r} is not a plain relative path below the manifest's folder"
             )
         return self
@@ -114,7 +116,7 @@ class ComponentEntry(Model):
     @model_validator(mode="after")
     def _check(self) -> ComponentEntry:
         if self.min > self.max:
-            raise inconsistent("range_order", f"minimum {self.min} of {self.name} exceeds its maximum {self.max}")
+            raise InconsistentError("range_order", f"minimum {self.min} of {self.name} exceeds its maximum {self.max}")
         return self
 
 
@@ -148,7 +150,7 @@ class GroupEntry(Model):
         """Raises ValueError if `bytes` is not the total size of the files."""
         total = sum(file.bytes for file in self.files)
         if self.bytes != total:
-            raise inconsistent("bytes_sum", f"bytes is {self.bytes}, but its files have {total} bytes")
+            raise InconsistentError("bytes_sum", f"bytes is {self.bytes}, but its files have {total} bytes")
 
     @property
     def end_frame(self) -> int:
@@ -183,12 +185,12 @@ class PlanesGroup(GroupEntry):
     @model_validator(mode="after")
     def _check(self) -> PlanesGroup:
         if self.side != plane_side(self.splats):
-            raise inconsistent(
+            raise InconsistentError(
                 "plane_side", f"side is {self.side}; {self.splats} splats require {plane_side(self.splats)}"
             )
         wanted = components(self.sh_degree)
         if tuple(entry.name for entry in self.components) != tuple(component.name for component in wanted):
-            raise inconsistent("components", f"components do not match SH degree {self.sh_degree} and its order")
+            raise InconsistentError("components", f"components do not match SH degree {self.sh_degree} and its order")
         for entry, component in zip(self.components, wanted, strict=True):
             _check_parts(entry, component)
         self.check_bytes()
@@ -272,22 +274,24 @@ class MotionGroup(GroupEntry):
     @model_validator(mode="after")
     def _check(self) -> MotionGroup:
         if self.tile != tile_side(self.splats):
-            raise inconsistent(
+            raise InconsistentError(
                 "tile_side", f"tile is {self.tile}; {self.splats} splats require {tile_side(self.splats)}"
             )
         wanted = channels(self.sh_degree)
         if tuple(entry.name for entry in self.channels) != wanted:
-            raise inconsistent("channels", f"channels do not match SH degree {self.sh_degree} and its order")
+            raise InconsistentError("channels", f"channels do not match SH degree {self.sh_degree} and its order")
         if self.columns * self.rows < len(wanted):
-            raise inconsistent("tile_count", f"{self.columns} x {self.rows} tiles cannot hold {len(wanted)} channels")
+            raise InconsistentError(
+                "tile_count", f"{self.columns} x {self.rows} tiles cannot hold {len(wanted)} channels"
+            )
         if max(self.size) > MAX_PICTURE:
-            raise inconsistent(
+            raise InconsistentError(
                 "picture_size", f"picture size {self.size[0]}x{self.size[1]} exceeds {MAX_PICTURE} pixels per side"
             )
         if self.blocks.count > self.splats:
-            raise inconsistent("block_count", f"{self.blocks.count} blocks for {self.splats} splats")
+            raise InconsistentError("block_count", f"{self.blocks.count} blocks for {self.splats} splats")
         if math.ldexp(self.positions.step, self.positions.bits) > 2 * MAX_VALUE:
-            raise inconsistent("position_range", f"positions exceed {MAX_VALUE:g}")
+            raise InconsistentError("position_range", f"positions exceed {MAX_VALUE:g}")
         self.check_bytes()
         return self
 
@@ -306,7 +310,7 @@ def _check_parts(entry: ComponentEntry, component: Component) -> None:
     parts = tuple(plane.part for plane in entry.planes)
     allowed = (("all",),) if component.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
     if parts not in allowed:
-        raise inconsistent("parts", f"{entry.name} has planes {parts}; expected {' or '.join(map(str, allowed))}")
+        raise InconsistentError("parts", f"{entry.name} has planes {parts}; expected {' or '.join(map(str, allowed))}")
 
 
 def group_invalid(group: int, error: ValueError) -> StudioError:
@@ -324,14 +328,17 @@ def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
     """The error for the first finding of a failed validation.
 
     Its fields: `location`, the dotted path of the value or of the inconsistent object ("" for the whole file), and
-    `rule`, the name of the violated rule (pydantic's, or one of `inconsistent`).
+    `rule`, the name of the violated rule (pydantic's, or that of an `InconsistentError`).
     """
     first = error.errors(include_url=False)[0]
     location = ".".join(str(part) for part in first["loc"])
-    message = first["msg"]
+    message, rule = first["msg"], first["type"]
     value: str | None = None
     found = ""
-    if first["type"] != "missing" and "problem" not in first.get("ctx", {}):
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InconsistentError):
+        message, rule = str(cause), cause.rule
+    elif rule != "missing":
         value = repr(first.get("input"))[:80]
         found = f", found {value}"
     return StudioError(
@@ -341,5 +348,5 @@ def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
         value=value,
         fix=fix,
         location=location,
-        rule=first["type"],
+        rule=rule,
     )
