@@ -43,7 +43,12 @@ def cut(video: SplatVideo, group_size: int) -> list[range]:
 
 
 def bake_video(
-    video: SplatVideo, folder: Path, settings: BakeSettings, group_size: int = 20, progress: ProgressFn = no_progress
+    video: SplatVideo,
+    folder: Path,
+    settings: BakeSettings,
+    group_size: int = 20,
+    progress: ProgressFn = no_progress,
+    threads: int = 0,
 ) -> Manifest:
     """Bake all frames to a stream. The folder appears when it is complete.
 
@@ -53,6 +58,7 @@ def bake_video(
         settings: bake settings.
         group_size: maximum number of frames per group.
         progress: called with (frames baked, frames).
+        threads: CPU threads; 0: one per core.
 
     Raises:
         StudioError: a frame cannot be read or baked, or the folder exists or cannot be written.
@@ -69,5 +75,7 @@ def bake_video(
             def report(done: int, total: int, start: int = group.start, **figures: Any) -> None:
                 progress(start + done, video.frame_count, **figures)
 
-            entries.append(bake_group(_Frames(video, group), temporary, number, group.start, settings, report))
+            entries.append(
+                bake_group(_Frames(video, group), temporary, number, group.start, settings, report, threads=threads)
+            )
         return write_manifest(temporary, entries, video.fps, settings, metadata)

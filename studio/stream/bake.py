@@ -34,6 +34,7 @@ def bake_group(
     settings: BakeSettings,
     progress: ProgressFn = no_progress,
     quality: QualityFn | None = None,
+    threads: int = 0,
 ) -> GroupEntry:
     """Bake one group into `directory/group_<nnn>/`.
 
@@ -48,6 +49,7 @@ def bake_group(
         first_frame: index *in the stream* of its first frame, 0-based (not the footage's frame number).
         settings: profile, QPs, targets and so on.
         progress: called with (frames encoded, frames).
+        threads: CPU threads; 0: one per core. Does not change the bytes.
         quality: error of a decoded frame against the trained one; required for `target_psnr`.
 
     Returns:
@@ -82,7 +84,7 @@ def bake_group(
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         written.clear()  # only one set of files is on disk
-        written[qp] = prepared.write(partial, folder.name, group, first_frame, settings.at_qp(qp), progress)
+        written[qp] = prepared.write(partial, folder.name, group, first_frame, settings.at_qp(qp), progress, threads)
         return written[qp]
 
     def kilobytes(qp: int) -> float:

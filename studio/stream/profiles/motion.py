@@ -41,7 +41,7 @@ def channel_steps(sh_degree: int, position_step: float, settings: BakeSettings) 
     """
 
     def step(base: float, attribute: str) -> float:
-        qp = settings.attribute_qps.get(attribute, settings.qp)
+        qp = settings.qp_overrides.get(attribute, settings.qp)
         return base * 2.0 ** ((qp - settings.qp) / 6)
 
     result = [step(position_step / 2, "means_low")] * 3  # class 0; most splats have class 1
