@@ -53,7 +53,7 @@ def main() -> None:
     for name, stage in v3.status(take, config).items():
         print(f"{name}: {stage.state}")
     evaluation = json.loads(take.evaluation.read_text())
-    print(json.dumps(evaluation["mean"], indent=1))
+    print(json.dumps(evaluation["summary"], indent=1))
     print(f"stream: {take.stream}")
 
 
