@@ -35,6 +35,7 @@ __all__ = [
     "StageFinished",
     "StageStarted",
     "Warned",
+    "as_message",
     "parse_event",
     "read_line",
 ]

@@ -30,7 +30,8 @@ from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.migration import migrate
 from pipelines.takes.records import write_failure
 from pipelines.takes.settings_file import save_config
-from pipelines.takes.take import Take, program_version
+from pipelines.takes.take import Take
+from pipelines.version import program_version
 from studio.errors import Cancelled, Message, StudioError
 
 _KEPT = Message("run.cancelled", "finished work is kept", fix="Run again to resume.")

@@ -19,7 +19,6 @@ from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
 from pipelines.takes.stage_files import BakedGroup
 from pipelines.takes.take import group_name
-from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians

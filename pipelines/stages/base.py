@@ -18,8 +18,8 @@ from pipelines.stages.device import choose_device
 from pipelines.stages.footage import TakeFootage
 from pipelines.stages.grouping import groups_of
 from pipelines.stages.params import Params
-from pipelines.takes.groups import Group
 from pipelines.takes.atomic_files import Result
+from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
 from studio.errors import Message
 from studio.progress import ProgressFn

@@ -7,6 +7,7 @@ does that once and stores the result in the take; until then groups have a fixed
 from __future__ import annotations
 
 from collections.abc import Sequence
+
 import numpy as np
 
 from pipelines.config.renamed import first_names

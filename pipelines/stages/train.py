@@ -9,8 +9,8 @@ from typing import Any
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
-from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.summaries import TrainSummary
+from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
 from pipelines.takes.atomic_files import read_model, remove
 from pipelines.takes.frame_files import read_about

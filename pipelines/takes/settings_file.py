@@ -134,33 +134,35 @@ def _parse(text: str, path: Path) -> Any:
 
 
 def _check_depth(text: str, path: Path) -> None:
-    """Nesting, from the parser's events: building the tree recurses, and would exhaust the stack first."""
+    """Check nesting and recursive anchors by the parser's events: building the tree would exhaust the stack on the
+    former, and silently drops the latter."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
-    from ruamel.yaml.events import MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
+    from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
-    depth = 0
+    anchors: list[str | None] = []  # of the mappings and lists that are open
     try:
         for event in YAML(typ="safe", pure=True).parse(text):
             if isinstance(event, (MappingStartEvent, SequenceStartEvent)):
-                depth += 1
-                if depth > MAX_DEPTH:
+                anchors.append(event.anchor)
+                if len(anchors) > MAX_DEPTH:
                     raise _refused(path, f"nested deeper than {MAX_DEPTH} levels")
             elif isinstance(event, (MappingEndEvent, SequenceEndEvent)):
-                depth -= 1
+                anchors.pop()
+            elif isinstance(event, AliasEvent) and event.anchor in anchors:
+                raise _refused(path, f"the anchor '{event.anchor}' contains itself")
     except YAMLError:
         return  # reported with its line when the tree is built
 
 
 def _count(tree: Any, path: Path) -> None:
-    """Count values with aliases expanded, and refuse anchors that contain themselves."""
+    """Count values with aliases expanded."""
     sizes: dict[int, int] = {}
 
     def size(value: Any) -> int:
         if not isinstance(value, (dict, list)):
             return 1
         if id(value) not in sizes:
-            sizes[id(value)] = MAX_NODES + 1  # what an alias to a parent sees
             items = value.values() if isinstance(value, dict) else value
             sizes[id(value)] = 1 + sum(size(item) for item in items)
         return sizes[id(value)]

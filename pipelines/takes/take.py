@@ -32,6 +32,7 @@ from pydantic import ValidationError
 
 from pipelines.config.renamed import first_name, first_path
 from pipelines.takes.atomic_files import Result, read_json, remove, sweep_partial, write_model
+from pipelines.version import program_version
 from studio.errors import StudioError
 from studio.validation import need_utf8
 
@@ -325,16 +326,6 @@ def _lock_soon(file: IO[str]) -> bool:
 def group_name(group: int) -> str:
     """group_000."""
     return f"group_{group:03d}"
-
-
-def program_version() -> str:
-    """Version of the installed package; "unknown" if it is not installed."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("v3studio")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _looks_like(root: Path) -> bool:
