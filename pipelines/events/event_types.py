@@ -61,7 +61,9 @@ class Notice(Event):
     def parts(message: Message) -> dict[str, Any]:
         """The arguments `message`, `code`, `file`, `value`, `fix` and `fields`, JSON-ready and of bounded length."""
         found = message.to_dict()
-        own = {name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found}
+        own: dict[str, Any] = {
+            name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found
+        }
         return {**own, "fields": found}
 
 
