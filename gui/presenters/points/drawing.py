@@ -1,4 +1,4 @@
-"""The parts of the points board's picture, and what a click on each does."""
+"""The parts of the points view and their click actions."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _CROP = 24
 """Pixels to each side of a mark that the small pictures show."""
 
 _HOW = (
-    "Click on a corner or a dot that other cameras see too. Go to the next camera (C) and click on the same place. "
-    "Then a new point (N): a dozen in each camera, spread over the picture and not all on the floor."
+    "Click a corner or dot that other cameras see too. Go to the next camera (C) and click the same point. "
+    "Then add a new point (N). Mark a dozen points per camera, spread over the image and not all on the floor."
 )
 
 Action = Callable[[], None]
@@ -42,7 +42,7 @@ Rect = tuple[float, float, float, float]
 
 
 class Spots:
-    """Rectangles of a picture that do something when they are clicked."""
+    """Clickable rectangles of a picture."""
 
     def __init__(self) -> None:
         self._spots: list[tuple[Rect, Action]] = []

@@ -1,4 +1,4 @@
-"""Points marked by hand, as they are being marked: which is chosen, where it is seen, and the file they live in."""
+"""The editing state of manual tie points: points, selection, undo, and their file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from studio.calibration import TiePoint, read_tie_points, write_tie_points
 from studio.cameras import Camera, Rig
 
 LEAST = 6
-"""Marks that a camera should have at least."""
+"""Recommended minimum of marks per camera."""
 
 
 class TieMarks:
@@ -92,12 +92,12 @@ class TieMarks:
         """
         point = self.point
         if point is None:
-            return "Choose a point first."
+            return "Select a point first."
         name, _, place = (part.strip() for part in text.partition(";"))
         if not name:
             return "A point needs a name."
         if any(other.name == name for other in self.points if other is not point):
-            return f"Another point is called '{name}'; give each a name of its own."
+            return f"Another point is named '{name}'. Choose a unique name."
         world = None
         if place:
             words = place.replace(",", " ").split()
@@ -106,7 +106,7 @@ class TieMarks:
             except ValueError:
                 numbers = []
             if len(numbers) != 3 or not np.isfinite(numbers).all():
-                return f"'{place}' is no place: give three numbers in meters, as in 0 0.3 0 (z is up)."
+                return f"'{place}' is not a position of three numbers in meters (z up). Example: 0 0.3 0."
             world = (numbers[0], numbers[1], numbers[2])
         self._put(replace(point, name=name, world=world))
         return ""
@@ -148,12 +148,12 @@ def advice(marks: TieMarks, names: Sequence[str], camera: str, frame: int | None
     """
     point = marks.point
     if point is None:
-        words = "a click begins a point"
+        words = "click to add a point"
     elif None not in (point.frame, frame) and point.frame != frame and point.pixels:
-        words = f"'{_short(point.name)}' was marked in frame {point.frame}, this is {frame}: only for what stands still"
+        words = f"'{_short(point.name)}' was marked in frame {point.frame}, this is {frame}: it must not have moved"
     else:
-        does = "moves" if camera in point.pixels else "marks"
-        words = f"a click {does} '{_short(point.name)}' in {camera}; wheel and drag look closer"
+        does = "move" if camera in point.pixels else "mark"
+        words = f"click to {does} '{_short(point.name)}' in {camera}; wheel and drag to zoom and pan"
     few = [name for name in names if marks.count(name) < LEAST]
     if few:
         more = f" and {len(few) - 3} more" if len(few) > 3 else ""

@@ -1,4 +1,4 @@
-"""Points by hand: a camera's picture to mark points in, the list of points, and how others see the chosen one."""
+"""Manual tie points: one camera's image, the list of points, and crops of the selected point in other cameras."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from studio.errors import StudioError
 
 
 class PointsView(StageView):
-    """See the module. Clicks fall on what the last picture had where.
+    """See the module. Clicks act on the layout of the last picture.
 
     Attributes:
-        asks: what the window shall ask the user for: "describe" or "", and "run" for a calibration.
+        asks: what the window is to do: "describe" (edit the point), "run" (calibrate) or "".
     """
 
     modes = ("points by hand",)
@@ -52,7 +52,7 @@ class PointsView(StageView):
 
     @property
     def path(self) -> Path | None:
-        """The file of points: the settings' one, else points.yaml in the take."""
+        """File of the points: from the settings, else points.yaml in the take."""
         take, config = self.workspace.take, self.workspace.config
         if take is None or config is None:
             return None
@@ -85,7 +85,7 @@ class PointsView(StageView):
             self._changes += 1
 
     def names(self) -> tuple[str, ...]:
-        """The cameras, once their footage has been shown; it may be missing or broken."""
+        """Camera names; empty until the footage has been opened."""
         context, names = self._footage
         return names if context is self.workspace.context else ()
 
@@ -95,7 +95,9 @@ class PointsView(StageView):
         """See `StageView`."""
         marks = self.marks
         if marks is None or self.workspace.context is None:
-            raise StudioError(self.problem or "Open a take to mark points in its footage.")
+            raise StudioError(
+                "gui.no_points", self.problem or "no take is open", fix="" if self.problem else "Open a take."
+            )
         names = self.workspace.context.footage.raw.camera_names
         self._footage = (self.workspace.context, names)
         if self.camera not in names:
@@ -110,7 +112,7 @@ class PointsView(StageView):
             if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and those after it
                 here = shown.index(self.camera)
                 shown = shown[here:] + shown[:here]
-            frame = marks.point.frame  # what moves lies elsewhere at other times
+            frame = marks.point.frame  # moving points are elsewhere in other frames
             images = {name: self._image(name, frame) for name in shown[:MOST_PICTURES]}
             rect = (size[0] - right, top, right, size[1] - top)
             crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
@@ -120,7 +122,7 @@ class PointsView(StageView):
         return canvas.pixels
 
     def _image(self, camera: str, number: int | None = None) -> np.ndarray:
-        """A camera's picture: the frame of this number in the footage, else the one that is shown."""
+        """A camera's image: of this frame number, else of the current frame."""
         assert self.workspace.context is not None
         if number is None or number not in self.workspace.context.footage.raw.frames:
             number = self._number()
@@ -132,7 +134,7 @@ class PointsView(StageView):
         return self._images[key]
 
     def _number(self) -> int:
-        """The footage's number of the frame that is shown."""
+        """Frame number, in the footage, of the current frame."""
         assert self.workspace.context is not None
         frames = self.workspace.context.footage.raw.frames
         return int(frames[min(self.frame, len(frames) - 1)])
@@ -160,16 +162,16 @@ class PointsView(StageView):
     def _buttons(self) -> list[tuple[str, Action]]:
         return [
             ("New point (N)", self.new_point),
-            ("Name, place (E)", partial(self._ask, "describe")),
-            ("Not here (Delete)", self.unmark),
-            ("Remove the point", self.remove),
+            ("Edit name, position (E)", partial(self._ask, "describe")),
+            ("Not in this camera (Delete)", self.unmark),
+            ("Delete point", self.remove),
             ("Undo (U)", self.undo),
             (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
-            ("Calibrate from these", partial(self._ask, "run")),
+            ("Calibrate", partial(self._ask, "run")),
         ]
 
     def _solved(self) -> dict[str, dict[str, float]]:
-        """The last calibration's figures by point, where it was made from points."""
+        """Figures by point of the last calibration, if it used tie points."""
         take = self.workspace.take
         if take is None or not take.calibration_report.is_file():
             return {}
@@ -180,7 +182,7 @@ class PointsView(StageView):
         return self._figures[1]
 
     def _cameras(self) -> Rig | None:
-        """Cameras that stand and fit the footage's size."""
+        """The calibrated cameras, if they match the footage's resolution."""
         take, context = self.workspace.take, self.workspace.context
         if take is None or context is None or not take.rig.is_file():
             return None
@@ -200,7 +202,7 @@ class PointsView(StageView):
     # What a user does
 
     def click(self, x: float, y: float) -> None:
-        """A click at a pixel of the board's picture."""
+        """A click at a pixel of the picture."""
         action = self._spots.at(x, y)
         if action is not None:
             self._try(action)
@@ -244,7 +246,7 @@ class PointsView(StageView):
             self.show_camera(names[(here + direction) % len(names)])
 
     def new_point(self) -> None:
-        """Begin a point."""
+        """Add a point."""
         if self.marks is not None:
             self.marks.add()
 
@@ -254,7 +256,7 @@ class PointsView(StageView):
             self.marks.choose(self.marks.chosen + direction)
 
     def unmark(self) -> None:
-        """The chosen point is not in this camera."""
+        """Remove the selected point's mark in this camera."""
         if self.marks is not None:
             marks, camera = self.marks, self.camera
             self._try(lambda: marks.unmark(camera))
@@ -265,17 +267,17 @@ class PointsView(StageView):
             self._try(self.marks.remove)
 
     def undo(self) -> None:
-        """Take the last change back."""
+        """Undo the last change."""
         if self.marks is not None:
             self._try(self.marks.undo)
 
     def toggle_snap(self) -> None:
-        """Whether clicks fall on the nearest corner or dot."""
+        """Toggle snapping of clicks to the nearest corner or dot."""
         self.snaps = not self.snaps
         self._changes += 1
 
     def hover(self, x: float, y: float) -> None:
-        """Where the mouse is."""
+        """Pointer position when the wheel turns."""
         self._hover = (x, y)
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
@@ -285,7 +287,7 @@ class PointsView(StageView):
             zoom.pan(dx, dy)
 
     def wheel(self, notches: float) -> None:
-        """Nearer, about the mouse; over the list the next or the previous point."""
+        """Zoom at the pointer; over the list, select the next or previous point."""
         zoom = self._zooms.get(self.camera)
         if zoom is not None and zoom.holds(*self._hover):
             zoom.nearer(notches, *self._hover)
@@ -293,7 +295,7 @@ class PointsView(StageView):
             self.step_point(-1 if notches > 0 else 1)
 
     def reset(self) -> None:
-        """The whole picture."""
+        """Show the whole image."""
         self._zooms.pop(self.camera, None)
         self._changes += 1
 

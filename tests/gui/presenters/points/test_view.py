@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from gui.presenters.run.workspace import Workspace
 from pipelines.takes.take import Take
 from studio.calibration import TiePoint, read_tie_points
 from studio.camera_files import read_rig
+from tests.support.waiting import wait_until
 
 SIZE = (900, 600)
 
@@ -32,15 +32,16 @@ def stage_view(take_copy: Path) -> Iterator[PointsView]:
 
 
 def picture(stage_view: PointsView) -> np.ndarray:
-    """What the board shows, once it is what was asked for."""
-    end, shown = time.monotonic() + 30, None
-    while time.monotonic() < end:
+    """What the view shows, once it is what was requested."""
+    shown: list[np.ndarray] = []
+
+    def settled() -> bool:
         new = stage_view.poll(SIZE)
-        shown = new if new is not None else shown
-        if shown is not None and stage_view.settled:
-            return shown
-        time.sleep(0.02)
-    pytest.fail("the picture never came")
+        shown.extend([] if new is None else [new])
+        return bool(shown) and stage_view.settled
+
+    wait_until("a picture", settled)
+    return shown[-1]
 
 
 def colored(pixels: np.ndarray, color: tuple[int, int, int]) -> int:
@@ -161,15 +162,15 @@ def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
 
 def test_names_and_places(tmp_path: Path) -> None:
     marks = TieMarks(tmp_path / "points.yaml")
-    assert marks.describe("x") == "Choose a point first."
+    assert marks.describe("x") == "Select a point first."
     marks.mark("a", 1, 2, 0)
     assert marks.describe("mat corner; 0 0.3, 1") == ""
     assert read_tie_points(marks.path) == (TiePoint("mat corner", {"a": (1.0, 2.0)}, (0.0, 0.3, 1.0), 0),)
-    assert "is no place" in marks.describe("mat corner; 0 0.3")
-    assert "is no place" in marks.describe("mat corner; 0 0.3 x")
+    assert "is not a position" in marks.describe("mat corner; 0 0.3")
+    assert "is not a position" in marks.describe("mat corner; 0 0.3 x")
     assert marks.describe(" ; 1 2 3") == "A point needs a name."
     marks.add()
-    assert "Another point is called 'mat corner'" in marks.describe("mat corner")
+    assert "Another point is named 'mat corner'" in marks.describe("mat corner")
     assert marks.describe("bolt") == ""
     marks.choose(0)
     assert marks.describe("mat corner") == ""
@@ -196,12 +197,10 @@ def test_changes_are_taken_back(tmp_path: Path) -> None:
 
 def test_what_a_click_does_is_said(tmp_path: Path) -> None:
     marks, names = TieMarks(tmp_path / "points.yaml"), [f"cam{number}" for number in range(9)]
-    assert advice(marks, names, "cam0", 0) == (
-        "a click begins a point; fewer than 6 marks: cam0, cam1, cam2 and 6 more"
-    )
+    assert advice(marks, names, "cam0", 0) == ("click to add a point; fewer than 6 marks: cam0, cam1, cam2 and 6 more")
     marks.mark("cam0", 1, 2, 7)
-    assert "a click moves 'point 1' in cam0" in advice(marks, names, "cam0", 7)
-    assert "a click marks 'point 1' in cam1" in advice(marks, names, "cam1", 7)
+    assert "click to move 'point 1' in cam0" in advice(marks, names, "cam0", 7)
+    assert "click to mark 'point 1' in cam1" in advice(marks, names, "cam1", 7)
     assert "was marked in frame 7, this is 9" in advice(marks, names, "cam1", 9)
 
 
@@ -225,30 +224,20 @@ def test_points_in_the_window(open_window: Callable, take_copy: Path, artifacts:
     window.wait_for("the take", lambda s: s["stages"]["calibrate"][0] == "done")
     window.stage("calibrate")
     window.click("points by hand")
-    window.wait_for("the board", lambda s: s["mode"] == ["points by hand"] and s["settled"])
-    time.sleep(1.0)
+    window.wait_for("the view", lambda s: s["mode"] == ["points by hand"] and s["settled"])
     file = take_copy / "points.yaml"
-    end = time.monotonic() + 30
-    while not file.is_file() and time.monotonic() < end:
-        window.click("viewport", 0.6, 0.5)
-        time.sleep(1.0)
+    window.click("viewport", 0.6, 0.5)
+    wait_until("a point in the file", file.is_file)
     (point,) = read_tie_points(file)
     assert len(point.pixels) == 1
+    pictures = window.states()[-1]["pictures"]
     window.key("c")
-    time.sleep(1.5)
+    window.wait_for("the next camera", lambda s: s["pictures"] > pictures and s["settled"])
     window.click("viewport", 0.6, 0.55)
-    end = time.monotonic() + 20
-    while len(read_tie_points(file)[0].pixels) < 2 and time.monotonic() < end:
-        time.sleep(0.2)
-    assert len(read_tie_points(file)[0].pixels) == 2
+    wait_until("two marks in the file", lambda: len(read_tie_points(file)[0].pixels) == 2)
     window.key("e")
-    window.wait_for("the dialog", lambda s: s["dialog"] == "point")
-    time.sleep(1.0)
-    window.click("dialog line")
-    window.key("End")
-    for _ in range(12):  # on busy cores X loses some
-        window.key("BackSpace")
-    window.type("corner; 0 0 1")
+    window.wait_for("the dialog", lambda s: s["dialog"] == "point" and s["typing"])
+    window.retype("dialog line", "corner; 0 0 1")
     window.key("Return")
     window.wait_for("no dialog", lambda s: not s["dialog"])
     window.screenshot(artifacts / "points_by_hand.png")
