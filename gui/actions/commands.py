@@ -220,6 +220,7 @@ class Actions:
     def _about(self) -> None:
         text = (
             f"V3 Studio {program_version()}\n\nFrom synchronized multi-camera footage of a performer to a "
-            f"streamable Gaussian video.\nGNU General Public License, version 3 or later.\n\nGraphics device: {self._window.device}"
+            "streamable Gaussian video.\nGNU General Public License, version 3 or later.\n\n"
+            f"Graphics device: {self._window.device}"
         )
         self._window.dialogs.message("About", text)

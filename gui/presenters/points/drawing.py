@@ -23,7 +23,7 @@ from gui.presenters.drawing.palette import (
     RGB,
     TEXT,
 )
-from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.magnifier import Magnifier
 from gui.presenters.points.marks import TieMarks
 from studio.calibration import TiePoint
 
@@ -86,15 +86,15 @@ def tabs(
     return y + step
 
 
-def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float) -> None:
+def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, em: float) -> None:
     """All marks of a camera, open in the middle, with as many of their names as do not lie over each other."""
     small = round(0.85 * em)
     taken: list[Rect] = []
     seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
     for index in sorted(seen, key=lambda index: index != marks.chosen):
         point, chosen = marks.points[index], index == marks.chosen
-        x, y = zoom.shown(*point.pixels[camera])
-        if not zoom.holds(x, y):
+        x, y = magnifier.shown(*point.pixels[camera])
+        if not magnifier.holds(x, y):
             continue
         color = ACCENT if chosen else GOOD
         for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -108,7 +108,7 @@ def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float)
             free = all(
                 left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1] for other in taken
             )
-            if free and zoom.holds(left, top) and zoom.holds(right, bottom):
+            if free and magnifier.holds(left, top) and magnifier.holds(right, bottom):
                 taken.append((left, top, right, bottom))
                 canvas.text(left + 1, top + 1, words, small, BLACK)
                 canvas.text(left, top, words, small, color)

@@ -11,7 +11,7 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas
 from gui.presenters.drawing.palette import FAIR, GROUND
 from gui.presenters.points.drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
-from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.magnifier import Magnifier
 from gui.presenters.points.marks import TieMarks, advice, expected
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import Size, StageView
@@ -37,7 +37,7 @@ class PointsView(StageView):
         self.snaps = True
         self.asks = ""
         self.problem = ""
-        self._zooms: dict[str, Zoom] = {}
+        self._magnifiers: dict[str, Magnifier] = {}
         self._images: dict[tuple[str, int], np.ndarray] = {}
         self._spots = Spots()
         self._hover = (0.0, 0.0)
@@ -71,8 +71,17 @@ class PointsView(StageView):
         files = (take.rig, take.calibration_report) if take is not None else ()
         solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
         changes = self.marks.changes if self.marks is not None else 0
-        zoom = self._zooms.get(self.camera)
-        return (path, changes, self._changes, self.camera, self.frame, self.em, solved, zoom.key if zoom else None)
+        magnifier = self._magnifiers.get(self.camera)
+        return (
+            path,
+            changes,
+            self._changes,
+            self.camera,
+            self.frame,
+            self.em,
+            solved,
+            magnifier.key if magnifier else None,
+        )
 
     def _load(self, path: Path) -> None:
         chosen = self.marks.chosen if self.marks is not None and self.marks.path == path else 0
@@ -141,23 +150,23 @@ class PointsView(StageView):
 
     def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
         image = self._image(self.camera)
-        zoom = self._zooms.get(self.camera)
-        if zoom is None:
-            zoom = self._zooms[self.camera] = Zoom((image.shape[1], image.shape[0]))
-        zoom.place(rect)
-        zoom.draw(canvas, image)
-        crosses(canvas, zoom, marks, self.camera, self.em)
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is None:
+            magnifier = self._magnifiers[self.camera] = Magnifier((image.shape[1], image.shape[0]))
+        magnifier.place(rect)
+        magnifier.draw(canvas, image)
+        crosses(canvas, magnifier, marks, self.camera, self.em)
         rig = self._cameras()
         chosen = marks.point
         if rig is not None and chosen is not None and self.camera in rig:
             guess = expected(chosen, rig[self.camera], rig)
             if guess is not None:
-                shown = [zoom.shown(x, y) for x, y in guess]
+                shown = [magnifier.shown(x, y) for x, y in guess]
                 if len(shown) == 1:
-                    if zoom.holds(*shown[0]):
+                    if magnifier.holds(*shown[0]):
                         canvas.dot(*shown[0], 0.7 * self.em, FAIR, filled=False)
                 else:
-                    canvas.line([place for place in shown if zoom.holds(*place)] or [(-9, -9), (-9, -9)], FAIR)
+                    canvas.line([place for place in shown if magnifier.holds(*place)] or [(-9, -9), (-9, -9)], FAIR)
 
     def _buttons(self) -> list[tuple[str, Action]]:
         return [
@@ -208,9 +217,9 @@ class PointsView(StageView):
             self._try(action)
             self._changes += 1
             return
-        zoom = self._zooms.get(self.camera)
-        if zoom is not None and zoom.holds(x, y) and self.marks is not None:
-            self._try(partial(self._mark, *zoom.pixel(x, y)))
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None and magnifier.holds(x, y) and self.marks is not None:
+            self._try(partial(self._mark, *magnifier.pixel(x, y)))
 
     def _mark(self, x: float, y: float) -> None:
         from studio.calibration.manual.subpixel import snap
@@ -282,21 +291,21 @@ class PointsView(StageView):
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Move the picture."""
-        zoom = self._zooms.get(self.camera)
-        if zoom is not None:
-            zoom.pan(dx, dy)
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None:
+            magnifier.pan(dx, dy)
 
     def wheel(self, notches: float) -> None:
-        """Zoom at the pointer; over the list, select the next or previous point."""
-        zoom = self._zooms.get(self.camera)
-        if zoom is not None and zoom.holds(*self._hover):
-            zoom.nearer(notches, *self._hover)
+        """Magnifier at the pointer; over the list, select the next or previous point."""
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None and magnifier.holds(*self._hover):
+            magnifier.zoom(notches, *self._hover)
         else:
             self.step_point(-1 if notches > 0 else 1)
 
     def reset(self) -> None:
         """Show the whole image."""
-        self._zooms.pop(self.camera, None)
+        self._magnifiers.pop(self.camera, None)
         self._changes += 1
 
     @property

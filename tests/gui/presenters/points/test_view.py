@@ -1,4 +1,4 @@
-"""Marking points by hand: the board with clicks, keys and the file, and the window with a real mouse."""
+"""Marking points by hand: the view with clicks, keys and the file, and the window with a real mouse."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gui.presenters.drawing.palette import ACCENT, FAIR
-from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.magnifier import Magnifier
 from gui.presenters.points.marks import TieMarks, advice, expected
 from gui.presenters.points.view import PointsView
 from gui.presenters.run.workspace import Workspace
@@ -51,20 +51,20 @@ def colored(pixels: np.ndarray, color: tuple[int, int, int]) -> int:
 def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:
     before = picture(stage_view)
     stage_view.snaps = False
-    zoom = stage_view._zooms[stage_view.camera]
-    stage_view.click(*zoom.shown(30.0, 20.0))
+    magnifier = stage_view._magnifiers[stage_view.camera]
+    stage_view.click(*magnifier.shown(30.0, 20.0))
     assert stage_view.path is not None
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((30.0, 20.0), abs=0.02)
     assert point.frame == 0
     assert colored(picture(stage_view), ACCENT) > colored(before, ACCENT) + 20
-    stage_view.click(*zoom.shown(40.0, 25.0))  # the same point, moved
+    stage_view.click(*magnifier.shown(40.0, 25.0))  # the same point, moved
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((40.0, 25.0), abs=0.02)
     first = stage_view.camera
     stage_view.step_camera(1)
     picture(stage_view)
-    stage_view.click(*stage_view._zooms[stage_view.camera].shown(10.0, 12.0))
+    stage_view.click(*stage_view._magnifiers[stage_view.camera].shown(10.0, 12.0))
     assert stage_view.camera != first
     assert set(read_tie_points(stage_view.path)[0].pixels) == {first, stage_view.camera}
     stage_view.unmark()
@@ -205,18 +205,18 @@ def test_what_a_click_does_is_said(tmp_path: Path) -> None:
 
 
 def test_zoom_keeps_the_place_under_the_mouse() -> None:
-    zoom = Zoom((1000, 500))
-    zoom.place((100, 50, 400, 400))
-    assert zoom.shown(0, 0) == pytest.approx((100, 150))
-    before = zoom.pixel(220, 240)
-    zoom.nearer(4, 220, 240)
-    assert zoom.scale == pytest.approx(1.25**4)
-    assert zoom.pixel(220, 240) == pytest.approx(before)
-    assert zoom.shown(*zoom.pixel(333, 222)) == pytest.approx((333, 222))
-    zoom.pan(10_000, 10_000)  # no farther than the picture goes
-    assert zoom.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
-    zoom.nearer(-100, 0, 0)
-    assert (zoom.scale, zoom.center) == (1.0, (500, 250))
+    magnifier = Magnifier((1000, 500))
+    magnifier.place((100, 50, 400, 400))
+    assert magnifier.shown(0, 0) == pytest.approx((100, 150))
+    before = magnifier.pixel(220, 240)
+    magnifier.zoom(4, 220, 240)
+    assert magnifier.scale == pytest.approx(1.25**4)
+    assert magnifier.pixel(220, 240) == pytest.approx(before)
+    assert magnifier.shown(*magnifier.pixel(333, 222)) == pytest.approx((333, 222))
+    magnifier.pan(10_000, 10_000)  # no farther than the picture goes
+    assert magnifier.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
+    magnifier.zoom(-100, 0, 0)
+    assert (magnifier.scale, magnifier.center) == (1.0, (500, 250))
 
 
 def test_points_in_the_window(open_window: Callable, take_copy: Path, artifacts: Path) -> None:

@@ -26,7 +26,7 @@ def finish(exports: Exports, seconds: float = 180.0) -> set[str]:
     return words
 
 
-def wanted(kind: str, source: Path | str, target: Path) -> ExportRequest:
+def request(kind: str, source: Path | str, target: Path) -> ExportRequest:
     found = ExportRequest(kind, str(source), "walk", target.parent)
     found.set_target(str(target))
     return found
@@ -34,21 +34,21 @@ def wanted(kind: str, source: Path | str, target: Path) -> ExportRequest:
 
 def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, tmp_path: Path) -> None:
     exports = Exports()
-    exports.start(wanted("ply", stream_folder, tmp_path / "out"))
+    exports.start(request("ply", stream_folder, tmp_path / "out"))
     with refuses("export.running"):
-        exports.start(wanted("spz", stream_folder, tmp_path / "other"))
+        exports.start(request("spz", stream_folder, tmp_path / "other"))
     words = finish(exports)
     assert exports.result == f"Written: {tmp_path / 'out'}"
     assert not exports.failed
     assert len(list((tmp_path / "out").glob("*.ply"))) == 12
     assert any("of 12" in word for word in words)
     with refuses("export.target_exists", file=tmp_path / "out"):
-        exports.start(wanted("ply", stream_folder, tmp_path / "out"))
+        exports.start(request("ply", stream_folder, tmp_path / "out"))
 
 
 def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
     exports = Exports()
-    exports.start(wanted("ply", tmp_path / "nothing", tmp_path / "out"))
+    exports.start(request("ply", tmp_path / "nothing", tmp_path / "out"))
     finish(exports)
     assert exports.failed
     assert "nothing" in exports.result
@@ -62,7 +62,7 @@ def test_views_become_a_camera_path(tmp_path: Path) -> None:
     orbit = OrbitCamera()
     exports.keys.append(PathKey(orbit.camera(700, 560), 0))
     with refuses("export.too_few_views", value=1):
-        exports.start(wanted("camera-path", "x", tmp_path / "out.mp4"))
+        exports.start(request("camera-path", "x", tmp_path / "out.mp4"))
     exports.keys.append(PathKey(orbit.orbit(90, 0).camera(700, 560), 9))
     path = exports._write_path(tmp_path, (1280, 720))
     assert json.loads(path.read_text())["format"] == "v3studio-camera-path"
@@ -107,7 +107,7 @@ def test_a_turntable_has_the_length_and_size_that_were_chosen(stream_folder: Pat
     import av
 
     exports = Exports()
-    chosen = wanted("turntable", stream_folder, tmp_path / "turn.mp4")
+    chosen = request("turntable", stream_folder, tmp_path / "turn.mp4")
     chosen.seconds, chosen.size, chosen.background = "0.5", "640x360", "white"
     exports.start(chosen)
     finish(exports)

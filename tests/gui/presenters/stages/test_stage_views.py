@@ -74,7 +74,7 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
                 continue
             views.choose(mode)
             picture = shown(views, lambda picture: (picture != GROUND).any())
-            stage_view.draw(SIZE, stage_view.state())  # raises where the board above is but a sentence
+            stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
             assert picture.shape == (SIZE[1], SIZE[0], 3), (stage, mode)
             if mode == stage_view.modes[0]:
                 assert colored(picture) >= least, (stage, mode)
