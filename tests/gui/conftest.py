@@ -78,7 +78,11 @@ def footage_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def finished_project(footage_project: Path) -> Path:
     """The same with a take in `take/` that ran to its end. Use `take_copy` to change it."""
-    done = tiny_capture().v3studio("run", footage_project / "ball.yaml", "--take", footage_project / "take")
+    tiny = tiny_capture()
+    command = tiny.command("run", footage_project / "ball.yaml", "--take", footage_project / "take")
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=tiny.ROOT, timeout=900, env=tiny.environment(), check=False
+    )
     assert done.returncode == 0, done.stderr
     return footage_project
 
@@ -198,7 +202,7 @@ class RunningWindow:
             int(geometry["Y"]) + int(top + down * height),
         )
 
-    def ticks(self, count: int = 4, seconds: float = 60.0) -> None:
+    def ticks(self, count: int = 3, seconds: float = 60.0) -> None:
         """Wait until the window has ticked so often since now. It polls events, then draws, in each tick: what was sent
         before has been handled by then, however busy the machine is."""
         file = self.log.with_name(self.log.name + ".ticks")
@@ -209,7 +213,7 @@ class RunningWindow:
     def _ended(self) -> bool:
         return self.process.poll() is not None
 
-    def _place(self, widget: str, still: int = 12, seconds: float = 60.0) -> list[int]:
+    def _place(self, widget: str, still: int = 3, seconds: float = 120.0) -> list[int]:
         """The widget's frame, once it is visible and has not moved for some ticks."""
         end = time.monotonic() + seconds
         place: list[int] | None = None

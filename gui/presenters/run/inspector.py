@@ -81,7 +81,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
             rows.append(("decode" if picture.source == "decoded" else "read", f"{load:.1f} ms"))
         if picture.draw_seconds:
             rows.append(("render", f"{1000 * picture.draw_seconds:.1f} ms"))
-    rows.append(("rendered", f"{player.rate:.1f} fps"))
+    rows.append(("playback", f"{player.rate:.1f} fps"))
     rows.append(("window redraws", f"{drawn_rate:.1f} fps"))
     blocks.append(Block("Speed", rows))
     if player.left_out:

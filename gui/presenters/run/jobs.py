@@ -14,11 +14,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
 
-from pipelines.events import Event, Log, RunFinished, read_line
+from pipelines.config.renamed import STAGES
+from pipelines.events import Event, Log, RunFinished, RunStarted, read_line
 from pipelines.takes.take import Take
 
 STDERR_NAME = "window_job.log"
@@ -178,8 +180,20 @@ class LogFollower:
         for line in whole.splitlines():
             event, _ = read_line(line)
             if event is not None:
-                events.append(event)
+                events.append(_with_current_names(event))
         return anew, events
+
+
+def _with_current_names(event: Event) -> Event:
+    """Logs of format 1 takes have the old names of stages."""
+    event = replace(event, stage=STAGES.get(event.stage, event.stage))
+    if isinstance(event, RunStarted):
+        event = replace(
+            event,
+            stages=tuple(STAGES.get(stage, stage) for stage in event.stages),
+            done=tuple(STAGES.get(stage, stage) for stage in event.done),
+        )
+    return event
 
 
 def stop_process(pid: int) -> bool:
