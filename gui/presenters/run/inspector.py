@@ -119,7 +119,7 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
             rows.append(("time", duration(status.seconds)))
         for name, value in (status.summary or {}).items() if status is not None else ():
             words = (
-                ", ".join(map(str, value))
+                ", ".join(f"{one:,}" if isinstance(one, int) else str(one) for one in value)
                 if isinstance(value, list)
                 else f"{value:,}"
                 if isinstance(value, int)

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import psutil
 
+import pipelines
 from pipelines.config.renamed import STAGES
 from pipelines.events import Event, Log, RunFinished, RunStarted, read_line
 from pipelines.takes.take import Take
@@ -43,7 +44,7 @@ class ChildProcess:
 
     def __init__(self, command: Sequence[str], errors: Path, folder: Path) -> None:
         self.errors = errors
-        root = str(Path(__file__).resolve().parents[2])  # the packages, wherever the window was started from
+        root = str(Path(pipelines.__file__).resolve().parents[1])  # so that the child finds the packages
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         with errors.open("wb") as file:
             self._process = subprocess.Popen(

@@ -126,7 +126,7 @@ class BakeView(StageView):
         per_frame = manifest.total_bytes / frames
         words = (
             f"{manifest.total_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame, "
-            f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} frames a second"
+            f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} fps"
         )
         canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
         y += 2 * step

@@ -69,7 +69,7 @@ class TrainView(StageView):
             return
         canvas.text(em, top, words, small, DIM, width=canvas.width - 2 * em)
         y = top + line_height(small)
-        for number, (name, picture) in enumerate((("filmed", truth), ("trained", render))):
+        for number, (name, picture) in enumerate((("footage", truth), ("trained", render))):
             x = em + number * (width + em)
             if picture is None:
                 canvas.rect(x, y, width, height, RAISED)

@@ -44,8 +44,8 @@ def picture(stage_view: PointsView) -> np.ndarray:
     return shown[-1]
 
 
-def colored(pixels: np.ndarray, color: tuple[int, int, int]) -> int:
-    return int((np.abs(pixels.astype(int) - color).max(axis=2) < 12).sum())
+def is_close(pixel: np.ndarray, color: tuple[int, int, int]) -> bool:
+    return bool(np.abs(pixel.astype(int) - color).max() < 60)
 
 
 def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:
@@ -57,7 +57,12 @@ def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> N
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((30.0, 20.0), abs=0.02)
     assert point.frame == 0
-    assert colored(picture(stage_view), ACCENT) > colored(before, ACCENT) + 20
+    x, y = map(round, magnifier.shown(30.0, 20.0))
+    assert not is_close(before[y, x + 6], ACCENT)
+    after = picture(stage_view)
+    for dx, dy in ((6, 0), (-6, 0), (0, 6), (0, -6)):  # the arms of the cross; its middle is open
+        assert is_close(after[y + dy, x + dx], ACCENT)
+    assert not is_close(after[y, x], ACCENT)
     stage_view.click(*magnifier.shown(40.0, 25.0))  # the same point, moved
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((40.0, 25.0), abs=0.02)
@@ -114,9 +119,12 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
     assert stage_view.marks is not None
     for name in names[:2]:
         stage_view.marks.mark(name, *pixels[name], 0)
-    before = colored(picture(stage_view), FAIR)
     stage_view.show_camera(names[2])
-    assert colored(picture(stage_view), FAIR) > before
+    shown = picture(stage_view)
+    x, y = stage_view._magnifiers[names[2]].shown(*pixels[names[2]])
+    radius = 0.7 * stage_view.em
+    for dx, dy in ((radius, 0), (-radius, 0), (0, radius), (0, -radius)):  # a ring at the expected place
+        assert is_close(shown[round(y + dy), round(x + dx)], FAIR)
 
 
 def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None:
