@@ -145,7 +145,7 @@ def sentence(size: Size, words: str, em: float) -> np.ndarray:
     """A picture with centered text."""
     canvas = Canvas(*size, GROUND)
     text_size = round(em)
-    lines = wrapped(words, text_size, 0.8 * size[0])
+    lines = wrapped(words[:1].upper() + words[1:], text_size, 0.8 * size[0])
     step = line_height(text_size)
     top = (size[1] - step * len(lines)) / 2
     for number, line in enumerate(lines):

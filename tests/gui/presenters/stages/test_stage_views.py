@@ -97,7 +97,9 @@ def test_capture_shows_the_image_of_every_camera(views: StageViews, finished_pro
         file = finished_project / "capture" / "images" / f"cam{number}" / "000.png"
         filmed = cv2.imread(str(file))[..., ::-1]
         large = cv2.resize(filmed, (int(64 * scale), int(48 * scale)), interpolation=cv2.INTER_LINEAR)
-        errors = cv2.matchTemplate(picture, np.ascontiguousarray(large), cv2.TM_SQDIFF)
+        errors = cv2.matchTemplate(
+            picture, np.ascontiguousarray(large[2:-2, 2:-2]), cv2.TM_SQDIFF
+        )  # held-out cameras have a border
         least, _, place, _ = cv2.minMaxLoc(errors)
         assert least / large.size < 4, f"cam{number}"
         places.add(place)
