@@ -15,26 +15,28 @@ from studio.errors import StudioError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point. Returns the exit status: 0, or 2 where the window cannot be opened."""
+    """Entry point. Returns the exit status: 0, or 2 if the window cannot be opened."""
     passive_openmp()
     parser = argparse.ArgumentParser(
         prog="v3studio-gui",
         description="From footage to a reviewed Gaussian video: run the stages of a take, play and compare.",
     )
     parser.add_argument(
-        "path", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream, or a stream's address"
+        "path", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream, or URL of a stream"
     )
     parser.add_argument(
         "--size",
         default="1280x800",
         metavar="WxH",
-        help="window size at the usual density of screens (default: %(default)s)",
+        help="window size at 96 dpi (default: %(default)s)",
     )
-    parser.add_argument("--log-state", type=Path, metavar="FILE", help="append what the window shows, as JSON lines")
+    parser.add_argument(
+        "--log-state", type=Path, metavar="FILE", help="append the window's state to FILE as JSON lines"
+    )
     options = parser.parse_args(arguments)
     width, _, height = options.size.partition("x")
     if not (width.isdecimal() and height.isdecimal() and int(width) >= 480 and int(height) >= 320):
-        parser.error(f"--size is '{options.size}'; give WIDTHxHEIGHT of at least 480x320, as in 1280x800")
+        parser.error(f"--size: '{options.size}' is not WIDTHxHEIGHT of at least 480x320; example: 1280x800")
     try:
         device = check_display()
     except StudioError as error:
@@ -44,10 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def check_display() -> str:
-    """See to it that a window can be opened: Open3D would end the process without a word where it cannot.
+    """Check that a window can be opened: without a display or a Vulkan device, Open3D aborts without a message.
 
     Returns:
-        the name and kind of the device that draws.
+        name and kind of the Vulkan device, for example "llvmpipe (software)".
 
     Raises:
         StudioError: no display, or no Vulkan device.
@@ -56,16 +58,20 @@ def check_display() -> str:
 
     if sys.platform.startswith("linux"):
         if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
-            raise StudioError("The window needs a screen and DISPLAY is not set; start it from a desktop session.")
+            raise StudioError(
+                "gui.no_display",
+                "the window needs a display and DISPLAY is not set",
+                fix="Start it from a desktop session.",
+            )
         if os.environ.get("DISPLAY"):
-            # Open3D's window library would choose Wayland where both are there, and Filament draws through X11.
+            # GLFW would choose Wayland if both are available, but Filament draws through X11.
             os.environ["XDG_SESSION_TYPE"] = "x11"
     device = vulkan_devices()[0]
     return f"{device.name} ({device.kind})"
 
 
 def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str) -> int:
-    """Open the window and stay until it is closed, Ctrl-C or SIGTERM."""
+    """Open the window and run it until it is closed, Ctrl-C or SIGTERM."""
     from open3d.visualization import gui
 
     from gui.platform.screen import fitting_size
@@ -84,7 +90,7 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
         signal.signal(number, stop)
     if path is not None:
         window.open(path)
-    # Pumping until False lets the window close in order; leaving earlier made Python hang or crash at exit.
+    # Ticking until False lets the window close in order; leaving earlier made Python hang or crash at exit.
     while application.run_one_tick():
         if stopped or window.wants_close:
             stopped = window.wants_close = False

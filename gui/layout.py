@@ -1,4 +1,4 @@
-"""Where the panels of the main window lie. In a narrow window rows are wrapped and the figures give way."""
+"""Layout of the main window's panels. In a narrow window rows wrap and the right panel is hidden."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from gui.presenters.stages.stage_views import StageViews
 from gui.viewport import Viewport
 
 NARROW = 60
-"""A window of fewer letters (em) than these shows the figures and the log only when asked (I)."""
+"""Width, in em, below which the right panel is hidden until the user shows it (I)."""
 
 
 @dataclass(frozen=True)
 class Panels:
-    """What is placed, and the window that it is placed in.
+    """The panels, and their window.
 
     Attributes:
         window: Open3D's.
@@ -47,19 +47,19 @@ class Layout:
     """See the module.
 
     Args:
-        panels: what is placed.
+        panels: the panels to lay out.
 
     Attributes:
-        fullscreen: the viewport alone.
-        figures: whether the right side is shown; None: where there is room.
+        fullscreen: only the viewport is visible.
+        figures: whether the right panel is visible; None to decide by width.
     """
 
     def __init__(self, panels: Panels) -> None:
         self._panels = panels
         self.fullscreen = False
         self.figures: bool | None = None
-        # What the panels leave free. One ground under everything would cost a software driver 30 ms a drawing.
-        # Few, because Open3D draws wrongly where a window has more than 20 visible children.
+        # Fills between the panels: one background under everything would cost a software driver 30 ms per draw.
+        # Few, because Open3D draws a window with more than 20 visible children incorrectly.
         self.fills = [gui.Vert() for _ in range(4)]
         for number, fill in enumerate(self.fills):
             fill.background_color = color(GROUND if number < 3 else PANEL)
@@ -91,7 +91,7 @@ class Layout:
         panels.window.set_needs_layout()
 
     def place(self, context: gui.LayoutContext) -> None:
-        """Give every panel its place."""
+        """Place every panel."""
         panels, em = self._panels, self._panels.em
         area = panels.window.content_rect
         x, y, width, height = area.x, area.y, area.width, area.height
@@ -136,6 +136,6 @@ class Layout:
         message = self._panels.message
         limits = gui.Widget.Constraints()
         limits.width = int(0.85 * width)  # a longer sentence is broken into lines
-        wanted = message.calc_preferred_size(context, limits)
-        wide = min(wanted.width, limits.width)
-        message.frame = gui.Rect(x + (width - wide) // 2, y + (height - wanted.height) // 2, wide, wanted.height)
+        preferred = message.calc_preferred_size(context, limits)
+        wide = min(preferred.width, limits.width)
+        message.frame = gui.Rect(x + (width - wide) // 2, y + (height - preferred.height) // 2, wide, preferred.height)

@@ -13,19 +13,21 @@ from studio.errors import StudioError
 
 
 class MeshPicture:
-    """A triangle mesh that can be drawn from anywhere.
+    """A triangle mesh, drawn from any camera.
 
     Args:
         path: PLY file.
 
     Raises:
-        StudioError: it cannot be read, or holds no triangles.
+        StudioError: `mesh.unreadable`, missing, damaged or without triangles.
     """
 
     def __init__(self, path: Path) -> None:
         mesh = o3d.t.io.read_triangle_mesh(str(path)) if path.is_file() else None
         if mesh is None or mesh.is_empty() or "indices" not in mesh.triangle:
-            raise StudioError(f"{path}: holds no mesh that can be read; run `v3studio initialize --force`.")
+            raise StudioError(
+                "mesh.unreadable", "no readable triangle mesh", file=path, fix="Run `v3studio initialize --force`."
+            )
         mesh.compute_vertex_normals()
         self.faces = len(mesh.triangle.indices)
         self._triangles = mesh.triangle.indices.numpy()

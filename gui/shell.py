@@ -1,4 +1,4 @@
-"""What actions and the state log may use of the main window. `gui.window.MainWindow` is the one that has it all."""
+"""Shell: the interface of the main window (`gui.window.MainWindow`) for actions and the state log."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gui.viewport import Viewport
 
 
 class Shell(Protocol):
-    """The main window, as the rest of the window sees it."""
+    """The part of the main window that actions and the state log use."""
 
     preferences: Preferences
     device: str
@@ -46,7 +46,7 @@ class Shell(Protocol):
     message: gui.Label
 
     def open(self, path: str) -> None:
-        """Open a take, a stream or an address."""
+        """Open a take, a stream or a URL."""
 
     def select(self, stage: str) -> None:
         """Show a stage."""
@@ -58,7 +58,7 @@ class Shell(Protocol):
         """Close, unless a job runs: then ask first."""
 
     def apply_preferences(self) -> None:
-        """Let the preferences hold."""
+        """Apply the preferences."""
 
     def marks_changed(self) -> None:
-        """The timeline shows them."""
+        """Update the timeline's marks."""

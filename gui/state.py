@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import time
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from gui.shell import Shell
 
@@ -13,46 +15,114 @@ if TYPE_CHECKING:
     from open3d.visualization import gui
 
 
-def state_of(window: Shell) -> dict[str, Any]:
-    """All that a test may want to know."""
-    player = window.player
-    return {
-        "title": player.title,
-        "message": window.message.text,
-        "opening": window.opening,
-        "dialog": window.dialogs.name,
-        "typing": window.dialogs.typing,
-        "stage": window.views.stage,
-        "mode": sorted(window.views.chosen()),
-        "fullscreen": window.layout.fullscreen,
-        "figures": window.layout.shows_figures,
-        "stages": {row.key: [row.state, row.words, row.detail] for row in window.workspace.rows()},
-        "busy": window.workspace.busy,
-        "error": window.stages.error.text,
-        "frame": player.transport.frame,
-        "frames": player.transport.frame_count,
-        "playing": player.transport.playing,
-        "loop": player.transport.loop,
-        "left_out": player.left_out,
-        "what": player.what,
-        "compare": player.mode,
-        "wipe": round(player.wipe, 3),
-        "camera": player.camera,
-        "shown": player.picture.frame if player.picture else None,
-        "settled": window.views.settled,
-        "pictures": window.pictures,
-        "handed_over": round(player.rate),
-        "exporting": window.exports.words,
-        "marks": {str(frame): note for frame, note in sorted(window.marks.notes.items())},
-        "orbit": [player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
-        "background": player.background,
-        "timeline_left": window.timeline.plots_view.left,
-        "widgets": {
-            name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
-            for name, widget in _widgets(window).items()
-            if widget.visible or name == "viewport"
-        },
-    }
+@dataclass(frozen=True)
+class WindowState:
+    """A line of `--log-state`.
+
+    Attributes:
+        title, message: of the window; the text over the viewport.
+        opening: path or address being opened; "" if none.
+        dialog: name of the open dialog; "" if none.
+        typing: the dialog's text field has the keyboard focus.
+        stage, mode: the selected stage and the pressed buttons above the viewport.
+        fullscreen, figures: panels hidden; right panel visible.
+        stages: stage to [state, words, detail].
+        busy, error: whether a run works on the take; the message in the left panel.
+        error_setting: the setting that the button under this message goes to; "" if none.
+        frame, frames, playing, loop: of the transport.
+        left_out: messages on damaged groups that playback skipped.
+        what, compare, wipe: source on screen, comparison mode, position of the wipe, 0 to 1.
+        camera: capture camera; "" for the free view.
+        shown: frame of the newest picture; None if there is none.
+        settled: the newest picture shows what was last requested.
+        pictures: how many have been shown.
+        handed_over: pictures per second.
+        exporting: progress of the export; "" if none runs.
+        marks: frame number, as text, to note.
+        orbit: yaw, pitch, distance, target (x, y, z).
+        background: name of the viewport's background.
+        timeline_left: column of the timeline where frame 0 begins, pixels.
+        widgets: name to [x, y, width, height] in window pixels; visible widgets only.
+        texts: content of every visible text field, by widget name.
+    """
+
+    title: str
+    message: str
+    opening: str
+    dialog: str
+    typing: bool
+    stage: str
+    mode: list[str]
+    fullscreen: bool
+    figures: bool
+    stages: dict[str, list[str]]
+    busy: bool
+    error: str
+    error_setting: str
+    frame: int
+    frames: int
+    playing: bool
+    loop: bool
+    left_out: list[str]
+    what: str
+    compare: str
+    wipe: float
+    camera: str
+    shown: int | None
+    settled: bool
+    pictures: int
+    handed_over: int
+    exporting: str
+    marks: dict[str, str]
+    orbit: list[float]
+    background: str
+    timeline_left: int
+    widgets: dict[str, list[int]]
+    texts: dict[str, str]
+
+    @classmethod
+    def of(cls, window: Shell) -> WindowState:
+        """The state of a window now."""
+        player, stages = window.player, window.stages
+        widgets = {name: widget for name, widget in _widgets(window).items() if widget.visible or name == "viewport"}
+        return cls(
+            title=player.title,
+            message=window.message.text,
+            opening=window.opening,
+            dialog=window.dialogs.name,
+            typing=window.dialogs.typing,
+            stage=window.views.stage,
+            mode=sorted(window.views.chosen()),
+            fullscreen=window.layout.fullscreen,
+            figures=window.layout.shows_figures,
+            stages={row.key: [row.state, row.words, row.detail] for row in window.workspace.rows()},
+            busy=window.workspace.busy,
+            error=stages.error.text,
+            error_setting=stages.error_setting,
+            frame=player.transport.frame,
+            frames=player.transport.frame_count,
+            playing=player.transport.playing,
+            loop=player.transport.loop,
+            left_out=player.left_out,
+            what=player.what,
+            compare=player.mode,
+            wipe=round(player.wipe, 3),
+            camera=player.camera,
+            shown=player.picture.frame if player.picture else None,
+            settled=window.views.settled,
+            pictures=window.pictures,
+            handed_over=round(player.rate),
+            exporting=window.exports.words,
+            marks={str(frame): note for frame, note in sorted(window.marks.notes.items())},
+            orbit=[player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
+            background=player.background,
+            timeline_left=window.timeline.plots_view.left,
+            widgets={
+                name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
+                for name, widget in widgets.items()
+            },
+            texts={name: widget.text_value for name, widget in widgets.items() if hasattr(widget, "text_value")},
+        )
 
 
 def _widgets(window: Shell) -> dict[str, gui.Widget]:
@@ -65,6 +135,7 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
         "log": window.inspector.log.widget,
         **window.controls.buttons,
         **window.stages.buttons,
+        "error setting": window.stages.link,
         **{key: button for (stage, key), button in window.modes.buttons.items() if stage == window.views.stage},
         **{f"dialog {key}": widget for key, widget in window.dialogs.widgets.items()},
         "settings filter": settings.filter,
@@ -73,27 +144,37 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
 
 
 class StateLog:
-    """Appends a JSON line to a file whenever what is shown has changed.
+    """Appends a JSON line to a file whenever the state has changed.
+
+    Beside it, FILE.ticks holds the number of ticks so far: a program that drives the window waits for a few of them to
+    know that an input event has been processed.
 
     Args:
         path: the file; None for no log.
     """
 
     def __init__(self, path: Path | None) -> None:
-        self._file: TextIO | None = path.open("a", encoding="utf-8") if path else None
-        self._last: dict[str, Any] = {}
+        self._file: TextIO | None = None
+        self._last: WindowState | None = None
+        self._ticks = 0
+        if path is not None:
+            self._file = path.open("a", encoding="utf-8")
+            self._ticks_file = path.with_name(path.name + ".ticks").open("wb", buffering=0)
 
     def write(self, window: Shell) -> None:
         """Call at each tick."""
         if self._file is None:
             return
-        state = state_of(window)
+        state = WindowState.of(window)
         if state != self._last:
             self._last = state
-            self._file.write(json.dumps({"time": time.time(), **state}) + "\n")
+            self._file.write(json.dumps({"time": time.time(), **asdict(state)}) + "\n")
             self._file.flush()
+        self._ticks += 1  # after the line: who has waited for a tick reads a state at least as new
+        os.pwrite(self._ticks_file.fileno(), b"%12d" % self._ticks, 0)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the files."""
         if self._file is not None:
             self._file.close()
+            self._ticks_file.close()

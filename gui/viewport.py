@@ -1,7 +1,7 @@
-"""The middle of the window: pictures in an image widget, with mouse gestures.
+"""The viewport: an image widget with mouse gestures.
 
-Left drag turns, right or middle drag (or shift and left drag) moves, the wheel goes nearer; in a wipe the line is
-dragged. Pictures are made on threads (`gui.presenters`), so the window never waits for them.
+Left drag orbits, right, middle or Shift + left drag pans, the wheel zooms; the line of a wipe is dragged. Pictures are
+rendered on threads (`gui.presenters`), so the window never waits for them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from open3d.visualization import gui
 from gui.panels.picture import PictureWidget
 
 MAX_PIXELS = 960 * 540
-"""Pictures have at most so many pixels and are stretched to the widget, which bounds the time to draw one."""
+"""Maximum pixels of a picture, which bounds the time to render it; it is stretched to the widget."""
 
 
 def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[int, int]:
@@ -25,30 +25,30 @@ def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[i
 
 
 _STILL = 3.0
-"""Pixels that the mouse may move between pressing and letting go of a click."""
+"""Pixels that the pointer may move during a click."""
 
 
 class Gestures(Protocol):
-    """What is shown, as far as the mouse goes. Places are pixels of the picture."""
+    """Receiver of mouse gestures. Positions are pixels of the picture."""
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """Turn or move."""
+        """Orbit (`turn`) or pan."""
         ...
 
     def wheel(self, notches: float) -> None:
-        """Nearer or farther."""
+        """Zoom."""
         ...
 
     def grabs(self, x: float) -> bool:
-        """Whether a press here takes hold of something (a wipe's line) that `pull` then moves."""
+        """Whether a press here grabs the line of a wipe, which `pull` then moves."""
         ...
 
     def pull(self, x: float) -> None:
-        """Move what was taken hold of."""
+        """Move the grabbed line."""
         ...
 
     def click(self, x: float, y: float) -> None:
-        """The left button was pressed and let go at one place."""
+        """A left click."""
         ...
 
     def hover(self, x: float, y: float) -> None:
@@ -100,7 +100,7 @@ class Viewport:
             self._pulling = self._clicking and gestures.grabs(x * scale)
         elif event.type == kind.DRAG and self._last is not None:
             if self._clicking and max(abs(x - self._start[0]), abs(y - self._start[1])) <= _STILL:
-                return True  # a click with an unsteady hand is no drag
+                return True  # an unsteady click is not a drag
             self._clicking = False
             dx, dy = x - self._last[0], y - self._last[1]
             self._last = (x, y)

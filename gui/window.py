@@ -1,4 +1,4 @@
-"""The main window: puts panels, views and presenters together and passes events on. All state is the presenters'."""
+"""The main window: connects panels and presenters and forwards events. All state is in the presenters."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ from gui.viewport import Viewport
 from studio.gaussians import Gaussians
 
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
-"""Least seconds between two drawings of the window where the processor draws it, which takes 90 ms of a core: it then
-has time for the pictures. The longer one holds while they fall behind the rate at which the stream plays."""
+"""Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
+render frames. The longer one applies while rendering falls behind playback."""
 
 Loaded = tuple[Opened, Gaussians | None] | str
 
@@ -47,7 +47,7 @@ class MainWindow:
     """See the module.
 
     Attributes:
-        wants_close: it shall be closed by whoever runs the ticks; from within a tick Open3D crashes.
+        wants_close: asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
 
     Args:
         size: of the window's content, pixels.
@@ -124,7 +124,7 @@ class MainWindow:
     # Opening and closing
 
     def open(self, path: str) -> None:
-        """Open a take, a stream or an address; bad input becomes a sentence in the window."""
+        """Open a take, a stream or an address; bad input is reported in the window."""
         self.opening = path
         self.player.message = f"Opening {path} ..."
         self._opener.ask(path)
@@ -150,7 +150,7 @@ class MainWindow:
         self.window.set_needs_layout()
 
     def apply_preferences(self) -> None:
-        """Let the preferences hold."""
+        """Apply the preferences."""
         self.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
         self.player.background = self.preferences.background
 
@@ -173,15 +173,15 @@ class MainWindow:
             self.changed()
 
     def closed(self) -> None:
-        """After the last tick: end threads, close files. A job goes on by itself."""
+        """After the last tick: end threads, close files. A job keeps running."""
         self.views.close()
         self.workspace.close()
         self._opener.close()
-        # Open3D holds on to callbacks, and so to this object; what is large must go by itself.
+        # Open3D keeps references to callbacks, and so to this object: release what is large.
         self._keep_alive = None
         self._log.close()
 
-    # What a user does
+    # User actions
 
     def changed(self) -> None:
         """Something that is shown may have changed."""
@@ -252,13 +252,13 @@ class MainWindow:
             self.viewport.show(pixels)
             self.pictures += 1
             changed = True
-        if not self._redraws.pausing:  # nobody sees what changes between two drawings
+        if not self._redraws.pausing:  # changes between two draws are invisible
             changed |= self.timeline.update()
             if not self.layout.fullscreen:
                 changed |= self._update_panels()
         message = self.workspace.message or self.views.message
         changed |= self._set_text(self.message, message)
-        self.message.visible = bool(message)  # even an empty label keeps the mouse from the viewport
+        self.message.visible = bool(message)  # even an empty label blocks the mouse
         if changed:
             self.changed()
         self._log.write(self)
@@ -297,7 +297,7 @@ class MainWindow:
         self.timeline.picture.widget.tooltip = self.evaluation.explanation
 
     def marks_changed(self) -> None:
-        """The timeline shows them."""
+        """Update the timeline's marks."""
         self.timeline.marks = tuple(sorted(self.marks.notes))
 
     def _set_text(self, label: gui.Label, text: str) -> bool:

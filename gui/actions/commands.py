@@ -19,6 +19,7 @@ from gui.panels.take_dialog import ask_new_take
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import FORMATS
 from gui.presenters.run.new_take import NewTake
+from gui.presenters.stages.stage_rows import TITLES
 from gui.shell import Shell
 from pipelines.takes.take import program_version
 from studio.errors import StudioError
@@ -39,7 +40,7 @@ class Actions:
         self.points = PointActions(window)
 
     def menu(self) -> dict[str, Action]:
-        """By key of `gui.actions.menus.MENUS`."""
+        """Actions by key of `gui.actions.menus.MENUS`."""
         window = self._window
         return {
             "new": self.new_take,
@@ -68,7 +69,7 @@ class Actions:
         }
 
     def for_key(self, event: gui.KeyEvent) -> Action | None:
-        """What a key does; None where it does nothing."""
+        """The action of a key; None if it has none."""
         window, key = self._window, gui.KeyName
         player, transport = window.player, window.player.transport
         menu = self.menu()
@@ -126,14 +127,14 @@ class Actions:
             start()
             return
         window.dialogs.ask(
-            f"Run {stage} once more?",
-            "What this stage has made is removed first; stopping on the way does not bring it back.\n"
-            "All that it depends on is unchanged, so it would make the same again.",
-            [("again", "Run it again", start), ("stay", "Keep what is there", lambda: None)],
+            f"Run {TITLES[stage]} again?",
+            "Nothing that this stage depends on has changed, so the result would be the same.\n"
+            "Its current results are deleted first and are lost if you cancel the run.",
+            [("again", "Run again", start), ("stay", "Cancel", lambda: None)],
         )
 
     def ask_about_job(self) -> None:
-        """The window is about to close while a job runs."""
+        """Ask what to do with the running job before closing."""
         window = self._window
 
         def leave() -> None:
@@ -144,13 +145,13 @@ class Actions:
             window.wants_close = True
 
         window.dialogs.ask(
-            "A run is going on",
-            "It can go on without the window; opening the take again shows it.\n"
-            "Stopping keeps what is finished, and a later run goes on from there.",
+            "A run is in progress",
+            "It can continue without the window; open the take again to follow it.\n"
+            "If you stop it, finished work is kept and the next run resumes from there.",
             [
-                ("leave", "Leave it running", leave),
-                ("stop", "Stop it", stop),
-                ("stay", "Keep the window open", lambda: None),
+                ("leave", "Leave running", leave),
+                ("stop", "Stop run", stop),
+                ("stay", "Cancel", lambda: None),
             ],
         )
 
@@ -177,7 +178,7 @@ class Actions:
         if opened is not None and isinstance(opened.path, Path):
             known.insert(0, opened.path)
         start = next((path.parent for path in known if path.parent.is_dir()), Path.cwd())
-        ask_path(window.dialogs, "Open a take or a stream", start, "take", window.open)
+        ask_path(window.dialogs, "Open take or stream", start, "take", window.open)
 
     def _ask_recent(self) -> None:
         window = self._window
@@ -193,9 +194,9 @@ class Actions:
         there = preferences.recent_there()
         answers: list[tuple[str, str, Action]] = []
         if len(there) < len(preferences.recent):
-            answers.append(("forget", "Forget what is gone", keep(there)))
+            answers.append(("forget", "Remove missing", keep(there)))
         if preferences.recent:
-            answers.append(("clear", "Clear the list", keep([])))
+            answers.append(("clear", "Clear list", keep([])))
         gone = set(preferences.recent) - set(there)
         window.dialogs.choose("recent", "Open recent", preferences.recent, window.open, gone, answers)
 
@@ -203,8 +204,8 @@ class Actions:
         window = self._window
         window.dialogs.line(
             "address",
-            "Open a stream at an address",
-            "Address of the stream's folder, for example https://example.org/streams/walk",
+            "Open stream from URL",
+            "URL of the stream's folder, for example https://example.org/streams/walk",
             "",
             [("open", "Open", lambda text: window.open(text.strip())), ("close", "Cancel", lambda _: None)],
         )
@@ -214,11 +215,12 @@ class Actions:
         window.preferences = preferences
         window.apply_preferences()
         if not preferences.save():
-            window.player.message = "The preferences could not be saved; they hold until the window is closed."
+            window.player.message = "Preferences could not be saved; they apply until the window is closed."
 
     def _about(self) -> None:
         text = (
-            f"V3 Studio {program_version()}\n\nFrom synchronized multi-camera footage of a performer to a streamable "
-            f"Gaussian video.\nGNU General Public License, version 3 or later.\n\nDrawn by: {self._window.device}"
+            f"V3 Studio {program_version()}\n\nFrom synchronized multi-camera footage of a performer to a "
+            "streamable Gaussian video.\nGNU General Public License, version 3 or later.\n\n"
+            f"Graphics device: {self._window.device}"
         )
         self._window.dialogs.message("About", text)

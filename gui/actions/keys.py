@@ -1,35 +1,35 @@
-"""Keys and what they do; the list that `?` shows is made of the same."""
+"""The list of shortcuts shown by `?`."""
 
 from __future__ import annotations
 
 SHORTCUTS: tuple[tuple[str, str], ...] = (
     ("Space", "play or pause"),
-    ("Left, Right", "one frame back or on"),
-    ("Home, End", "first or last frame"),
-    ("[ and ]", "previous or next group"),
-    ("1, 2, 3", "ground truth, trained, decoded"),
+    ("Left, Right", "step one frame back or forward"),
+    ("Home, End", "go to the first or last frame"),
+    ("[ and ]", "go to the previous or next group"),
+    ("1, 2, 3", "show ground truth, trained, decoded"),
     ("S", "side by side"),
     ("W", "wipe; drag its line"),
-    ("D", "heat map of the difference"),
-    ("C", "next capture camera"),
-    ("Z", "bring the performer near, in a capture camera's image; again: the whole image"),
+    ("D", "difference heat map"),
+    ("C", "look through the next capture camera"),
+    ("Z", "zoom to the performer in a capture camera's image; again: whole image"),
     ("R", "reset the view"),
-    ("B", "background: dark, black, white"),
-    ("L", "loop"),
-    ("M", "mark the frame with a note"),
-    ("< and >", "previous or next mark"),
-    ("K", "add this view to the camera path of a movie"),
-    ("F", "fullscreen: the viewport alone (Escape ends it)"),
-    ("I", "figures and log, on the right; a narrow window begins without them"),
-    ("N, E, Delete, U, A", "points by hand: a new point, its name and place, not in this camera, undo, snapping"),
-    ("Up, Down", "points by hand: choose a point"),
-    ("?", "this list"),
-    ("Left drag", "turn"),
-    ("Right drag, Shift + drag", "move"),
-    ("Wheel", "nearer or farther"),
+    ("B", "next background: dark, black, white"),
+    ("L", "toggle looping"),
+    ("M", "mark the frame, with a note"),
+    ("< and >", "go to the previous or next mark"),
+    ("K", "add the view to the camera path"),
+    ("F", "fullscreen viewport (Escape exits)"),
+    ("I", "show or hide the inspector and log"),
+    ("N, E, Delete, U, A", "points by hand: new, edit, remove mark, undo, toggle snapping"),
+    ("Up, Down", "points by hand: select a point"),
+    ("?", "show this list"),
+    ("Left drag", "orbit"),
+    ("Right drag, Shift + drag", "pan"),
+    ("Wheel", "zoom"),
 )
 
 
 def shortcuts_text() -> str:
-    """A line a key."""
+    """One line per shortcut."""
     return "\n".join(f"{keys}:  {what}" for keys, what in SHORTCUTS)

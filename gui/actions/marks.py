@@ -25,15 +25,15 @@ class MarkActions:
             return
         window.player.transport.pause()
         frame = window.player.transport.frame
-        where = "" if window.marks.kept else " A stream alone has no place for marks: they last until it is closed."
+        where = "" if window.marks.kept else " Marks on a stream are lost when it is closed."
         answers: list[tuple[str, str, Callable[[str], None]]] = [
             ("save", "Mark", lambda note: self._try(lambda: window.marks.set(frame, note)))
         ]
         if frame in window.marks.notes:
-            answers.append(("remove", "Remove the mark", lambda _: self._try(lambda: window.marks.remove(frame))))
+            answers.append(("remove", "Remove mark", lambda _: self._try(lambda: window.marks.remove(frame))))
         answers.append(("close", "Cancel", lambda _: None))
         note = window.marks.notes.get(frame, "")
-        window.dialogs.line("mark", f"Mark frame {frame}", f"Note on this frame.{where}", note, answers)
+        window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional).{where}", note, answers)
 
     def _try(self, action: Callable[[], object]) -> None:
         try:

@@ -1,4 +1,4 @@
-"""The menu bar: what stands in it, and which action each entry names."""
+"""The menu bar: its items, and the key of each item's action."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("new", "New take from footage..."),
             ("open", "Open take or stream..."),
             ("recent", "Open recent..."),
-            ("address", "Open stream at an address..."),
+            ("address", "Open stream from URL..."),
             ("", ""),
-            ("screenshot", "Save a screenshot..."),
-            ("report", "Write the HTML report"),
+            ("screenshot", "Save screenshot..."),
+            ("report", "Write HTML report"),
             ("", ""),
             ("preferences", "Preferences..."),
             ("quit", "Quit"),
@@ -30,13 +30,13 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("background", "Next background (B)"),
             ("camera", "Next capture camera (C)"),
             ("fullscreen", "Fullscreen (F)"),
-            ("figures", "Figures and log (I)"),
+            ("figures", "Inspector and log (I)"),
         ),
     ),
     (
         "Mark",
         (
-            ("mark", "Mark this frame... (M)"),
+            ("mark", "Mark frame... (M)"),
             ("next_mark", "Next mark (>)"),
             ("previous_mark", "Previous mark (<)"),
             ("marks", "All marks..."),
@@ -45,17 +45,17 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     (
         "Export",
         (
-            ("export ply", "PLY, a file a frame..."),
-            ("export spz", "SPZ, a file a frame..."),
-            ("export glb", "GLB, a file a frame..."),
+            ("export ply", "PLY, one file per frame..."),
+            ("export spz", "SPZ, one file per frame..."),
+            ("export glb", "GLB, one file per frame..."),
             ("export videogs", "VideoGS layout..."),
             ("", ""),
             ("export turntable", "Movie: turntable..."),
-            ("add_key", "Add this view to the camera path (K)"),
-            ("clear_keys", "Clear the camera path"),
-            ("export camera-path", "Movie: along the camera path..."),
+            ("add_key", "Add view to camera path (K)"),
+            ("clear_keys", "Clear camera path"),
+            ("export camera-path", "Movie: camera path..."),
             ("", ""),
-            ("stop_export", "Stop the export"),
+            ("stop_export", "Stop export"),
         ),
     ),
     ("Help", (("shortcuts", "Shortcuts (?)"), ("about", "About"))),
@@ -63,7 +63,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
 
 
 def build(application: gui.Application) -> None:
-    """Give the application its menu bar, once."""
+    """Create the application's menu bar, once."""
     if application.menubar is not None:
         return
     bar = gui.Menu()
@@ -81,7 +81,7 @@ def build(application: gui.Application) -> None:
 
 
 def connect(window: gui.Window, actions: Mapping[str, Callable[[], object]], after: Callable[[], None]) -> None:
-    """Let the entries do their actions."""
+    """Connect the items to their actions."""
     keys = [key for _, entries in MENUS for key, _ in entries if key]
 
     def run(key: str) -> None:

@@ -1,4 +1,4 @@
-"""What writes files: screenshots, exports, the report."""
+"""Actions that write files: screenshots, exports, the report."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class OutputActions:
         window = self._window
         picture = window.player.picture
         if picture is None:
-            window.player.message = "There is no picture to save yet."
+            window.player.message = "No picture to save yet."
             return
         name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{picture.frame:06d}.png"
         opened = window.player.opened
@@ -41,10 +41,10 @@ class OutputActions:
             try:
                 write_picture(path, picture.image)
             except OSError as error:
-                window.player.message = f"{path}: could not be written ({error.strerror}); choose another folder."
+                window.player.message = f"{path}: cannot be written ({error.strerror}). Choose another folder."
 
         window.dialogs.line(
-            "screenshot", "Save a screenshot", "The picture as shown, as a PNG file:", str(folder / name),
+            "screenshot", "Save screenshot", "PNG file of the viewport's picture:", str(folder / name),
             [("save", "Save", save), ("close", "Cancel", lambda _: None)],
         )  # fmt: skip
 
@@ -58,18 +58,18 @@ class OutputActions:
             window.player.notice = f"{count} view{'s' * (count != 1)} in the camera path"
 
     def export(self, kind: str) -> None:
-        """Ask what of, where to and how, then export. `kind` is of `FORMATS`."""
+        """Ask for the options, then export. `kind` is a key of `FORMATS`."""
         window = self._window
         opened = window.player.opened
         if opened is None or not opened.sources:
-            window.player.message = "There is nothing to export yet."
+            window.player.message = "Nothing to export yet."
             return
-        # the default first, where it is there; the dialog says which it is
+        # the default first, if it exists
         sources = sorted(opened.sources, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
-        wanted = ExportRequest(kind, str(opened.path), opened.title, folder, *sources[:1])
+        request = ExportRequest(kind, str(opened.path), opened.title, folder, *sources[:1])
         length = window.player.transport.frame_count / window.player.transport.fps
-        wanted.seconds = f"{max(length, LEAST_SECONDS):g}"
+        request.seconds = f"{max(length, LEAST_SECONDS):g}"
 
         def start(chosen: ExportRequest) -> None:
             try:
@@ -77,14 +77,14 @@ class OutputActions:
             except (StudioError, OSError) as error:
                 window.dialogs.message("Export", str(error))
 
-        ask_export(window.dialogs, wanted, sources, start)
+        ask_export(window.dialogs, request, sources, start)
 
     def report(self) -> None:
-        """Write the take's report, or bring the marks of now into it."""
+        """Write the take's report, or update its marks."""
         window = self._window
         take: Take | None = window.workspace.take
         if take is None:
-            window.player.message = "A report is written for a take; a stream alone has none."
+            window.player.message = "A report needs a take; a stream has none."
         elif take.report.is_file() and window.workspace.row("review").state == "done":
             window.dialogs.message("HTML report", self._up_to_date(take))
         else:
@@ -98,6 +98,6 @@ class OutputActions:
         try:
             changed = update_marks(context.take, context.groups)
         except (StudioError, OSError) as error:
-            return f"The marks could not be brought into the report: {error}"
-        words = "The report shows the marks of now:" if changed else "The report is up to date:"
-        return f"{words}\n{take.report}\n\nOpen it with a browser."
+            return f"Cannot update the marks in the report: {error}"
+        words = "Updated the marks in the report:" if changed else "The report is up to date:"
+        return f"{words}\n{take.report}\n\nOpen it in a browser."

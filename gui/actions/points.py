@@ -1,4 +1,4 @@
-"""What keys and the points board's requests do while points are marked by hand."""
+"""Keys and buttons for marking points by hand."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class PointActions:
         self._window = window
 
     def keys(self) -> dict[Any, Callable[[], object]]:
-        """Keys that mean something else while points are marked."""
+        """Key bindings that replace the usual ones in the points view."""
         key, stage_view = gui.KeyName, self._window.views.points
-        if not self._window.views.marks_points:
+        if not self._window.views.edits_points:
             return {}
         return {
             key.N: stage_view.new_point,
@@ -38,7 +38,7 @@ class PointActions:
         }
 
     def poll(self) -> bool:
-        """Do what the board asks for; returns whether it asked."""
+        """Handle a button pressed in the view; returns whether there was one."""
         stage_view = self._window.views.points
         asked, stage_view.asks = stage_view.asks, ""
         if asked == "describe":
@@ -60,28 +60,31 @@ class PointActions:
             if wrong:
                 self._describe(wrong, words)
 
-        help_text = "Name; and after a semicolon, where it was measured, x y z in meters (z up):\nmat corner; 0 0.3 0"
+        help_text = (
+            "Name; optionally a semicolon and the measured position x y z in meters (z up).\n"
+            "Example: mat corner; 0 0.3 0"
+        )
         self._window.dialogs.line(
             "point",
-            "The point",
+            "Edit point",
             f"{problem}\n\n{help_text}" if problem else help_text,
             text,
             [("save", "Save", save), ("close", "Cancel", lambda _: None)],
         )
 
     def _run(self) -> None:
-        """Let the take's cameras come from these points."""
+        """Calibrate the take from these points."""
         window, stage_view = self._window, self._window.views.points
         workspace, path = window.workspace, stage_view.path
         if path is None or stage_view.marks is None or not path.is_file():
-            stage_view.problem = "Mark some points first."
+            stage_view.problem = "Mark points first."
             return
         config = workspace.config
         if config is not None and not config.calibrate.tie_points:
             for name, value in (("capture.rig", None), ("calibrate.tie_points", str(path.resolve()))):
-                wrong = workspace.change_setting(name, value)
-                if wrong:
-                    stage_view.problem = wrong
+                refusal = workspace.change_setting(name, value)
+                if refusal is not None:
+                    stage_view.problem = str(refusal)
                     return
         if workspace.start("calibrate", again=False):
             window.select("calibrate")

@@ -22,7 +22,7 @@ class ControlsPanel:
     Args:
         player: what the buttons act on.
         em: the theme's font size, pixels.
-        reset: called for the first view, of whatever is shown.
+        reset: called to reset the view.
         changed: called after each click.
     """
 
@@ -37,31 +37,31 @@ class ControlsPanel:
         self.buttons: dict[str, gui.Widget] = {}
         transport = self._transport
         self._button("Start", "First frame (Home)", lambda: transport().seek(0))
-        self._button("Back", "One frame back (Left)", lambda: transport().step(-1))
+        self._button("Back", "Previous frame (Left)", lambda: transport().step(-1))
         self._play = self._button("Pause", "Play or pause (Space)", lambda: transport().toggle(), key="play")
-        self._button("Forward", "One frame on (Right)", lambda: transport().step(1))
+        self._button("Forward", "Next frame (Right)", lambda: transport().step(1))
         self._button("End", "Last frame (End)", lambda: transport().seek(transport().last))
         self._loop = gui.Checkbox("Loop")
-        self._loop.tooltip = "Go on at the beginning after the last frame (L)"
+        self._loop.tooltip = "Loop playback (L)"
         self._loop.set_on_checked(lambda on: self._did(lambda: transport().set_loop(on)))
         self._add("loop", self._loop)
         self._speed = gui.Combobox()
         for name in SPEEDS:
             self._speed.add_item(name)
         self._speed.selected_text = "1x"
-        self._speed.tooltip = "Speed; 1x is the capture's own"
+        self._speed.tooltip = "Playback speed"
         self._speed.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_speed(name)))
         self._add("speed", self._speed)
         self._camera = gui.Combobox()
-        self._camera.tooltip = "Look through a capture camera (C for the next), or freely"
+        self._camera.tooltip = "Free view, or a capture camera (C for the next)"
         self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
         self._add("camera", self._camera, right=True)
         self._cameras: list[str] = []
-        self._button("Background", "Dark, black or white behind the performer (B)", player.next_background)
-        self._button("Reset view", "Back to the first view (R)", reset)
+        self._button("Background", "Next background: dark, black, white (B)", player.next_background)
+        self._button("Reset view", "Reset the view (R)", reset)
 
     def _transport(self) -> Transport:
-        """The transport of what is open now: another one after each opening."""
+        """The current transport; replaced whenever something is opened."""
         return self._player.transport
 
     def _add(self, key: str, widget: gui.Widget, right: bool = False) -> None:
@@ -89,7 +89,7 @@ class ControlsPanel:
         self._player.transport.speed = SPEEDS[name]
 
     def update(self) -> tuple[bool, bool]:
-        """Bring the widgets in line with the player; returns (whether one changed, whether to lay out anew)."""
+        """Show the state of the player; returns (whether a widget changed, whether a layout is due)."""
         changed = layout = False
         transport = self._player.transport
         text = "Pause" if transport.playing else "Play"

@@ -1,4 +1,4 @@
-"""Dialogs over the window: something to read, questions, a line to type, one of a few lines."""
+"""Modal dialogs: messages, questions, a text field, a list of choices."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from gui.platform.keyboard import send_tab
 from gui.presenters.drawing.palette import ACCENT_DARK, DIM, RAISED
 
 TAB_DOWN, TAB_UP = 3, 5
-"""How often a dialog with a line has been drawn when Tab is pressed and released."""
+"""Frames drawn of a dialog with a text field before Tab is pressed and released."""
+
+FRAMES_BEFORE_ENTER = 2
+"""Frames drawn between the Enter key and what it does."""
 
 Answer = tuple[str, str, Callable[[], None]]
 """Key, label, what to do."""
@@ -22,9 +25,9 @@ class Dialogs:
     """Shows one dialog at a time over a window.
 
     Attributes:
-        widgets: of the open dialog, by key; empty where none is open.
-        name: of the open dialog; "" where none is open.
-        typing: its line has been given the keyboard.
+        widgets: of the open dialog, by key; empty if none is open.
+        name: of the open dialog; "" if none is open.
+        typing: its text field has the keyboard focus.
     """
 
     def __init__(self, window: gui.Window) -> None:
@@ -34,12 +37,13 @@ class Dialogs:
         self.name = ""
         self.typing = False
         self._drawn: int | None = None
+        self._confirm: int | None = None  # frames to draw until the dialog is confirmed
         self._on_enter: Callable[[], None] | None = None
         self._on_escape: Callable[[], None] = self.close
 
     def close(self) -> None:
         """Close what is open."""
-        self._on_enter = self._drawn = None
+        self._on_enter = self._drawn = self._confirm = None
         self.typing = False
         if self.name:
             self._window.close_dialog()
@@ -58,13 +62,13 @@ class Dialogs:
         """Show a dialog made of `parts`, in place of what is open.
 
         Args:
-            name: it is known by.
+            name: identifies the dialog.
             title: heading.
-            parts: below each other.
+            parts: widgets, top to bottom.
             answers: buttons at the bottom.
-            width: in letters, roughly.
-            on_enter: what the Enter key does; None: nothing.
-            accent: key of the answer that carries the accent; None: the first.
+            width: in characters, roughly.
+            on_enter: action of the Enter key; None for none.
+            accent: key of the highlighted answer; None for the first.
         """
         made = self.widgets
         self.close()
@@ -88,7 +92,7 @@ class Dialogs:
         self._window.show_dialog(dialog)
 
     def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:
-        """A button of the dialog that is being made."""
+        """A button for the dialog being built."""
         button = gui.Button(label)
         button.vertical_padding_em = 0.2
         button.background_color = color(ACCENT_DARK if accent else RAISED)
@@ -97,24 +101,32 @@ class Dialogs:
         return button
 
     def label(self, text: str, dim: bool = True) -> gui.Label:
-        """Words of the dialog that is being made."""
+        """A label for the dialog being built."""
         label = gui.Label(text)
         if dim:
             label.text_color = color(DIM)
         return label
 
     def laid_out(self) -> None:
-        """Something of the dialog needs another place."""
+        """Lay out the dialog again."""
         self._window.set_needs_layout()
 
     def enter(self) -> None:
-        """The Enter key was released. Its press is no use: a field that is being edited keeps it for itself."""
-        if self._on_enter is not None:
-            self._on_enter()
+        """The Enter key was released (a field being edited consumes its press). What was typed just before reaches the
+        field only when the window is drawn, so the dialog is confirmed a few frames later."""
+        if self._on_enter is not None and self._confirm is None:
+            self._confirm = FRAMES_BEFORE_ENTER
 
     def tick(self) -> bool:
-        """Call at each drawn tick: gives a new dialog's line the keyboard, once it has been drawn. Returns whether the
-        window must be drawn again for that."""
+        """Call at each drawn tick: focuses a new dialog's text field once it has been drawn, and confirms the dialog
+        after Enter. Returns whether the window must be drawn again."""
+        if self._confirm is not None:
+            self._confirm -= 1
+            if self._confirm == 0:
+                self._confirm = None
+                if self._on_enter is not None:
+                    self._on_enter()
+            return True
         if self._drawn is None:
             return False
         self._drawn += 1
@@ -126,16 +138,16 @@ class Dialogs:
         return True
 
     def escape(self) -> None:
-        """The Escape key: as Cancel or Close, where there is one."""
+        """The Escape key: as Cancel or Close, if there is one."""
         self._on_escape()
 
     def message(self, title: str, text: str) -> None:
-        """Something to read."""
+        """Show a message."""
         self.widgets = {}
         self.show("message", title, [self.label(text, dim=False)], [("close", "Close", self.close)], 60, self.close)
 
     def ask(self, title: str, text: str, answers: Sequence[Answer]) -> None:
-        """A question with answers; each closes the dialog first."""
+        """Ask a question; each answer closes the dialog first."""
         self.widgets = {}
         closing = [(key, label, self._closing(action)) for key, label, action in answers]
         self.show("ask", title, [self.label(text, dim=False)], closing, 60)
@@ -143,7 +155,7 @@ class Dialogs:
     def line(
         self, name: str, title: str, text: str, value: str, answers: Sequence[tuple[str, str, Callable[[str], None]]]
     ) -> None:
-        """A line to type; answers get what was typed, the first one at Enter too."""
+        """Ask for a line of text; answers get the text, and Enter is the first answer."""
         self.widgets = {}
         edit = gui.TextEdit()
         edit.text_value = value
@@ -160,7 +172,7 @@ class Dialogs:
         parts: list[gui.Widget] = [
             self.label(text),
             edit,
-            self.label("Enter confirms. (A click or Tab goes into the line.)"),
+            self.label("Enter to confirm. Click or press Tab to edit."),
         ]
         buttons: list[Answer] = [(key, label, answer(action)) for key, label, action in answers]
         self.show(name, title, parts, buttons, 70, buttons[0][2])
@@ -176,16 +188,16 @@ class Dialogs:
         gone: Collection[str] = (),
         answers: Sequence[tuple[str, str, Callable[[], object]]] = (),
     ) -> None:
-        """One of a few lines; those that are `gone` cannot be chosen. Answers stand before Close."""
+        """Choose from a list; items in `gone` are disabled. Answers are placed before Close."""
         self.widgets = {}
         parts: list[gui.Widget] = []
         for number, choice in enumerate(choices):
-            words = f"{choice}   (gone)" if choice in gone else choice
+            words = f"{choice}   (missing)" if choice in gone else choice
             button = self.button(f"choice{number}", words, self._closing(partial(chosen, choice)))
             button.enabled = choice not in gone
             parts.append(button)
         if not choices:
-            parts.append(self.label("There is nothing here yet."))
+            parts.append(self.label("Nothing here yet."))
         row: list[Answer] = [(key, label, self._closing(action)) for key, label, action in answers]
         row.append(("close", "Close", self.close))
         self.show(name, title, parts, row, 60, accent="close")
@@ -199,7 +211,7 @@ class Dialogs:
 
 
 def broken(text: str) -> str:
-    """Lines no longer than a dialog is wide."""
+    """Text wrapped to the width of a dialog."""
     import textwrap
 
     return "\n".join(line for part in text.splitlines() for line in textwrap.wrap(part, 100) or [""])

@@ -1,4 +1,4 @@
-"""Flow: a row of widgets that goes on in the next line where the window is too narrow."""
+"""Flow: a row of widgets that wraps in a narrow window."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from open3d.visualization import gui
 
 
 class Flow:
-    """See the module. Open3D's own rows cut off what does not fit.
+    """See the module. Open3D's rows clip what does not fit.
 
     Args:
         gap: pixels between widgets, and between lines.
@@ -27,7 +27,7 @@ class Flow:
         Args:
             widget: the next one.
             before: more pixels between it and the one before.
-            right: it, and all after it, stand at the right end of their line where there is room.
+            right: it, and all after it, are right-aligned if there is room.
         """
         self.widget.add_child(widget)
         self._items.append((widget, before, right))
@@ -51,7 +51,7 @@ class Flow:
                 widget.frame = gui.Rect(int(x + left + shift), int(top), int(wide), int(self._line))
 
     def _lines(self, width: float, context: gui.LayoutContext) -> list[list[tuple[gui.Widget, float, float, bool]]]:
-        """Each line's widgets with their left end, width, and whether they stand at the right."""
+        """Each line's widgets with their left end, width, and whether they are right-aligned."""
         lines: list[list[tuple[gui.Widget, float, float, bool]]] = [[]]
         x, right = 0.0, False
         for widget, before, at_right in self._items:

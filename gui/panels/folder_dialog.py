@@ -1,4 +1,4 @@
-"""A dialog that chooses a folder or a file: the path to type, a list, Up, Home. What is marked is what is opened."""
+"""A file dialog: path, list, Up, Home. Open takes the selected entry."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ class _PathDialog:
             path.add_child(button)
         path.add_child(self._path)
         hint = {
-            "folder": "Mark a folder, or go into it by a double click; without a mark the folder above is taken.",
-            "take": "Mark a take or a stream and press Open; a double click goes into a folder.",
-            "file": "Mark a file and press Open; a double click goes into a folder.",
+            "folder": "Select a folder, or double-click to enter it. Without a selection, Open takes the folder above.",
+            "take": "Select a take or a stream and press Open. Double-click to enter a folder.",
+            "file": "Select a file and press Open. Double-click to enter a folder.",
         }[self._found.wanted]
         parts: list[gui.Widget] = [path, self._list, dialogs.label(hint), self._message]
         answers = [("open", "Open", self._open), ("close", "Cancel", self._close)]
@@ -76,7 +76,7 @@ class _PathDialog:
         self._typed = str(found.folder)
         self._path.text_value = self._typed
         labels = [entry.label for entry in found.entries]
-        self._list.set_items(labels + [" "] * (ROWS - len(labels)))  # the dialog keeps the size that it has at first
+        self._list.set_items(labels + [" "] * (ROWS - len(labels)))  # the dialog does not resize
         self._list.selected_index = -1
         self._say()
 
@@ -106,7 +106,7 @@ class _PathDialog:
         self._take(self._marked or Path(self._typed.strip() or self._found.folder))
 
     def _enter(self) -> None:
-        """Enter: what was typed is gone to first, so that its folders are seen; what is marked is opened."""
+        """Enter: go to a typed folder and list it; otherwise as Open."""
         typed = Path(self._typed.strip() or ".").expanduser()
         if self._marked is None and typed != self._found.folder and typed.is_dir() and self._found.wanted == "folder":
             self._moved(lambda: self._found.enter(typed.absolute()))

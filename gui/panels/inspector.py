@@ -1,4 +1,4 @@
-"""The right side: figures of what is selected, and the job's log."""
+"""The right panel: figures of the selected stage, and the job log."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gui.presenters.run.inspector import (
 from gui.presenters.run.workspace import Workspace
 
 PAUSE = 0.25
-"""Seconds between two drawings of the figures while they change all the time."""
+"""Minimum seconds between two updates of the figures."""
 
 
 class InspectorPanel:

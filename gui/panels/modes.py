@@ -1,4 +1,4 @@
-"""The row over the viewport: what of the selected stage is shown."""
+"""The row of buttons above the viewport: which picture of the selected stage is shown."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Choice = tuple[str, str, str]
 
 
 class ModesPanel:
-    """Buttons, one set a stage; the chosen ones carry the accent.
+    """One set of buttons per stage; pressed ones are highlighted.
 
     Args:
         sets: choices by stage.

@@ -1,4 +1,4 @@
-"""Dialogs with a few choices each: preferences, exports."""
+"""Option dialogs: preferences, exports."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from gui.presenters.run.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, 
 
 
 def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferences], None]) -> None:
-    """Picture size, background, playing at once."""
+    """Render resolution, background, autoplay."""
     dialogs.widgets = {}
     chosen = replace(now, recent=list(now.recent))
     form = _Form(dialogs, chosen)
-    form.choice("picture_size", "Splats are drawn with at most", list(PICTURE_SIZES))
+    form.choice("picture_size", "Render resolution", list(PICTURE_SIZES))
     form.choice("background", "Background", BACKGROUND_NAMES)
     play = gui.Checkbox("")
     play.checked = chosen.play_on_opening
     play.set_on_checked(lambda on: setattr(chosen, "play_on_opening", on))
-    form.add("play", "Play on opening", play)
+    form.add("play", "Play when opened", play)
 
     def done() -> None:
         dialogs.close()
@@ -37,61 +37,65 @@ def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferen
 
 
 def ask_export(
-    dialogs: Dialogs, wanted: ExportRequest, sources: Sequence[str], start: Callable[[ExportRequest], None]
+    dialogs: Dialogs, request: ExportRequest, sources: Sequence[str], start: Callable[[ExportRequest], None]
 ) -> None:
-    """What of, where to, and a movie's options.
+    """Source, output path, and options of a movie.
 
     Args:
         dialogs: where it is shown.
-        wanted: the defaults; changed while the dialog is open.
-        sources: what a take has of "decoded" and "trained"; none for a bare stream.
-        start: called at "Export", once the dialog is closed.
+        request: the defaults; modified while the dialog is open.
+        sources: "decoded" and "trained" as available; empty for a bare stream.
+        start: called by "Export", after the dialog has closed.
     """
     dialogs.widgets = {}
-    form = _Form(dialogs, wanted)
+    form = _Form(dialogs, request)
     target = gui.TextEdit()
     if sources:
 
         def renamed() -> None:
-            target.text_value = wanted.target
+            target.text_value = request.target
 
-        form.choice("of", "Of the splats", sources, renamed)
-    if wanted.kind in MOVIES:
-        if wanted.kind == "turntable":
+        form.choice("of", "Splats", sources, renamed)
+    if request.kind in MOVIES:
+        if request.kind == "turntable":
             form.line("seconds", "Seconds")
         form.choice("size", "Size", MOVIE_SIZES)
         form.choice("background", "Background", list(MOVIE_BACKGROUNDS))
 
     def browse() -> None:
         def done(folder: str) -> None:
-            wanted.move_to(Path(folder))
+            request.move_to(Path(folder))
             again()
 
         def again() -> None:
-            ask_export(dialogs, wanted, sources, start)
+            ask_export(dialogs, request, sources, start)
 
-        ask_path(dialogs, "Folder to write to", Path(wanted.target).parent, "folder", done, again)
+        ask_path(dialogs, "Output folder", Path(request.target).parent, "folder", done, again)
 
     def go() -> None:
         dialogs.close()
-        start(wanted)
+        start(request)
 
-    target.text_value = wanted.target
-    target.set_on_text_changed(wanted.set_target)
+    target.text_value = request.target
+    target.set_on_text_changed(request.set_target)
     row = gui.Horiz(0.4 * dialogs.em)
-    row.add_child(dialogs.label("Write to"))
+    row.add_child(dialogs.label("Output"))
     row.add_child(target)
     folder = dialogs.button("browse_target", "Browse", browse)
     folder.vertical_padding_em = 0
     row.add_child(folder)
     words = {
-        "of": "decoded is what a player of the stream shows (the default, as of v3studio export);\n"
-        "trained is what it was baked from.",
-        "stream": "The splats are those that the stream gives back.",
+        "of": "decoded: as played back from the stream (default, as in v3studio export).\ntrained: before baking.",
+        "stream": "Exports the splats decoded from the stream.",
     }["of" if sources else "stream"]
-    parts: list[gui.Widget] = [form.grid, dialogs.label(words), row, dialogs.label("Nothing is overwritten.")]
+    parts: list[gui.Widget] = [
+        form.grid,
+        dialogs.label(words),
+        row,
+        dialogs.label("Existing files are never overwritten."),
+    ]
     answers = [("save", "Export", go), ("close", "Cancel", dialogs.close)]
-    dialogs.show("export", f"Export: {FORMATS[wanted.kind][0]}", parts, answers, 90, go)
+    dialogs.show("export", f"Export: {FORMATS[request.kind][0]}", parts, answers, 90, go)
     dialogs.widgets |= {**form.widgets, "line": target}
 
 

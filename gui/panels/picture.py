@@ -1,4 +1,4 @@
-"""Handing numpy pictures to Open3D's image widget."""
+"""Numpy images in Open3D's image widget."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _marks = itertools.count(1)
 
 
 def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
-    """An Open3D image of (H, W, 3) uint8 RGB. Three channels: with four the widget blends with what lies below."""
+    """An Open3D image of (H, W, 3) uint8 RGB. Three channels: with four, the widget blends with what is below it."""
     return o3d.geometry.Image(np.ascontiguousarray(pixels))
 
 
@@ -25,7 +25,7 @@ def color(value: RGB) -> gui.Color:
 
 
 def plain_label(text_color: RGB, ground: RGB) -> gui.Label:
-    """An empty label that covers what lies below it."""
+    """An empty label with an opaque background."""
     label = gui.Label("")
     label.text_color, label.background_color = color(text_color), color(ground)
     return label
@@ -53,7 +53,7 @@ class PictureWidget:
             self.widget.set_on_mouse(self._mouse)
 
     def show(self, pixels: np.ndarray) -> None:
-        """Put a picture up; it is stretched to the widget where their sizes differ."""
+        """Show an image; it is stretched to the widget if their sizes differ."""
         if pixels.shape == self._shape:
             self.widget.update_image(as_image(pixels))
             return

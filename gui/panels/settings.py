@@ -1,4 +1,4 @@
-"""The settings of a stage under headings, each with its documentation as a tooltip, and a field that filters them."""
+"""The settings of a stage under headings, with documentation as tooltips and a search field."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class SettingsList:
     Args:
         stage: key of `TITLES`.
         em: font size, pixels.
-        set_value: called with the field and what was typed or chosen.
-        changed: called when the filter was changed; `refilter` is then due.
+        set_value: called with the field and the new text.
+        changed: called when the filter has changed; `refilter` is then due.
     """
 
     def __init__(
@@ -35,8 +35,8 @@ class SettingsList:
         self.widget = gui.Widget()
         self.widget.background_color = color(PANEL)
         self.filter = gui.TextEdit()
-        self.filter.placeholder_text = "filter the settings"
-        self.filter.tooltip = "Shows the settings in whose name, heading or documentation these words occur"
+        self.filter.placeholder_text = "search settings"
+        self.filter.tooltip = "Show settings whose name, heading or documentation contains all of these words"
         self.filter.set_on_text_changed(self._type)
         self._scroll = gui.ScrollableVert(0, gui.Margins(0.6 * em, 0.2 * em, 1.2 * em, 0.4 * em))
         self._scroll.background_color = color(PANEL)
@@ -45,6 +45,10 @@ class SettingsList:
         self.widget.add_child(self.filter)
         self.widget.add_child(self._scroll)
         self.refilter()
+
+    def find(self, name: str) -> None:
+        """Filter for one setting; `refilter` is then due."""
+        self.filter.text_value = self._typed = name
 
     def _type(self, text: str) -> None:
         self._typed = text
@@ -59,8 +63,8 @@ class SettingsList:
         self._scroll.frame = gui.Rect(int(x), int(y + top), int(width), max(int(height - top), 1))
 
     def refilter(self) -> bool:
-        """Show what fits the filter; returns whether that is something else than before: `show` and a new layout are
-        then due. Not done at once when a letter is typed, for that is told while the window is being drawn."""
+        """Apply the filter; returns whether the list has changed: `show` and a new layout are then due. Deferred to the
+        next tick, because the toolkit reports typing while it draws the window."""
         if self._words == self._typed:
             return False
         self._words = self._typed
@@ -84,7 +88,7 @@ class SettingsList:
             grid.add_child(editor)
             self.editors[field.name] = (field, editor)
         if not found:
-            grid.add_child(gui.Label("No setting has these words."))
+            grid.add_child(gui.Label("No matching settings."))
         self._content.set_widget(grid)
         return True
 
@@ -110,7 +114,7 @@ class SettingsList:
         return edit
 
     def show(self, config: Config) -> None:
-        """Bring all editors in line with the settings."""
+        """Show the values of the settings."""
         for name, (field, editor) in self.editors.items():
             text = field.shown(config)
             self._shown[name] = text
@@ -123,5 +127,5 @@ class SettingsList:
 
 
 def _broken(text: str) -> str:
-    """Tooltips are one long line unless they are broken."""
+    """Wrapped: the toolkit shows a tooltip as one line."""
     return "\n".join(textwrap.wrap(text, 70))

@@ -1,4 +1,4 @@
-"""The left side: the stages with their state, the selected one's settings, Run and Cancel."""
+"""The left panel: the stages with their status, run buttons, and the settings of the selected stage."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from open3d.visualization import gui
 from gui.panels.picture import PictureWidget, color
 from gui.panels.settings import SettingsList
 from gui.presenters.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
-from gui.presenters.run.settings import SettingField
+from gui.presenters.run.settings import SettingField, stage_of
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages import stage_list
 from gui.presenters.stages.stage_rows import TITLES
 from pipelines.config import Config
+from studio.errors import Message, StudioError
 
 _PAUSE = {
-    "Pause": "Halt the run where it stands; it keeps its memory and goes on when you resume it",
-    "Resume": "Let the run go on",
+    "Pause": "Suspend the run; it keeps its memory until you resume it",
+    "Resume": "Resume the run",
 }
 
 
@@ -28,8 +29,8 @@ class StagesPanel:
         workspace: the take.
         em: font size, pixels.
         select: called with a stage's key.
-        run: called with a stage's key and whether to run it once more; "all" for all stages.
-        changed: called whenever something here was touched.
+        run: called with a stage's key ("all" for all stages) and whether to repeat a finished stage.
+        changed: called after every user action.
     """
 
     def __init__(
@@ -53,28 +54,35 @@ class StagesPanel:
         self.buttons: dict[str, gui.Button] = {}
         self.row = gui.Horiz(0.4 * em)
         self.row.background_color = color(PANEL)
-        self._button("run", "Run", "Do what is needed until this stage is done", self._run_clicked)
-        self._button("all", "Run all", "Bring every stage up to date", lambda: run("all", False))
+        self._button("run", "Run", "Run this stage and everything that it needs", self._run_clicked)
+        self._button("all", "Run all", "Run all stages that are not up to date", lambda: run("all", False))
         self._button("pause", "Pause", _PAUSE["Pause"], workspace.pause)
-        words = "Stop; what is finished is kept, and a later run goes on from there"
+        words = "Stop the run; finished work is kept, and the next run resumes from there"
+        self.link = gui.Button("")
+        self.link.tooltip = "Show the setting that fixes this"
+        self.link.vertical_padding_em = 0.1
+        self.link.horizontal_padding_em = 0.7
+        self.link.background_color = color(RAISED)
+        self.link.set_on_clicked(self._go_to_setting)
         self._button("cancel", "Cancel", words, workspace.cancel)
         self.row.add_stretch()
+        self._refused_setting = ""
         self.error = gui.Label("")
         self.error.text_color = color(BAD)
         self.error.background_color = color(PANEL)
         self.settings = {stage: SettingsList(stage, em, self._set, changed) for stage in TITLES}
-        for widget in (self.detail, self.error, *(panel.widget for panel in self.settings.values())):
+        for widget in (self.detail, self.error, self.link, *(panel.widget for panel in self.settings.values())):
             widget.visible = False  # until there is something to show
         self._shown_config: Config | None = None
 
     @property
     def widgets(self) -> list[gui.Widget]:
-        """All that the window must hold."""
+        """All widgets, to be added to the window."""
         lists = [panel.widget for panel in self.settings.values()]
-        return [self.list.widget, self.ground, self.detail, self.row, self.error, *lists]
+        return [self.list.widget, self.ground, self.detail, self.row, self.error, self.link, *lists]
 
     def set_visible(self, on: bool) -> None:
-        """Hide all of it, or show it again; `update` then shows what depends on the state."""
+        """Hide or show the panel; `update` then shows what depends on the state."""
         for widget in self.widgets:
             widget.visible = on and widget in (self.list.widget, self.ground, self.row)
 
@@ -102,37 +110,53 @@ class StagesPanel:
             return event.type != gui.MouseEvent.Type.WHEEL
         row = stage_list.row_at(y, self._em, len(TITLES))
         if row is not None:
-            self._say("")  # it was about a setting of the stage that was shown
+            self._refuse(None)  # it was about a setting of the other stage
             self._select(list(TITLES)[row])
             self._changed()
         return True
 
     def _set(self, field: SettingField, text: str) -> None:
-        from studio.errors import StudioError
-
         try:
-            wrong = self._workspace.change_setting(field.name, field.parsed(text))
+            refusal = self._workspace.change_setting(field.name, field.parsed(text))
         except StudioError as error:
-            wrong = str(error)
-        self._say(wrong)
-        self._shown_config = None  # shows what holds, also where the new value was refused
+            refusal = error.message
+        self._refuse(refusal, field.name)
+        self._shown_config = None  # shows the actual value, even if the new one was refused
         self._changed()
 
-    def _say(self, text: str) -> None:
+    def _refuse(self, refusal: Message | None, edited: str = "") -> None:
+        """Show why a setting was refused; None clears it."""
+        text = "" if refusal is None else str(refusal)
+        setting = "" if refusal is None else str(refusal.fields.get("setting", ""))
+        self._refused_setting = setting if setting != edited else ""  # the edited one is on screen
         if self.error.text != text:
             self.error.text = text
+
+    @property
+    def error_setting(self) -> str:
+        """The setting that fixes the error on screen; "" if there is none."""
+        setting = self._refused_setting or self._workspace.row(self.selected).setting
+        return setting if stage_of(setting) else ""
+
+    def _go_to_setting(self) -> None:
+        """Select the stage of the setting and search for it."""
+        setting = self.error_setting
+        if setting:
+            self._select(stage_of(setting))
+            self.settings[self.selected].find(setting)
+            self._changed()
 
     # Layout and state
 
     def place(self, x: float, y: float, width: float, height: float, context: gui.LayoutContext) -> None:
-        """Take this rectangle of the window (pixels)."""
+        """Set the panel's rectangle in window pixels."""
         em = self._em
         list_height = stage_list.row_height(em) * len(TITLES)
         self.list.place(x, y, width, list_height)
         top = y + list_height + 0.4 * em
         limits = gui.Widget.Constraints()
         limits.width = int(width - 1.2 * em)
-        # the buttons first: they stay where they are, whatever there is to say
+        # the buttons first: they do not move when a message appears
         self.row.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(1.7 * em))
         top += 2.1 * em
         for label, most in ((self.detail, 6), (self.error, 8)):
@@ -140,13 +164,17 @@ class StagesPanel:
                 wanted = min(label.calc_preferred_size(context, limits).height + 0.3 * em, most * em)
                 label.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(wanted))
                 top += wanted + 0.3 * em
+        if self.link.text:
+            wide = self.link.calc_preferred_size(context, limits).width
+            self.link.frame = gui.Rect(int(x + 0.6 * em), int(top), int(min(wide, limits.width)), int(1.5 * em))
+            top += 1.8 * em
         for panel in self.settings.values():
             panel.place(x, top, width, max(y + height - top, 1))
         end = top if self._workspace.config is not None else y + height
         self.ground.frame = gui.Rect(int(x), int(y + list_height), int(width), int(end - y - list_height))
 
     def update(self) -> tuple[bool, bool]:
-        """Bring everything in line with the workspace; returns (whether something changed, whether to lay out anew)."""
+        """Show the state of the workspace; returns (whether anything changed, whether a layout is due)."""
         changed = layout = False
         rows = self._workspace.rows()
         state = (rows, self.selected, self.list.size)
@@ -158,7 +186,13 @@ class StagesPanel:
         if self.detail.text != row.detail:
             self.detail.text = row.detail
             changed = layout = True
-        for widget, shown in ((self.detail, bool(row.detail)), (self.error, bool(self.error.text))):
+        setting = self.error_setting
+        link = f"Go to {setting}" if setting else ""
+        if self.link.text != link:
+            self.link.text = link
+            changed = layout = True
+        for widget, text in ((self.detail, row.detail), (self.error, self.error.text), (self.link, link)):
+            shown = bool(text)
             if widget.visible != shown:
                 widget.visible = shown
                 changed = layout = True
@@ -177,7 +211,7 @@ class StagesPanel:
                 panel.show(config)
             changed = True
         if self._update_buttons(row.state):
-            changed = layout = True  # another text needs another width
+            changed = layout = True  # another text has another width
         return changed, layout
 
     def _update_buttons(self, state: str) -> bool:

@@ -1,4 +1,4 @@
-"""The dialog that makes a take from footage: footage, settings, the take's folder; what was found in the footage."""
+"""The dialog for a new take: footage, settings, folder, and a summary of the footage."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
 
     Args:
         dialogs: where it is shown.
-        new: what was chosen so far; changed while the dialog is open.
-        create: called at "Make the take"; the dialog stays open.
-        error: a sentence on what was wrong with that.
+        new: the choices so far; modified while the dialog is open.
+        create: called by "Create take"; the dialog stays open.
+        error: why that failed.
     """
     dialogs.widgets = {}
     em = dialogs.em
@@ -43,7 +43,7 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
         return browse
 
     grid = gui.VGrid(3, 0.5 * em)
-    words = new.found() if new.footage or new.settings else "Choose the folder of the footage."
+    words = new.found() if new.footage or new.settings else "Choose the footage folder."
     found = dialogs.label(_found(words))
     fields: dict[str, gui.TextEdit] = {}
 
@@ -54,9 +54,9 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
         dialogs.laid_out()
 
     for attribute, label, title, wanted in (
-        ("footage", "Footage", "Folder of the footage", "folder"),
-        ("settings", "Settings (optional)", "Settings of a run, YAML", "file"),
-        ("take", "Take", "Folder for the take", "folder"),
+        ("footage", "Footage", "Footage folder", "folder"),
+        ("settings", "Settings (optional)", "Settings file (YAML)", "file"),
+        ("take", "Take", "Take folder", "folder"),
     ):
         edit = fields[attribute] = gui.TextEdit()
         if attribute == "take" and not new.take:
@@ -75,11 +75,11 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
         wrong = dialogs.label(broken(error))
         wrong.text_color = color(BAD)
         parts.append(wrong)
-    answers = [("create", "Make the take", lambda: create(new)), ("close", "Cancel", dialogs.close)]
+    answers = [("create", "Create take", lambda: create(new)), ("close", "Cancel", dialogs.close)]
     dialogs.show("new take", "New take from footage", parts, answers, 110)
 
 
 def _found(text: str) -> str:
-    """As many lines as the dialog has room for: it does not grow after it is shown."""
+    """Exactly as many lines as the dialog has room for: it does not grow."""
     lines = broken(text).splitlines()[:FOUND_LINES]
     return "\n".join([*lines, *[" "] * (FOUND_LINES - len(lines))])

@@ -1,4 +1,4 @@
-"""The timeline's widget: strips over a track; a click or a drag seeks."""
+"""The timeline: plots above a track; a click or drag seeks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gui.presenters.playback.timeline_plots import Plot, TimelinePlots
 
 
 class TimelinePanel:
-    """Shows which frame is due, where groups begin, quality and size a frame, and marks.
+    """Shows the playhead, groups, quality and size per frame, and marks.
 
     Args:
         player: whose transport is shown and moved.

@@ -1,16 +1,16 @@
-"""Requests to close the window: which are meant, and which are the Escape key."""
+"""Requests to close the window, as opposed to presses of the Escape key."""
 
 from __future__ import annotations
 
 import time
 
 WAIT = 0.4
-"""Seconds to wait whether a request to close was Escape."""
+"""Seconds to wait before a close request counts: it may have been Escape."""
 
 
 class CloseRequests:
-    """Open3D asks to close at Escape too, when it is pressed and when it is released, before it tells of the key (of
-    which it does not tell while a text is being edited). A request that stays alone is meant.
+    """Separates close requests from Escape: Open3D also requests a close when Escape is pressed and when it is
+    released, before it reports the key (which it does not while text is edited). A single request is a real one.
 
     Attributes:
         granted: the window may close.
@@ -21,20 +21,20 @@ class CloseRequests:
         self._asked: list[float] = []
 
     def asked(self) -> bool:
-        """The toolkit asks; returns whether it may close."""
+        """The toolkit requests a close; returns whether it may close."""
         self._asked.append(time.monotonic())
         return self.granted
 
     def ask(self) -> None:
-        """A person asks, by the menu."""
+        """The user requests a close, from the menu."""
         self._asked = [time.monotonic() - WAIT]
 
     def escape(self) -> None:
-        """It was Escape."""
+        """The request was Escape."""
         self._asked.clear()
 
     def due(self) -> bool:
-        """True once for each request that was meant; call at each tick."""
+        """True once for each real request; call at each tick."""
         if not self._asked or time.monotonic() < self._asked[-1] + WAIT:
             return False
         alone = len(self._asked) == 1

@@ -1,6 +1,6 @@
-"""Giving a dialog's line the keyboard: the toolkit has no way to, but at Tab it goes to the first line.
+"""Keyboard focus for a dialog's text field. The toolkit has no call for it, but Tab focuses the first field.
 
-So the window sends itself a Tab, through X. Where that cannot be done nothing happens, and a click or Tab does it.
+So the window sends itself a Tab through X. Without X nothing happens, and the user clicks or presses Tab.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class _KeyEvent(ctypes.Structure):
 
 
 def send_tab(down: bool) -> bool:
-    """Send Tab, pressed or released, to this process's own window; returns whether it was found. Both must fall on
-    different drawn frames."""
+    """Send a Tab press or release to this process's window; returns whether the window was found. Press and release
+    must fall on different drawn frames."""
     name = ctypes.util.find_library("X11")
     if name is None:
         return False
@@ -48,7 +48,7 @@ def send_tab(down: bool) -> bool:
         return False
     handle = ctypes.c_void_p(display)
     x11.XSetErrorHandler.restype = ctypes.c_void_p
-    # other programs' windows may go while they are looked at; by default that would end this process
+    # other programs' windows may close while they are queried; by default that ends this process
     before = x11.XSetErrorHandler(_IGNORE)
     try:
         x11.XDefaultRootWindow.restype = ctypes.c_ulong
@@ -68,11 +68,11 @@ def send_tab(down: bool) -> bool:
 
 
 def _own_window(x11: Any, display: ctypes.c_void_p, root: int) -> int | None:
-    """The window below `root` that says that it is this process's."""
+    """The window below `root` whose _NET_WM_PID is this process."""
     atom = ctypes.c_ulong(x11.XInternAtom(display, b"_NET_WM_PID", 0))
     focus, revert = ctypes.c_ulong(), ctypes.c_int()
     x11.XGetInputFocus(display, ctypes.byref(focus), ctypes.byref(revert))
-    waiting = [root, focus.value]  # the latter first: most often it is the one
+    waiting = [root, focus.value]  # the latter first: usually it is the one
     while waiting:
         window = waiting.pop()
         if window <= 1:  # None and PointerRoot are no windows

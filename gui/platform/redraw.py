@@ -1,4 +1,4 @@
-"""Redraws that are asked for again. Open3D now and then does not show a change until the next event."""
+"""Repeated redraw requests: Open3D sometimes does not show a change until the next event."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ class Redraws:
     """After `changed`, `due` is true at once and again at `AGAIN_SECONDS`, but never more often than `pause` allows.
 
     Args:
-        now: a clock in seconds that never runs backwards.
-        pause: least seconds between two drawings. Where the processor draws the window, each takes time away from what
-            is to be shown.
+        now: a monotonic clock in seconds.
+        pause: minimum seconds between two draws. If the CPU draws the window, draws compete with rendering.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic, pause: float = 0.0) -> None:
@@ -24,15 +23,15 @@ class Redraws:
         self._last = -float("inf")
 
     def changed(self) -> None:
-        """Something that is shown has changed."""
+        """Something on screen has changed."""
         start = self._now()
-        # one that is already due stays so, or steady changes would put it off for ever
+        # a due redraw stays due, or steady changes would postpone it forever
         first = min(start, *self._times[:1]) if self._times else start
         self._times = [first, *(start + delay for delay in AGAIN_SECONDS)]
 
     @property
     def pausing(self) -> bool:
-        """Whether the last drawing was so recent that there is none now."""
+        """Whether the last draw was less than `pause` seconds ago."""
         return self._now() < self._last + self.pause
 
     def due(self) -> bool:
@@ -40,7 +39,7 @@ class Redraws:
         if self.pausing:
             return False
         now = self._now()
-        waiting = [moment for moment in self._times if moment > now]
+        waiting = [due for due in self._times if due > now]
         due = len(waiting) < len(self._times)
         self._times = waiting
         if due:

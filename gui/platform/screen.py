@@ -1,4 +1,4 @@
-"""The screen's size and density, asked of X before the window is made."""
+"""Size and density of the X screen, queried before the window is created."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import re
 
 USUAL_DPI = 96.0
 SHARE = 0.95
-"""Of the screen, at most, that a window takes on each axis: borders and panels need the rest."""
+"""Largest share of the screen that a window takes on each axis."""
 
 
 def fitting_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Pixels for a window that is `size` on a screen of the usual density: more where pixels are small, as the toolkit
-    makes its letters larger there but not its windows; never more than the screen has."""
+    """Window size in pixels for `size` at 96 dpi: larger on dense screens, where the toolkit scales its font but not
+    its windows; at most `SHARE` of the screen."""
     screen = _screen()
     if screen is None:
         return size
@@ -26,7 +26,7 @@ def fitting_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def scale_of(resources: str) -> float:
-    """How many times larger than usual letters are, by X's resources (`Xft.dpi`)."""
+    """Font scale relative to 96 dpi, from the X resources (`Xft.dpi`); at least 1."""
     found = re.search(r"^Xft\.dpi:\s*([0-9.]+)\s*$", resources, re.MULTILINE)
     try:
         return max(float(found[1]) / USUAL_DPI, 1.0) if found else 1.0
@@ -35,7 +35,7 @@ def scale_of(resources: str) -> float:
 
 
 def _screen() -> tuple[int, int, str] | None:
-    """Width, height and resources of the X screen; None where there is no X."""
+    """Width, height and resources of the X screen; None without X."""
     name = ctypes.util.find_library("X11")
     if name is None:
         return None

@@ -1,7 +1,7 @@
-"""Is there a Vulkan device? Asked through ctypes before Open3D's GUI is touched.
+"""Lists Vulkan devices through ctypes, before Open3D's GUI is used.
 
-Open3D draws with Filament on Vulkan: without a driver it ends the whole process with a native abort, which Python
-cannot catch. So the loader is opened here, an instance made and its devices listed (Vulkan 1.0 specification,
+Open3D draws with Filament on Vulkan. Without a driver it ends the process with a native abort that Python cannot
+catch. So this module loads the Vulkan loader, creates an instance and lists its devices (Vulkan 1.0 specification,
 sections 3.2, 4.1 and 5.1).
 """
 
@@ -18,11 +18,11 @@ _SUCCESS = 0
 _INCOMPLETE = 5
 _INSTANCE_CREATE_INFO = 1
 _PROPERTIES_BYTES = 4096  # VkPhysicalDeviceProperties takes 824 on 64-bit; room to spare
-_HINT = "install libvulkan1 and mesa-vulkan-drivers (Debian and Ubuntu: sudo apt-get install {packages})"
+_INSTALL = "On Debian and Ubuntu, run `sudo apt-get install {packages}`"
 
 
 class _InstanceCreateInfo(ctypes.Structure):
-    """VkInstanceCreateInfo; all that is not asked for stays zero."""
+    """VkInstanceCreateInfo; unused fields stay zero."""
 
     _fields_ = (
         ("sType", ctypes.c_uint32),
@@ -51,7 +51,7 @@ class _DeviceHeader(ctypes.Structure):
 
 @dataclass(frozen=True)
 class VulkanDevice:
-    """A device that the loader listed."""
+    """A device listed by the loader."""
 
     name: str
     kind: str
@@ -59,7 +59,7 @@ class VulkanDevice:
 
     @property
     def is_software(self) -> bool:
-        """True where the processor draws: lit 3D scenes are too slow there, pictures in an image widget are not."""
+        """True if the CPU draws: fast enough for images in a widget, too slow for lit 3D scenes."""
         return self.kind == "software"
 
 
@@ -67,26 +67,30 @@ def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
     """All Vulkan devices of this machine, real GPUs first.
 
     Args:
-        library: name of the loader's shared library; None looks for it.
+        library: name of the loader's shared library; None searches for it.
 
     Raises:
-        StudioError: no loader, no driver or no device; the sentence names the packages to install.
+        StudioError: `gui.no_vulkan_loader`, `gui.no_vulkan_driver` or `gui.no_vulkan_device`; `fix` names the packages.
     """
     name = library or ctypes.util.find_library("vulkan") or "libvulkan.so.1"
     try:
         vulkan = ctypes.CDLL(name)
     except OSError:
         raise StudioError(
-            f"The window needs Vulkan and its loader {name} was not found; "
-            f"{_HINT.format(packages='libvulkan1 mesa-vulkan-drivers')}."
+            "gui.no_vulkan_loader",
+            f"the window needs Vulkan, and its loader {name} was not found",
+            value=name,
+            fix=f"{_INSTALL.format(packages='libvulkan1 mesa-vulkan-drivers')}.",
         ) from None
     instance = ctypes.c_void_p()
     info = _InstanceCreateInfo(sType=_INSTANCE_CREATE_INFO)
     status = vulkan.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance))
     if status != _SUCCESS:
         raise StudioError(
-            f"The window needs Vulkan and no driver answered (vkCreateInstance returned {status}); "
-            f"{_HINT.format(packages='mesa-vulkan-drivers')} or your graphics card's driver."
+            "gui.no_vulkan_driver",
+            f"the window needs Vulkan, and no driver was found (vkCreateInstance returned {status})",
+            value=status,
+            fix=f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver.",
         )
     try:
         devices = _list_devices(vulkan, instance)
@@ -94,8 +98,9 @@ def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
         vulkan.vkDestroyInstance(instance, None)
     if not devices:
         raise StudioError(
-            "The window needs Vulkan and its loader lists no device; "
-            f"{_HINT.format(packages='mesa-vulkan-drivers')} or your graphics card's driver."
+            "gui.no_vulkan_device",
+            "the window needs Vulkan, and no device was found",
+            fix=f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver.",
         )
     order = ["discrete GPU", "integrated GPU", "virtual GPU", "other", "software"]
     return sorted(devices, key=lambda device: order.index(device.kind))

@@ -1,10 +1,10 @@
-"""The figures of evaluation.json, as `v3studio evaluate` wrote them: nothing is measured here."""
+"""Quality figures from evaluation.json, as `v3studio evaluate` wrote them. Nothing is measured here."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from pipelines.takes.atomic_files import read_json
 from pipelines.takes.take import Take
@@ -14,7 +14,7 @@ MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpi
 
 
 class EvaluationFile:
-    """Tells when a take's evaluation.json is another one."""
+    """Detects changes of a take's evaluation.json."""
 
     def __init__(self) -> None:
         self._seen: object = None
@@ -29,64 +29,92 @@ class EvaluationFile:
 
 
 @dataclass(frozen=True)
-class Evaluation:
-    """What was measured, by frame counted from 0.
+class FrameQuality:
+    """One frame's figures.
 
     Attributes:
-        rows: index to the frame's row of evaluation.json.
-        summary, protocol: as there.
-        error: a sentence where the file is damaged.
+        bytes: size of the frame: bytes of its group divided by the group's frames.
+        means: metric of `MEASURES`, where measured, to the mean over the evaluated cameras.
+        cameras: the same for each camera.
     """
 
-    rows: dict[int, dict[str, Any]] = field(default_factory=dict)
-    summary: dict[str, Any] = field(default_factory=dict)
-    protocol: dict[str, Any] = field(default_factory=dict)
+    bytes: float
+    means: Mapping[str, float]
+    cameras: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Figures of all evaluated frames.
+
+    Attributes:
+        frames: frame, counted from 0, to its figures.
+        cameras: the evaluated cameras.
+        held_out: whether these were held out; if not, they were training cameras.
+        error: message if the file is damaged; "" otherwise.
+    """
+
+    frames: Mapping[int, FrameQuality] = field(default_factory=dict)
+    cameras: tuple[str, ...] = ()
+    held_out: bool = True
     error: str = ""
 
     @classmethod
     def read(cls, path: Path) -> Evaluation:
-        """Of a take; empty where nothing was measured yet."""
+        """Read evaluation.json; empty if there is no such file."""
         if not path.is_file():
             return cls()
         try:
             found = read_json(path)
-            rows = {int(row["index"]): row for row in found["frames"]}
-            return cls(rows, found["summary"], found["protocol"])
+            frames = {
+                int(row["index"]): FrameQuality(
+                    float(row["bytes"]), _measures(row), {name: _measures(one) for name, one in row["cameras"].items()}
+                )
+                for row in found["frames"]
+            }
+            protocol = found["protocol"]
+            return cls(frames, tuple(map(str, protocol.get("cameras", ()))), bool(protocol.get("held_out", True)))
         except StudioError as error:
             return cls(error=str(error))
-        except (KeyError, TypeError, ValueError):
-            return cls(error=f"{path}: is not what `v3studio evaluate` writes; run it again.")
+        except (AttributeError, KeyError, TypeError, ValueError):
+            return cls(error=f"{path}: not written by `v3studio evaluate`. Run it again.")
 
-    def figures(self, frame: int, camera: str = "") -> tuple[dict[str, float], str]:
-        """PSNR, SSIM and (where measured) LPIPS of a frame and whose they are: the camera's own where it was measured,
-        else the mean over the measured cameras ("mean of 2 cameras"); ({}, "") where the frame was not measured."""
-        row = self.rows.get(frame)
-        if row is None:
+    def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
+        """PSNR, SSIM and, if measured, LPIPS of a frame, and what they refer to: the camera if it was evaluated, else
+        the mean ("mean of 2 cameras"); ({}, "") if the frame was not evaluated."""
+        quality = self.frames.get(frame)
+        if quality is None:
             return {}, ""
-        cameras = row.get("cameras", {})
-        if camera in cameras:
-            return {name: cameras[camera][name] for name in MEASURES if name in cameras[camera]}, camera
-        count = len(cameras)
-        return {name: row[name] for name in MEASURES if name in row}, f"mean of {count} camera{'s' * (count != 1)}"
+        if camera in quality.cameras:
+            return quality.cameras[camera], camera
+        count = len(quality.cameras)
+        return quality.means, f"mean of {count} camera{'s' * (count != 1)}"
 
     @property
     def mean(self) -> str:
-        """Over which cameras a frame's figures are the mean, in two words."""
-        return "held-out mean" if self.protocol.get("held_out", True) else "training mean"
+        """Which cameras a frame's figures are averaged over, for a title."""
+        return "held-out mean" if self.held_out else "training mean"
 
     @property
     def explanation(self) -> str:
-        """What the strips over the timeline show; "" where nothing was measured."""
-        if not self.rows:
+        """What the plots above the timeline show; "" if nothing was evaluated."""
+        if not self.frames:
             return ""
-        cameras = ", ".join(map(str, self.protocol.get("cameras", ())))
-        kind = "held-out" if self.protocol.get("held_out", True) else "training"
+        kind = "held-out" if self.held_out else "training"
         return (
-            f"PSNR in dB, higher is better: the mean over the {kind} cameras {cameras}.\n"
-            "KB a frame: 1000 bytes; the files of the frame's group, divided by its frames.\n"
-            "The numbers on the left are those of the frame that is shown. Click or drag to go to another one."
+            f"PSNR in dB, higher is better: mean over the {kind} cameras {', '.join(self.cameras)}.\n"
+            "KB per frame (1 KB = 1000 bytes): size of the frame's group divided by its number of frames.\n"
+            "The numbers on the left are of the current frame. Click or drag to seek."
         )
 
     def series(self, name: str, frame_count: int) -> list[float | None]:
-        """One figure over all frames; None where it was not measured."""
-        return [self.rows[frame].get(name) if frame in self.rows else None for frame in range(frame_count)]
+        """A metric, or "bytes", of every frame; None if not measured."""
+        found: list[float | None] = []
+        for frame in range(frame_count):
+            quality = self.frames.get(frame)
+            found.append(None if quality is None else quality.bytes if name == "bytes" else quality.means.get(name))
+        return found
+
+
+def _measures(row: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(row[name]) for name in MEASURES if row.get(name) is not None}

@@ -1,4 +1,4 @@
-"""FolderList: the folder that a dialog is in, what of it can be chosen, and what choosing means."""
+"""FolderList: the model of a file dialog: current folder, entries, and what choosing one does."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MOST_ENTRIES = 1000
-"""A longer list is cut; what is missing in it can be typed."""
+"""Longer lists are cut; any path can be typed."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Entry:
 
     @property
     def label(self) -> str:
-        """As it stands in the list."""
+        """Text in the list."""
         if self.kind == "file":
             return self.path.name
         return f"{self.path.name}/" + (f"   ({self.kind})" if self.kind != "folder" else "")
@@ -41,9 +41,9 @@ class FolderList:
         endings: of files that can be chosen.
 
     Attributes:
-        folder: that the dialog is in.
-        entries: what it holds: folders first, each in the order of their numbers and letters.
-        message: a sentence where something cannot be had; "" else.
+        folder: the current folder.
+        entries: its entries: folders first, in natural order (cam2 before cam10).
+        message: why the last action failed; "" if it did not.
     """
 
     def __init__(self, start: Path, wanted: str, endings: Sequence[str] = ()) -> None:
@@ -71,22 +71,21 @@ class FolderList:
         self.enter(self.folder.parent)
 
     def choose(self, path: Path, twice: bool = False) -> Path | None:
-        """What is to be opened when this path is chosen; None where choosing it leads on into the folder, or to a
-        message.
+        """The path to open when an entry is chosen; None if that enters a folder or sets `message`.
 
         Args:
             path: an entry's, `folder` itself, or typed.
-            twice: chosen by a double click, which goes into folders that could as well be meant.
+            twice: chosen by a double click, which enters folders.
         """
         path = path.expanduser()
         path = path if path.is_absolute() else self.folder / path
         if not path.exists():
-            self.message = f"{path}: there is no such {'file' if self.wanted == 'file' else 'folder'}; choose another."
+            self.message = f"{path}: no such {'file' if self.wanted == 'file' else 'folder'}. Choose another."
             return None
         if not path.is_dir():
             if self.wanted == "file" or path.name in ("take.json", "manifest.json"):
                 return path
-            self.message = f"{path} is a file; choose a folder."
+            self.message = f"{path}: not a folder. Choose a folder."
             return None
         kind = kind_of(path)
         if self.wanted == "folder" and not twice:
@@ -96,8 +95,8 @@ class FolderList:
         inside = path == self.folder
         if self.enter(path) and inside:
             self.message = {
-                "take": f"{path} is neither a take nor a stream; choose one of the folders in it, or go up.",
-                "file": "Choose a file of the list, or type its name.",
+                "take": f"{path}: neither a take nor a stream. Choose one of its folders, or go up.",
+                "file": "Select a file, or type its name.",
             }.get(self.wanted, "")
         return None
 
@@ -107,7 +106,7 @@ class FolderList:
             with os.scandir(self.folder) as found:
                 names = [(entry.name, entry.is_dir()) for entry in found if not entry.name.startswith(".")]
         except OSError as error:
-            self.message = f"{self.folder} cannot be read ({error.strerror}); choose another folder."
+            self.message = f"{self.folder}: cannot be read ({error.strerror}). Choose another folder."
             return False
         folders = sorted((name for name, is_folder in names if is_folder), key=_natural)
         files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=_natural)
@@ -115,7 +114,7 @@ class FolderList:
         self.entries = [Entry(self.folder / name, kind_of(self.folder / name)) for name in shown]
         self.entries += [Entry(self.folder / name, "file") for name in files[: MOST_ENTRIES - len(shown)]]
         if len(folders) + len(files) > MOST_ENTRIES:
-            self.message = f"Only the first {MOST_ENTRIES} entries are listed; type the path of another one."
+            self.message = f"Only the first {MOST_ENTRIES} entries are listed. Type the path of any other."
         return True
 
     def _fits(self, name: str) -> bool:

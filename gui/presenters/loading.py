@@ -1,4 +1,4 @@
-"""Opening what is to be shown, on whatever thread has time for it."""
+"""Opening takes and streams, on any thread."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from studio.gaussians import Gaussians
 
 
 def _first_whole(source: FrameSource) -> Gaussians:
-    """The first keyframe that can be had."""
+    """The first playable keyframe."""
     *others, last = source.group_starts
     for start in others:
         with contextlib.suppress(LeftOut):
@@ -21,7 +21,7 @@ def _first_whole(source: FrameSource) -> Gaussians:
 
 
 def load(path: str | Path) -> tuple[Opened, Gaussians | None] | str:
-    """Open a take, a stream or an address and its first frame; or a sentence on what is wrong. Safe on any thread."""
+    """Open a take, a stream or an address and its first frame; or return the error message. Thread safe."""
     try:
         opened = open_path(path)
         try:
@@ -31,9 +31,9 @@ def load(path: str | Path) -> tuple[Opened, Gaussians | None] | str:
                 for source in opened.sources.values():
                     source.close()
                 raise
-            first, opened.message = None, str(error)  # the rest of the take can still be looked at
+            first, opened.message = None, str(error)  # the rest of the take can still be shown
     except StudioError as error:
         return str(error)
-    except Exception as error:  # a defect of ours: it must not take the window with it
-        return f"{path} could not be opened: {type(error).__name__}: {error}"
+    except Exception as error:  # a bug must not close the window
+        return f"{path}: cannot be opened: {type(error).__name__}: {error}"
     return opened, first

@@ -1,4 +1,4 @@
-"""Marks: frames that somebody wants to come back to, each with a note. They lie in the take."""
+"""Marks: bookmarked frames with notes, stored in the take."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ class Marks:
     """The take's marks.
 
     Args:
-        path: their file; it need not be there. None keeps marks for this session only (a bare stream).
+        path: their file, which may not exist yet. None keeps marks in memory only (a bare stream).
 
     Attributes:
         notes: frame, counted from 0, to note.
-        error: a sentence where the file is damaged; it is then left alone.
+        error: message if the file is damaged; it is then never written. "" otherwise.
     """
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self.notes: dict[int, str] = {}
         self.error = ""
+        self._damage: StudioError | None = None
         try:
             self.notes = read_marks(path) if path is not None else {}
         except StudioError as error:
-            self.error = str(error)
+            self._damage, self.error = error, str(error)
 
     @property
     def kept(self) -> bool:
-        """Whether marks are written to disk."""
+        """Whether marks are saved to disk."""
         return self._path is not None
 
     def set(self, frame: int, note: str) -> None:
@@ -42,7 +43,7 @@ class Marks:
         self._write({**self.notes, frame: note.strip()})
 
     def remove(self, frame: int) -> None:
-        """Take a frame's mark away.
+        """Remove a frame's mark.
 
         Raises:
             StudioError: the file is damaged or cannot be written.
@@ -55,8 +56,8 @@ class Marks:
         return min(others, key=lambda other: abs(other - frame)) if others else None
 
     def _write(self, notes: dict[int, str]) -> None:
-        if self.error:
-            raise StudioError(self.error)
+        if self._damage is not None:
+            raise self._damage
         if self._path is not None:
             write_marks(self._path, notes)
         self.notes = notes

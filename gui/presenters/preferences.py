@@ -1,4 +1,4 @@
-"""What the window remembers between sessions: recent takes and a few preferences, in the user's settings folder."""
+"""Preferences and recent takes, saved in the user's configuration folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PICTURE_SIZES = {
     "640 x 360": 640 * 360,
     "960 x 540": 960 * 540,
     "1280 x 720": 1280 * 720,
-    "as large as the view": 1 << 30,
+    "viewport size": 1 << 30,
 }
 BACKGROUND_NAMES = ("dark", "black", "white")
 
@@ -32,10 +32,10 @@ class Preferences:
     """See the module.
 
     Attributes:
-        picture_size: of `PICTURE_SIZES`: pictures of splats are drawn with at most so many pixels.
-        background: of `BACKGROUND_NAMES`, on opening.
-        play_on_opening: begin to play at once.
-        recent: folders and addresses, newest first.
+        picture_size: of `PICTURE_SIZES`: maximum resolution at which splats are rendered.
+        background: initial background, of `BACKGROUND_NAMES`.
+        play_on_opening: start playback when a take or stream is opened.
+        recent: folders and URLs, newest first.
     """
 
     picture_size: str = "960 x 540"
@@ -45,7 +45,7 @@ class Preferences:
 
     @classmethod
     def read(cls, path: Path | None = None) -> Preferences:
-        """What was saved; the defaults for what was not, or cannot be read."""
+        """Read saved preferences; defaults for anything missing or invalid."""
         found = cls()
         with contextlib.suppress(OSError, ValueError, TypeError):
             values = json.loads((path or preferences_path()).read_text(encoding="utf-8"))
@@ -60,7 +60,7 @@ class Preferences:
         return found
 
     def save(self, path: Path | None = None) -> bool:
-        """Write them; False where the folder may not be written to, which is no reason to stop."""
+        """Save; False if the folder is not writable."""
         try:
             write_text(path or preferences_path(), json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n")
         except OSError:
@@ -68,9 +68,9 @@ class Preferences:
         return True
 
     def opened(self, name: str) -> None:
-        """Put a folder or an address first among the recent ones."""
+        """Move a folder or URL to the front of the recent list."""
         self.recent = [name, *(other for other in self.recent if other != name)][:RECENT]
 
     def recent_there(self) -> list[str]:
-        """Of the recent ones those whose folder is still there, and all addresses."""
+        """Recent folders that still exist, and all URLs."""
         return [name for name in self.recent if "://" in name or Path(name).is_dir()]

@@ -1,7 +1,7 @@
-"""LatestWorker: one thread, one slot. What is asked while it works replaces what was waiting.
+"""LatestWorker: one thread, one slot. A request made while it works replaces the waiting one.
 
-The window asks for a picture at every change and never waits; the thread always works on the newest wish, so a slow
-picture makes the view jerk, never lag.
+The window requests a picture at every change and never waits; the thread always works on the newest request, so a slow
+renderer drops frames but does not lag.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class LatestWorker(Generic[Request, Result]):
     """Runs `work` on a thread of its own, always on the newest request.
 
     Args:
-        work: called with a request on the worker's thread; an exception of it becomes the result's `error`.
+        work: called with a request on the worker's thread; an exception becomes the result's `error`.
         name: the thread's name.
     """
 
@@ -45,7 +45,7 @@ class LatestWorker(Generic[Request, Result]):
         self._thread.start()
 
     def ask(self, request: Request) -> int:
-        """Put a request in the slot, in place of one that waits. Returns its number; numbers only grow."""
+        """Put a request in the slot, replacing a waiting one. Returns its number; numbers increase."""
         with self._condition:
             self._number += 1
             self._waiting = (self._number, request)
@@ -60,7 +60,7 @@ class LatestWorker(Generic[Request, Result]):
 
     @property
     def idle(self) -> bool:
-        """True where nothing waits and nothing is being worked on."""
+        """True if nothing is waiting or in progress."""
         with self._condition:
             return self._waiting is None and not self._busy
 
@@ -88,7 +88,7 @@ class LatestWorker(Generic[Request, Result]):
             failure: Exception | None = None
             try:
                 result = self._work(request)
-            except Exception as error:  # whatever it was, the window shows it and goes on
+            except Exception as error:  # the window shows any error and continues
                 failure = error
             with self._condition:
                 self._finished = Done(number, request, result, failure)

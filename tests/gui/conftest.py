@@ -20,6 +20,7 @@ import torch
 
 from studio.gaussians import SH_C0, Gaussians
 from studio.stream import BakeSettings, bake_group, write_manifest
+from tests.support.waiting import POLL, wait_until
 
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
@@ -77,7 +78,11 @@ def footage_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def finished_project(footage_project: Path) -> Path:
     """The same with a take in `take/` that ran to its end. Use `take_copy` to change it."""
-    done = tiny_capture().v3studio("run", footage_project / "ball.yaml", "--take", footage_project / "take")
+    tiny = tiny_capture()
+    command = tiny.command("run", footage_project / "ball.yaml", "--take", footage_project / "take")
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=tiny.ROOT, timeout=900, env=tiny.environment(), check=False
+    )
     assert done.returncode == 0, done.stderr
     return footage_project
 
@@ -129,9 +134,10 @@ class RunningWindow:
         display: the X server.
         log: file for its state lines.
         arguments: of the command.
+        program: what Python runs.
     """
 
-    def __init__(self, display: str, log: Path, *arguments: str) -> None:
+    def __init__(self, display: str, log: Path, *arguments: str, program: tuple[str, ...] = ("-m", "gui.app")) -> None:
         self.log = log
         self._read = 0
         self._states: list[dict[str, Any]] = []
@@ -143,7 +149,7 @@ class RunningWindow:
         self.stderr = log.with_suffix(".stderr")
         with self.stderr.open("wb") as errors:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "gui.app", "--log-state", str(log), *arguments],
+                [sys.executable, *program, "--log-state", str(log), *arguments],
                 env=self.environment,
                 stdout=errors,
                 stderr=errors,
@@ -160,7 +166,7 @@ class RunningWindow:
             self._states += [json.loads(line) for line in whole.splitlines()]
         return self._states
 
-    def wait_for(self, what: str, accept: Callable[[dict[str, Any]], bool], seconds: float = 60.0) -> dict[str, Any]:
+    def wait_for(self, what: str, accept: Callable[[dict[str, Any]], bool], seconds: float = 120.0) -> dict[str, Any]:
         """The newest state, once it is accepted; fails with `what` after so many seconds."""
         end = time.monotonic() + seconds
         state: dict[str, Any] = {}
@@ -172,7 +178,7 @@ class RunningWindow:
                     return state
             if self.process.poll() is not None:
                 break
-            time.sleep(0.05)
+            time.sleep(POLL)
         pytest.fail(
             f"no state with {what} (status {self.process.poll()}); last: {state}; {self.stderr.read_text()[-2000:]}"
         )
@@ -196,18 +202,28 @@ class RunningWindow:
             int(geometry["Y"]) + int(top + down * height),
         )
 
-    def _place(self, widget: str, still: float = 0.4, seconds: float = 15.0) -> list[int]:
-        """The widget's frame, once it is there and has not moved for a moment."""
+    def ticks(self, count: int = 3, seconds: float = 60.0) -> None:
+        """Wait until the window has ticked so often since now. It polls events, then draws, in each tick: what was sent
+        before has been handled by then, however busy the machine is."""
+        file = self.log.with_name(self.log.name + ".ticks")
+        start = int(file.read_bytes())
+        wait_until(f"{count} ticks", lambda: int(file.read_bytes()) >= start + count or self._ended, seconds)
+
+    @property
+    def _ended(self) -> bool:
+        return self.process.poll() is not None
+
+    def _place(self, widget: str, still: int = 3, seconds: float = 120.0) -> list[int]:
+        """The widget's frame, once it is visible and has not moved for some ticks."""
         end = time.monotonic() + seconds
-        last, since = None, time.monotonic()
+        place: list[int] | None = None
         while time.monotonic() < end:
-            now = self.states()[-1]["widgets"].get(widget)
-            if now != last:
-                last, since = now, time.monotonic()
-            elif now is not None and now[2] > 0 and time.monotonic() - since > still:
-                return list(now)
-            time.sleep(0.05)
-        pytest.fail(f"{widget} never stood still; its frame is {last}")
+            before = place
+            place = self.states()[-1]["widgets"].get(widget)
+            if place is not None and place == before and place[2] > 0:
+                return list(place)
+            self.ticks(still)
+        pytest.fail(f"{widget} never stood still; its frame is {place}")
 
     def across_frame(self, frame: int) -> float:
         """Where on the timeline's widget a frame lies, 0 to 1."""
@@ -222,91 +238,74 @@ class RunningWindow:
         at = self.wait_for(name, lambda s: s["stage"] == name)["pictures"]
         # while it plays there is always another picture to make
         self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)
-        time.sleep(0.2)  # what stands below the list may move
 
     def menu(self, title: str, row: int, separators: int = 0) -> None:
-        """Choose the row-th line of a menu, so many separators above it. Menus are drawn by the toolkit and tell no
-        places, so these are as measured at its default font size."""
+        """Choose an item of a menu: the row-th, below so many separators. The toolkit draws menus and does not report
+        their frames; the offsets were measured at its default font size."""
         left, top = self.point("stages", 0.0, 0.0)
         across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Help": 208}[title]
         self.press(across, top - 12)
-        time.sleep(0.3)
         self.press(across + 20, top + 21 + round(24.3 * row + 6.4 * separators))
 
     def click(self, widget: str, across: float = 0.5, down: float = 0.5) -> None:
-        """Press and release the left button; both must fall on different drawn frames, slow as they may be."""
-        self.xdotool("mousemove", *self.point(widget, across, down))
-        time.sleep(0.5)
-        self.xdotool("mousedown", 1)
-        time.sleep(0.6)
-        self.xdotool("mouseup", 1)
-        time.sleep(0.3)
+        """Press and release the left button on a widget."""
+        self.press(*self.point(widget, across, down))
+
+    def press(self, x: int, y: int) -> None:
+        """Press and release the left button at a place of the screen. The toolkit loses a click if the press and the
+        release reach it between two drawn frames."""
+        self.send("mousemove", x, y)
+        self.send("mousedown", 1)
+        self.send("mouseup", 1)
+
+    def send(self, *arguments: object) -> None:
+        """An input event, and ticks until the window has handled it. The query after the event makes sure that the X
+        server has processed it."""
+        self.xdotool(*arguments, "getmouselocation")
+        self.ticks()
 
     def drag(self, widget: str, start: tuple[float, float], end: tuple[float, float], button: int = 1) -> None:
         """Drag over a widget in steps."""
-        self.xdotool("mousemove", *self.point(widget, *start))
-        time.sleep(0.5)
-        self.xdotool("mousedown", button)
-        time.sleep(0.5)
-        for step in range(1, 9):
-            part = step / 8
-            place = (start[0] + part * (end[0] - start[0]), start[1] + part * (end[1] - start[1]))
-            self.xdotool("mousemove", *self.point(widget, *place))
-            time.sleep(0.05)
-        time.sleep(0.4)
-        self.xdotool("mouseup", button)
-
-    def type(self, text: str) -> None:
-        """Type into what has the focus."""
-        self.xdotool("type", "--delay", 40, text)
-        time.sleep(0.3)
+        self.send("mousemove", *self.point(widget, *start))
+        places = [
+            self.point(widget, *(a + step / 8 * (b - a) for a, b in zip(start, end, strict=True)))
+            for step in range(1, 9)
+        ]
+        self.send("mousedown", button)
+        for place in places:
+            self.send("mousemove", *place)
+        self.send("mouseup", button)
 
     def retype(self, widget: str, text: str) -> None:
-        """Replace what stands in a field of at most a few letters, and confirm."""
+        """Replace the text of a field."""
+        field = f"the text of {widget}"
         self.click(widget, 0.9)
         self.key("End")
-        for _ in range(4):
+        while now := self.wait_for(field, lambda s: widget in s["texts"])["texts"][widget]:
             self.key("BackSpace")
-        self.type(text)
-        self.key("Return")
+            self.wait_for(f"{field} to shrink from {now!r}", lambda s, now=now: s["texts"][widget] != now)
+        self.enter_text(widget, text)
 
-    def press(self, x: int, y: int) -> None:
-        """A click at a place of the screen."""
-        self.xdotool("mousemove", x, y)
-        time.sleep(0.4)
-        self.xdotool("mousedown", 1)
-        time.sleep(0.5)
-        self.xdotool("mouseup", 1)
-        time.sleep(0.3)
+    def enter_text(self, widget: str, text: str) -> None:
+        """Type at the end of the field that has the keyboard focus, and wait until it holds the text."""
+        whole = self.states()[-1]["texts"].get(widget, "") + text
+        self.xdotool("type", "--delay", 40, text)
+        self.wait_for(f"{whole!r} in {widget}", lambda s: s["texts"].get(widget) == whole)
 
     def key(self, name: str) -> None:
-        """Press a key, with the pointer in the window: no window manager runs here that would give it the keys."""
+        """Press a key, with the pointer in the window: no window manager runs here that would give it the focus."""
         if not self._entered:
             self._entered = True
-            self.xdotool("mousemove", *self.point("stages", 0.9, 0.98))
-            time.sleep(0.5)
-        self.xdotool("keydown", name)
-        time.sleep(0.15)
-        self.xdotool("keyup", name)
-        time.sleep(0.1)
-
-    def press_until(self, name: str, what: str, accept: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """Press a key, again where nothing came of it: on busy cores X now and then loses one."""
-        for _ in range(4):
-            self.key(name)
-            end = time.monotonic() + 8
-            while time.monotonic() < end:
-                if accept(self.states()[-1]):
-                    return self.states()[-1]
-                time.sleep(0.05)
-        return self.wait_for(what, accept)
+            self.send("mousemove", *self.point("stages", 0.9, 0.98))
+        self.send("keydown", name)
+        self.send("keyup", name)
 
     def screenshot(self, path: Path) -> Path:
         """The whole screen as a PNG."""
         subprocess.run(["import", "-window", "root", str(path)], env=self.environment, check=True, timeout=60)
         return path
 
-    def close(self, seconds: float = 20.0) -> int:
+    def close(self, seconds: float = 60.0) -> int:
         """SIGTERM; returns the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
@@ -318,8 +317,8 @@ def open_window(display: str, tmp_path: Path) -> Iterator[Callable[..., RunningW
     """`open_window("PATH", ...)` starts the window; it is ended after the test whatever happens."""
     windows: list[RunningWindow] = []
 
-    def start(*arguments: str) -> RunningWindow:
-        windows.append(RunningWindow(display, tmp_path / f"state{len(windows)}.jsonl", *arguments))
+    def start(*arguments: str, **options: Any) -> RunningWindow:
+        windows.append(RunningWindow(display, tmp_path / f"state{len(windows)}.jsonl", *arguments, **options))
         return windows[-1]
 
     yield start

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from gui.presenters.run.run_state import CURVE_POINTS, Curve, RunState
 from gui.presenters.run.workspace import Workspace
 from pipelines.events import Log, Metrics, Progress, RunFinished, RunStarted, StageFailed, StageFinished, StageStarted
 from pipelines.takes.take import Take
+from tests.support.waiting import wait_until
 
 
 def progress(fraction: float, **figures: object) -> Progress:
@@ -66,13 +66,14 @@ def job_of(code: str, take: Take) -> Job:
     return Job(take, (), program=(sys.executable, "-c", code))
 
 
-def finish(job: Job, seconds: float = 20.0) -> list[object]:
+def finish(job: Job, seconds: float = 60.0) -> list[object]:
     events: list[object] = []
-    end = time.monotonic() + seconds
-    while job.running and time.monotonic() < end:
-        events += job.poll()
-        time.sleep(0.01)
-    assert not job.running
+
+    def ended() -> bool:
+        events.extend(job.poll())
+        return not job.running
+
+    wait_until("ended", ended, seconds)
     return events
 
 
@@ -159,6 +160,22 @@ def test_the_log_is_followed_line_by_line_and_a_new_one_is_noticed(tmp_path: Pat
     assert follower.poll()[0]
 
 
+def test_an_old_log_is_read_with_the_names_of_today(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_text(
+        '{"event": "run_started", "stage": "", "time": 1.0, "take": "t", "stages": ["calibrate", "initialise"], '
+        '"done": ["initialise"], "pid": 7, "version": "0.1.0"}\n'
+        '{"event": "stage_finished", "stage": "initialise", "time": 2.0, "seconds": 1.0}\n'
+    )
+    _, events = LogFollower(path).poll()
+    run = RunState()
+    for event in events:
+        run.apply(event)
+    assert run.planned == ("calibrate", "initialize")
+    assert run.finished == ["initialize"]
+    assert not any("initialise" in text for _, text in run.lines)
+
+
 @pytest.fixture
 def workspace() -> Iterator[Workspace]:
     found = Workspace()
@@ -168,14 +185,15 @@ def workspace() -> Iterator[Workspace]:
     assert found.close()
 
 
-def wait(workspace: Workspace, what: str, accept: Callable[[], bool], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+def wait(workspace: Workspace, what: str, accept: Callable[[], bool], seconds: float = 180.0) -> None:
+    def there() -> bool:
         workspace.poll()
-        if accept():
-            return
-        time.sleep(0.02)
-    pytest.fail(f"never {what}: {workspace.rows()}, {workspace.message}, {list(workspace.run.lines)[-5:]}")
+        return accept()
+
+    try:
+        wait_until(what, there, seconds)
+    except pytest.fail.Exception:
+        pytest.fail(f"never {what}: {workspace.rows()}, {workspace.message}, {list(workspace.run.lines)[-5:]}")
 
 
 def states(workspace: Workspace) -> dict[str, str]:
@@ -189,14 +207,18 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     workspace.open(Take.open(take_copy))
     wait(workspace, "assessed", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
     assert workspace.row("capture").words == "6 cameras, 5 frames"
-    assert "must be" in workspace.change_setting("bake.qp", 99)
-    assert workspace.change_setting("bake.qp", 33) == ""
+    refusal = workspace.change_setting("bake.qp", 99)
+    assert refusal is not None
+    assert "must be" in refusal.problem
+    assert workspace.change_setting("bake.qp", 33) is None
     wait(workspace, "stale", lambda: states(workspace)["bake"] == "stale")
     assert states(workspace)["train"] == "done"
     assert "bake.qp changed from 20 to 33" in workspace.row("bake").detail
     assert workspace.start("review")
     assert not workspace.start("all"), "one run at a time"
-    assert "cancel it" in workspace.change_setting("bake.qp", 34)
+    refusal = workspace.change_setting("bake.qp", 34)
+    assert refusal is not None
+    assert refusal.code == "settings.run_active"
     seen = set()
 
     def over() -> bool:
@@ -229,23 +251,25 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         assert workspace.busy
         workspace.pause()
         assert (workspace.paused, workspace.row("train").words) == (True, "paused")
-        time.sleep(0.3)  # what it had written is read
-        workspace.poll()
-        halted = psutil.Process(terminal.pid).cpu_times()
-        time.sleep(0.5)
-        assert psutil.Process(terminal.pid).cpu_times() == halted
+        process = psutil.Process(terminal.pid)
+        wait_until("halted", lambda: process.status() == psutil.STATUS_STOPPED)
+        halted, written = process.cpu_times(), take_copy.joinpath(".v3studio", "events.jsonl").stat().st_size
+        workspace.poll()  # what it had written is read
+        wait(workspace, "seen as paused", lambda: workspace.paused)
+        assert process.cpu_times() == halted
+        assert take_copy.joinpath(".v3studio", "events.jsonl").stat().st_size == written
         workspace.pause()
         assert not workspace.paused
         steps = workspace.run.changes
         wait(workspace, "going on", lambda: workspace.run.changes > steps)
         workspace.pause()
         workspace.cancel()  # a run that is paused stops as well
-        assert terminal.wait(10) == 130
+        assert terminal.wait(60) == 130
     finally:
         terminal.kill()
         terminal.wait()
     wait(workspace, "over", lambda: not workspace.busy and workspace.run.outcome == "cancelled")
-    assert workspace.change_setting("train.keyframe_iterations", 20) == ""
+    assert workspace.change_setting("train.keyframe_iterations", 20) is None
     assert workspace.start("train")
     wait(workspace, "training", lambda: workspace.run.stage == "train")
     assert workspace.job is not None

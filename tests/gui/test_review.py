@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from pipelines.stages.base import Context
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.errors import StudioError
+from tests.support.waiting import wait_until
 
 
 @pytest.fixture
@@ -36,14 +36,12 @@ def player(finished_project: Path) -> Iterator[PlayerPresenter]:
     assert presenter.close()
 
 
-def settle(player: PlayerPresenter, seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+def settle(player: PlayerPresenter, seconds: float = 60.0) -> None:
+    def settled() -> bool:
         player.poll()
-        if player.settled and player.poll() is None and player.settled:
-            return
-        time.sleep(0.005)
-    pytest.fail("the picture never came")
+        return player.settled and player.poll() is None and player.settled
+
+    wait_until("settled", settled, seconds)
 
 
 def image(player: PlayerPresenter) -> np.ndarray:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+
+from tests.support.waiting import wait_until
 
 
 def _pixels(path: Path) -> np.ndarray:
@@ -27,10 +28,12 @@ def test_plays_seeks_turns_and_closes(
     window.wait_for("playing on", lambda s: s["shown"] != first["shown"])
 
     window.xdotool("mousemove", 1395, 895)  # where another test may have left the pointer
-    window.press_until("space", "paused", lambda s: not s["playing"] and s["settled"])
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"] and s["settled"])
     window.click("play")
     window.wait_for("playing again", lambda s: s["playing"])
-    window.press_until("space", "paused again", lambda s: not s["playing"])
+    window.key("space")
+    window.wait_for("paused again", lambda s: not s["playing"])
     window.key("Home")
     window.wait_for("the first frame", lambda s: s["frame"] == 0 and s["shown"] == 0)
     window.key("Right")
@@ -46,12 +49,12 @@ def test_plays_seeks_turns_and_closes(
 
     # what is on the screen shows the colors of the body, and turning changes them
     shot = tmp_path / "before.png"
-    _wait_until(lambda: _colored(_pixels(window.screenshot(shot))) > 5000)
+    wait_until("on the screen", lambda: _colored(_pixels(window.screenshot(shot))) > 5000)
     one = _pixels(shot)
     window.drag("viewport", (0.4, 0.5), (0.6, 0.4))
     turned = window.wait_for("another view", lambda s: s["orbit"] != before["orbit"] and s["settled"])
     assert turned["orbit"][0] != before["orbit"][0]
-    _wait_until(lambda: np.abs(_pixels(window.screenshot(shot)).astype(int) - one).mean() > 1.0)
+    wait_until("on the screen", lambda: np.abs(_pixels(window.screenshot(shot)).astype(int) - one).mean() > 1.0)
     window.screenshot(artifacts / "window_playing.png")
     window.drag("viewport", (0.5, 0.5), (0.6, 0.5), button=3)
     window.wait_for("a moved target", lambda s: s["orbit"][3:] != turned["orbit"][3:])
@@ -66,17 +69,13 @@ def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path:
     assert state["shown"] is None
     shot = artifacts / "window_message.png"
     left, top, right, bottom = *window.point("viewport", 0.0, 0.0), *window.point("viewport", 1.0, 1.0)
-    _wait_until(lambda: int((_pixels(window.screenshot(shot))[top:bottom, left:right].min(-1) > 150).sum()) > 300)
+    wait_until(
+        "on the screen",
+        lambda: int((_pixels(window.screenshot(shot))[top:bottom, left:right].min(-1) > 150).sum()) > 300,
+    )
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 
 def _colored(pixels: np.ndarray) -> int:
     """How many pixels are no gray."""
     return int(((pixels.max(-1).astype(int) - pixels.min(-1)) > 60).sum())
-
-
-def _wait_until(accept: Callable[[], bool], seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not accept():
-        assert time.monotonic() < end, "the screen never showed it"
-        time.sleep(0.3)

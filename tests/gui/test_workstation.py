@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,18 +20,15 @@ def done(state: dict[str, Any]) -> bool:
 def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tmp_path: Path, artifacts: Path) -> None:
     window = open_window()
     window.wait_for("an empty window", lambda s: "New take" in s["message"] or "new take" in s["message"])
-    time.sleep(1.0)
     window.menu("File", 0)
     window.wait_for("the dialog", lambda s: s["dialog"] == "new take")
-    time.sleep(1.0)
     window.click("dialog footage")
-    window.type(str(footage_project / "capture"))
+    window.enter_text("dialog footage", str(footage_project / "capture"))
     window.click("dialog settings")
-    window.type(str(footage_project / "ball.yaml"))
+    window.enter_text("dialog settings", str(footage_project / "ball.yaml"))
     window.click("dialog take")
-    window.type(str(tmp_path / "take"))
+    window.enter_text("dialog take", str(tmp_path / "take"))
     window.key("Return")
-    time.sleep(1.0)
     window.screenshot(artifacts / "workstation_1_new_take.png")
     window.click("dialog create")
     window.wait_for("the footage", lambda s: s["stages"]["capture"][0] == "done" and s["stage"] == "capture")
@@ -43,10 +39,11 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     # a setting that is refused, and one that is taken; letters typed into a field are no shortcuts
     window.stage("bake")
     window.retype("setting bake.qp", "77w")
+    window.key("Return")
     state = window.wait_for("a refusal", lambda s: "bake.qp" in s["error"])
     assert state["compare"] == "single"
-    time.sleep(1.5)  # the sentence has pushed the fields down
     window.retype("setting bake.qp", "24")
+    window.key("Return")
     window.wait_for("no refusal", lambda s: s["error"] == "")
     assert "qp: 24" in (tmp_path / "take" / "config.yaml").read_text()
 
@@ -56,7 +53,6 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     state = window.wait_for("all done", lambda s: done(s) and not s["busy"], 150)
     for stage in STAGES[1:5]:
         window.stage(stage)
-        time.sleep(1.5)
         window.screenshot(artifacts / f"workstation_{3 + STAGES.index(stage)}_{stage}.png")
 
     window.key("3")  # to the review
@@ -72,15 +68,13 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.screenshot(artifacts / "workstation_8_wipe.png")
     window.key("d")
     window.wait_for("the difference", lambda s: s["compare"] == "difference" and s["settled"])
-    time.sleep(1.0)
     window.screenshot(artifacts / "workstation_9_difference.png")
 
     # a mark with a note
     window.key("m")
     window.wait_for("the question", lambda s: s["dialog"] == "mark")
-    time.sleep(0.7)
     window.click("dialog line")
-    window.type("here it is worst")
+    window.enter_text("dialog line", "here it is worst")
     window.click("dialog save")
     window.wait_for("the mark", lambda s: s["marks"] == {"0": "here it is worst"})
     marks = json.loads((tmp_path / "take" / "marks.json").read_text())
@@ -93,7 +87,6 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     assert window.process.poll() is None, "Escape does not close the window"
     window.key("question")
     window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
-    time.sleep(2.5)
     window.screenshot(artifacts / "workstation_10_shortcuts.png")
     assert window.close() == 0, window.stderr.read_text()[-2000:]
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
@@ -111,10 +104,12 @@ def test_nothing_overlaps_and_nothing_is_cut_off(
     _check_frames(state, width, height)
     for key in ("truth", "trained", "decoded", "side by side", "wipe", "difference", "background", "reset view"):
         assert key in state["widgets"], key
-    window.press_until("space", "paused", lambda s: not s["playing"])
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"])
     window.click("difference")
     window.wait_for("a comparison", lambda s: s["compare"] == "difference")
-    state = window.press_until("i", "the other state", lambda s: s["figures"] == (width <= 960))
+    window.key("i")
+    state = window.wait_for("the other state", lambda s: s["figures"] == (width <= 960))
     state = window.wait_for("its panels", lambda s: ("inspector" in s["widgets"]) == (width <= 960) and s["settled"])
     _check_frames(state, width, height)
     window.screenshot(artifacts / f"workstation_0_review_{width}.png")

@@ -1,4 +1,4 @@
-"""Canvas: text, lines and pictures drawn into a numpy array, for what the window's toolkit has no widget for."""
+"""Canvas: text, lines and images drawn into a numpy array, for what has no widget in the toolkit."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ class Canvas:
     def fit_image(
         self, x: float, y: float, width: float, height: float, pixels: np.ndarray
     ) -> tuple[int, int, int, int]:
-        """Put a picture into a rectangle, scaled with its aspect kept; returns where it lies (x, y, width, height)."""
+        """Put a picture into a rectangle, scaled with its aspect kept; returns its rectangle (x, y, width, height)."""
         import cv2
 
         scale = min(width / pixels.shape[1], height / pixels.shape[0])

@@ -1,4 +1,4 @@
-"""3D things drawn into a picture with numpy and OpenCV: points, lines, pictures on quads. No GPU is needed."""
+"""3D points, lines and textured quads drawn with numpy and OpenCV, without a GPU."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def draw_line(
 
 
 def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.ndarray, opacity: float = 1.0) -> None:
-    """A picture on four world points (upper left, upper right, lower right, lower left); left out where a corner lies
+    """A picture on four world points (upper left, upper right, lower right, lower left); skipped if a corner lies
     behind the camera."""
     import cv2
 
@@ -86,7 +86,7 @@ def draw_frustum(
     picture: np.ndarray | None = None,
     thickness: int = 1,
 ) -> tuple[float, float] | None:
-    """A camera's pyramid with its picture; returns where its center lies in the picture, None behind the viewer."""
+    """A camera's frustum with its image; returns the pixel of its center, None if behind the viewer."""
     center, corners = frustum(camera, length)
     if picture is not None:
         draw_quad(canvas, view, corners, picture, 0.9)

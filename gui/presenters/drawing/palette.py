@@ -5,13 +5,13 @@ from __future__ import annotations
 RGB = tuple[int, int, int]
 
 BLACK: RGB = (8, 9, 10)
-"""Around what must be read over any picture."""
+"""Outline of text and marks over images."""
 
 GROUND: RGB = (30, 32, 36)
-"""Behind everything."""
+"""Background of the window."""
 
 PANEL: RGB = (37, 40, 45)
-"""Panels left, right and below."""
+"""Background of panels."""
 
 RAISED: RGB = (49, 53, 60)
 """The selected row, tracks, frames of pictures."""
@@ -24,12 +24,12 @@ DIM: RGB = (140, 148, 160)
 FAINT: RGB = (92, 99, 110)
 
 ACCENT: RGB = (86, 190, 222)
-"""The one accent: what is selected, what runs, where the frame head stands, what was decoded."""
+"""The accent: selection, running stages, the playhead, decoded splats."""
 
 ACCENT_DARK: RGB = (40, 92, 112)
 
 SECOND: RGB = (188, 193, 201)
-"""The other curve of a pair, which is not the accent's."""
+"""The second curve of a pair."""
 
 GOOD: RGB = (120, 184, 132)
 FAIR: RGB = (222, 178, 92)

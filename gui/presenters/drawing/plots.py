@@ -1,4 +1,4 @@
-"""Curves in a rectangle of a canvas, with numbers at the axes."""
+"""Line plots on a canvas."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gui.presenters.drawing.palette import DIM, FAINT, LINE, PANEL, RGB, TEXT
 
 
 def ticks(low: float, high: float, count: int = 4) -> list[float]:
-    """Round numbers within low to high, about so many."""
+    """About `count` round numbers from low to high."""
     span = high - low
     if span <= 0 or not math.isfinite(span):
         return [low]
@@ -41,7 +41,7 @@ def curve(
     x_words: tuple[str, str] = ("", ""),
     newest: str = "",
 ) -> None:
-    """A line plot: title above, ticks at the left, what is newest at the right of the title.
+    """A line plot: title and latest value above, ticks at the left.
 
     Args:
         area: x, y, width, height in the canvas.
@@ -63,7 +63,9 @@ def curve(
     canvas.text(left, top + high + 3, x_words[0], size, FAINT)
     canvas.text(left + wide, top + high + 3, x_words[1], size, FAINT, align="right")
     if not lines:
-        canvas.text(left + wide / 2, top + high / 2 - size / 2, "none in the last run", size, FAINT, align="middle")
+        canvas.text(
+            left + wide / 2, top + high / 2 - size / 2, "no data from the last run", size, FAINT, align="middle"
+        )
         return
     points = np.concatenate(lines)
     low, high_value = float(points[:, 1].min()), float(points[:, 1].max())

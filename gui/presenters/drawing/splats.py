@@ -10,7 +10,7 @@ from studio.gaussians import Gaussians
 
 
 def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
-    """Draw with the house's own rasterizer, on the GPU where there is one.
+    """Draw with `studio.rasterizer`, on the GPU if there is one.
 
     Args:
         gaussians: the splats, on any device.
@@ -21,7 +21,7 @@ def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, f
         (height, width, 3) uint8 RGB, C order.
 
     Raises:
-        StudioError: the rasterizer refuses the splats or the camera.
+        StudioError: the rasterizer rejects the splats or the camera.
     """
     from studio.rasterizer import preferred_device, rasterize
 
@@ -30,5 +30,5 @@ def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, f
         moved = gaussians.to(device)
         color = torch.tensor(background, dtype=moved.means.dtype, device=device)
         image = rasterize(moved, camera, color).image
-        pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: the picture is ours alone
+        pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: nobody else holds the image
     return np.ascontiguousarray(pixels.cpu().numpy())

@@ -1,4 +1,4 @@
-"""Pictures of the same view compared: side by side, with a wipe, as a heat map of the difference."""
+"""Comparison of pictures of the same view: side by side, wipe, difference heat map."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ WHATS = ("truth", "trained", "decoded")
 LABELS = {"truth": "ground truth", "trained": "trained", "decoded": "decoded"}
 
 HEAT_TOP = 48
-"""Difference in 8-bit levels that has the heat map's last color; anything above has it too."""
+"""Difference, in 8-bit levels, at the top of the heat map's scale."""
 
 LABEL_SIZE = 14
 
 
 @dataclass(frozen=True)
 class Box:
-    """Where a picture lies in the viewport's picture, pixels."""
+    """Rectangle of a picture within the viewport's picture, pixels."""
 
     x: int
     y: int
@@ -87,12 +87,12 @@ def heat(levels: np.ndarray, top: float = HEAT_TOP) -> np.ndarray:
 
 
 def heat_map(size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray, names: tuple[str, str]) -> np.ndarray:
-    """Where two pictures differ, with a scale at the right edge and the mean difference."""
+    """Heat map of the difference, with a scale and the mean difference."""
     levels = difference(one, other)
     canvas = Canvas(*size)
     canvas.image(box.x, box.y, heat(levels))
     pair, mean = f"{LABELS[names[0]]} and {LABELS[names[1]]}", f"mean {levels.mean():.2f}"
-    for text in (f"difference of {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
+    for text in (f"difference between {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
         if text_width(text, LABEL_SIZE) <= size[0] - 2 * box.x - 32:
             break  # the longest that fits: the number must not be cut
     label(canvas, box.x + 8, box.y + 8, text)
@@ -117,7 +117,7 @@ def label(
     color: RGB = TEXT,
     size: int = LABEL_SIZE,
 ) -> None:
-    """Words on a dark ground, readable on any picture."""
+    """Text on a dark background, readable on any picture."""
     width = text_width(text, size)
     left = x if align == "left" else x - width - 12
     canvas.rect(left, y, width + 12, size + 10, GROUND)

@@ -1,4 +1,4 @@
-"""What is shown of a frame, made on the viewport's thread: Gaussians drawn, ground truth read, pictures compared."""
+"""Renders what the viewport shows, on its worker thread: Gaussians, ground truth, comparisons."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class RenderRequest:
-    """A picture to be made.
+    """What to render.
 
     Attributes:
         sources: Gaussians by name ("trained", "decoded").
         frame: counted from 0.
         mode: of `compare.MODES`.
-        what: what is shown; in a comparison it is compared with `reference`.
-        orbit: the viewer's own camera.
-        camera: name of the capture camera to look through; "" for the viewer's own.
-        image_zoom: which part of its image.
+        what: "truth", "trained" or "decoded"; a comparison compares it with `reference`.
+        orbit: the free view.
+        camera: name of the capture camera; "" for the free view.
+        image_zoom: visible part of its image.
         size: (width, height).
-        wipe: place of the wipe's line, 0 to 1.
-        context: the take, for ground truth; None where there is none.
-        rig: the capture's cameras where the footage itself cannot be opened.
+        background: RGB in 0 to 1.
+        wipe: position of the wipe, 0 to 1.
+        context: the take, for ground truth; None for a bare stream.
+        rig: the capture cameras, used if the footage cannot be opened.
     """
 
     sources: dict[str, FrameSource]
@@ -59,7 +60,7 @@ class RenderRequest:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Pictures that are needed, left to right."""
+        """Names of the pictures, left to right."""
         if self.mode == "single":
             return (self.what,)
         if self.mode == "side by side":
@@ -68,7 +69,7 @@ class RenderRequest:
         return (self.reference, self.what)
 
     def same_as(self, other: RenderRequest) -> bool:
-        """Whether it would give the same picture."""
+        """Whether it gives the same picture."""
         return (
             self.orbit is other.orbit
             and self.context is other.context
@@ -82,17 +83,17 @@ class RenderRequest:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture that was made.
+    """A rendered picture.
 
     Attributes:
         image: (H, W, 3) uint8 RGB.
         frame: counted from 0.
-        source: what it shows ("decoded", "trained", "truth").
-        splats: how many Gaussians it was drawn from; 0 for ground truth.
-        load_seconds, draw_seconds: what getting the Gaussians and drawing them took, all parts together.
+        source: "decoded", "trained" or "truth".
+        splats: number of Gaussians drawn; 0 for ground truth.
+        load_seconds, draw_seconds: time to load and to draw the Gaussians, all parts together.
         mode: of `compare.MODES`.
-        box: where (the left) picture lies in the image; the wipe's line moves within it.
-        camera: the capture camera looked through; "" for the viewer's own.
+        box: rectangle of the (left) picture in the image; the wipe moves within it.
+        camera: the capture camera; "" for the free view.
     """
 
     image: np.ndarray
@@ -117,69 +118,69 @@ class _Part:
 
 @dataclass
 class FrameRenderer:
-    """Makes wishes true; remembers the last few parts, so that moving the wipe's line draws nothing anew.
+    """Renders requests; caches the last few parts, so that moving the wipe redraws nothing.
 
     Args:
-        draw: makes the pixels.
+        draw: renders Gaussians.
     """
 
     draw: DrawFn
     _kept: OrderedDict[tuple[object, ...], _Part] = field(default_factory=OrderedDict)
 
-    def __call__(self, wanted: RenderRequest) -> Picture:
+    def __call__(self, request: RenderRequest) -> Picture:
         """The picture.
 
         Raises:
-            StudioError: a frame or an image that is not there or damaged.
+            StudioError: a missing or damaged frame or image.
         """
-        capture = capture_camera(wanted)
-        names = wanted.names
-        apart = wanted.mode == "side by side"
-        where = compare.boxes(wanted.size, len(names) if apart else 1)
-        parts = [self._part(wanted, name, where[0], capture) for name in names]
+        capture = capture_camera(request)
+        names = request.names
+        apart = request.mode == "side by side"
+        where = compare.boxes(request.size, len(names) if apart else 1)
+        parts = [self._part(request, name, where[0], capture) for name in names]
         images = [part.image for part in parts]
-        if wanted.mode == "single":
+        if request.mode == "single":
             image = images[0]
         elif apart:
-            image = compare.side_by_side(wanted.size, where, images, names)
-        elif wanted.mode == "wipe":
-            image = compare.wipe(wanted.size, where[0], images[0], images[1], wanted.wipe, (names[0], names[1]))
+            image = compare.side_by_side(request.size, where, images, names)
+        elif request.mode == "wipe":
+            image = compare.wipe(request.size, where[0], images[0], images[1], request.wipe, (names[0], names[1]))
         else:
-            image = compare.heat_map(wanted.size, where[0], images[0], images[1], (names[0], names[1]))
+            image = compare.heat_map(request.size, where[0], images[0], images[1], (names[0], names[1]))
         return Picture(
             image,
-            wanted.frame,
-            wanted.what,
+            request.frame,
+            request.what,
             parts[-1].splats,
             sum(part.load_seconds for part in parts),
             sum(part.draw_seconds for part in parts),
-            wanted.mode,
+            request.mode,
             where[0],
-            wanted.camera,
+            request.camera,
         )
 
-    def _part(self, wanted: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
-        source = wanted.sources.get(name)
-        seen_by: object = (wanted.camera, wanted.image_zoom) if capture is not None else wanted.orbit.key
-        holder = wanted.context if name == "truth" else source
-        key = (name, id(holder), wanted.frame, seen_by, wanted.background, box.width, box.height)
+    def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
+        source = request.sources.get(name)
+        seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
+        holder = request.context if name == "truth" else source
+        key = (name, id(holder), request.frame, seen_by, request.background, box.width, box.height)
         kept = self._kept.get(key)
         if kept is None:
             start = time.perf_counter()
             if name == "truth":
-                image = ground_truth(wanted, box.width, box.height)
+                image = ground_truth(request, box.width, box.height)
                 kept = _Part(image, 0, time.perf_counter() - start, 0.0, holder)
             elif source is None:
-                raise StudioError(f"There is nothing {name} to show yet.")
+                raise StudioError("playback.no_source", f"no {name} frames yet", value=name)
             else:
-                gaussians = source.gaussians(wanted.frame)
+                gaussians = source.gaussians(request.frame)
                 loaded = time.perf_counter()
-                camera = wanted.orbit.camera(box.width, box.height)
+                camera = request.orbit.camera(box.width, box.height)
                 if capture is not None:
-                    camera = wanted.image_zoom.camera(capture, box.width, box.height)
-                image = self.draw(gaussians, camera, wanted.background)
+                    camera = request.image_zoom.camera(capture, box.width, box.height)
+                image = self.draw(gaussians, camera, request.background)
                 if capture is not None:
-                    wanted.image_zoom.mask_outside(image, capture)
+                    request.image_zoom.mask_outside(image, capture)
                 kept = _Part(image, len(gaussians), loaded - start, time.perf_counter() - loaded, holder)
         self._kept[key] = kept
         self._kept.move_to_end(key)
@@ -188,49 +189,52 @@ class FrameRenderer:
         return kept
 
     def forget(self) -> None:
-        """Something was opened or written anew."""
+        """Empty the cache: something else was opened, or files have changed."""
         self._kept.clear()
 
 
-def capture_camera(wanted: RenderRequest) -> Camera | None:
-    """The capture camera to look through, without lens distortion; None for the viewer's own.
+def capture_camera(request: RenderRequest) -> Camera | None:
+    """The selected capture camera, undistorted; None for the free view.
 
     Raises:
-        StudioError: there is no such camera.
+        StudioError: `playback.no_cameras`, or footage that cannot be opened.
     """
-    if not wanted.camera:
+    if not request.camera:
         return None
-    if wanted.context is not None:
+    if request.context is not None:
         try:
-            return wanted.context.footage.calibrated.rig[wanted.camera]
+            return request.context.footage.calibrated.rig[request.camera]
         except StudioError:
-            if wanted.rig is None:
+            if request.rig is None:
                 raise
-    if wanted.rig is None:
-        raise StudioError("A stream alone has no capture cameras; open its take.")
-    return wanted.rig[wanted.camera].undistorted()
+    if request.rig is None:
+        raise StudioError("playback.no_cameras", "a stream has no capture cameras", fix="Open its take.")
+    return request.rig[request.camera].undistorted()
 
 
-def ground_truth(wanted: RenderRequest, width: int, height: int) -> np.ndarray:
+def ground_truth(request: RenderRequest, width: int, height: int) -> np.ndarray:
     """(height, width, 3) uint8: the performer as filmed, over the background, as evaluation sees it.
 
     Raises:
-        StudioError: no footage, or an image that cannot be read.
+        StudioError: `playback.no_footage`, `playback.no_camera_selected`, `footage.no_such_frame`,
+            or an unreadable image.
     """
-    if wanted.context is None:
-        raise StudioError("A stream alone has no ground truth; open its take.")
-    if not wanted.camera:
-        raise StudioError("Ground truth is seen from capture cameras only; choose one (C).")
-    footage = wanted.context.footage.calibrated
-    if wanted.frame >= len(footage.frames):
+    if request.context is None:
+        raise StudioError("playback.no_footage", "a stream has no ground truth", fix="Open its take.")
+    if not request.camera:
+        raise StudioError("playback.no_camera_selected", "ground truth needs a capture camera", fix="Select one (C).")
+    footage = request.context.footage.calibrated
+    if request.frame >= len(footage.frames):
         raise StudioError(
-            f"The footage has the frames 0 to {len(footage.frames) - 1}; there is no frame {wanted.frame}."
+            "footage.no_such_frame",
+            f"frame {request.frame} not found in the footage, which has frames 0 to {len(footage.frames) - 1}",
+            frame=request.frame,
         )
-    frame = footage.frames[wanted.frame]
-    alpha = footage.evaluation_matte(wanted.camera, frame)[..., None].astype(np.float32) / 255
-    background = np.array(wanted.background, np.float32) * 255
-    image = footage.image(wanted.camera, frame).astype(np.float32) * alpha + background * (1 - alpha)
-    camera = footage.rig[wanted.camera]
-    pixels = wanted.image_zoom.picture((image + 0.5).astype(np.uint8), camera, width, height)
-    wanted.image_zoom.mask_outside(pixels, camera)
+    frame = footage.frames[request.frame]
+    alpha = footage.evaluation_matte(request.camera, frame)[..., None].astype(np.float32) / 255
+    background = np.array(request.background, np.float32) * 255
+    image = footage.image(request.camera, frame).astype(np.float32) * alpha + background * (1 - alpha)
+    camera = footage.rig[request.camera]
+    pixels = request.image_zoom.picture((image + 0.5).astype(np.uint8), camera, width, height)
+    request.image_zoom.mask_outside(pixels, camera)
     return pixels

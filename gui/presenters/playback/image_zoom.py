@@ -1,4 +1,4 @@
-"""Lens: which part of a capture camera's image is looked at, so that pictures of it can be brought nearer."""
+"""ImageZoom: the visible part of a capture camera's image."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ MOST_ZOOM = 40.0
 
 @dataclass(frozen=True)
 class ImageZoom:
-    """A part of an image.
+    """A part of an image, magnified.
 
     Attributes:
-        u, v: the middle of what is looked at, as shares of the image's width and height.
+        u, v: center of the visible part, as fractions of the image's width and height.
         zoom: 1 shows the whole image, 2 half of it each way.
     """
 
@@ -26,16 +26,16 @@ class ImageZoom:
     zoom: float = 1.0
 
     def scale(self, camera: Camera, width: int, height: int) -> float:
-        """Pixels of a picture of this size for one of the image."""
+        """Picture pixels per image pixel, for a picture of this size."""
         return min(width / camera.width, height / camera.height) * self.zoom
 
     def offset(self, camera: Camera, width: int, height: int) -> tuple[float, float]:
-        """Where the image's upper left corner lies in the picture, pixels."""
+        """Position of the image's upper left corner in the picture, pixels."""
         scale = self.scale(camera, width, height)
         return width / 2 - self.u * camera.width * scale, height / 2 - self.v * camera.height * scale
 
     def camera(self, camera: Camera, width: int, height: int) -> Camera:
-        """The pinhole camera that draws the picture."""
+        """The pinhole camera of the visible part."""
         scale = self.scale(camera, width, height)
         x, y = self.offset(camera, width, height)
         K = camera.K.copy()
@@ -54,13 +54,13 @@ class ImageZoom:
             size = max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1)
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
             scale = self.scale(camera, width, height) * camera.width / image.shape[1]
-        # OpenCV puts the origin at the middle of a pixel, we at its corner
+        # OpenCV's origin is the center of the first pixel, ours its corner
         warp = np.array([[scale, 0, x + 0.5 * scale - 0.5], [0, scale, y + 0.5 * scale - 0.5]])
         pixels = cv2.warpAffine(image, warp, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.ascontiguousarray(pixels)
 
     def mask_outside(self, pixels: np.ndarray, camera: Camera) -> None:
-        """Color over what lies outside of the camera's image, in place: nothing is known of it."""
+        """Fill, in place, everything outside of the camera's image with the background."""
         height, width = pixels.shape[:2]
         scale = self.scale(camera, width, height)
         x, y = self.offset(camera, width, height)
@@ -69,7 +69,7 @@ class ImageZoom:
         pixels[:top], pixels[bottom:], pixels[:, :left], pixels[:, right:] = GROUND, GROUND, GROUND, GROUND
 
     def zoomed(self, notches: float) -> ImageZoom:
-        """Nearer (positive) or farther by notches of the wheel."""
+        """Zoomed by notches of the wheel, positive to magnify."""
         zoom = float(np.clip(self.zoom / 0.9**notches, 1.0, MOST_ZOOM))
         return ImageZoom(0.5, 0.5, 1.0) if zoom == 1.0 else ImageZoom(self.u, self.v, zoom)
 
@@ -82,7 +82,7 @@ class ImageZoom:
 
     @classmethod
     def around(cls, points: np.ndarray, camera: Camera, width: int, height: int) -> ImageZoom:
-        """The part that holds almost all of the points.
+        """The part that contains almost all of the points.
 
         Args:
             points: (N, 3) world coordinates.

@@ -1,4 +1,4 @@
-"""OrbitCamera: the viewer's own camera, moved by drags and the wheel.
+"""OrbitCamera: the free view, moved by drags and the wheel.
 
 It turns about a target with a fixed up direction and never rolls; `camera()` gives the pinhole view (OpenCV axes, see
 `studio.cameras`) to draw.
@@ -24,7 +24,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 @dataclass
 class OrbitCamera:
-    """Where the viewer stands.
+    """An orbit view.
 
     Attributes:
         target: (3,) world point that it looks at and turns about.
@@ -110,7 +110,7 @@ class OrbitCamera:
 
     @property
     def eye(self) -> np.ndarray:
-        """(3,): where the viewer stands, world coordinates."""
+        """(3,): position of the viewer, world coordinates."""
         return self.target + self.distance * self.offset
 
     def _axes(self) -> np.ndarray:

@@ -24,25 +24,25 @@ from pipelines.takes.videos import FALLBACK_FPS
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
-NOTHING_TO_SHOW = "Nothing is trained or baked in this take yet. Run the stages on the left."
+NOTHING_TO_SHOW = "Nothing trained or baked yet. Run the stages on the left."
 
 
 class PlayerPresenter(Viewpoint):
-    """What is open, which frame is due, from where it is seen, what is compared, and the newest picture.
+    """What is open, the transport, the view, the comparison, and the newest picture.
 
     Args:
-        draw_function: makes the pixels; tests give their own.
+        draw_function: renders Gaussians; tests pass their own.
         now: a clock in seconds that never runs backwards.
 
     Attributes:
-        filmed: each frame's number in the footage's files; empty where it is not known.
+        filmed: frame numbers in the footage's files; empty if unknown.
     """
 
     def __init__(self, draw_function: DrawFn = draw, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._now = now
-        self._maker = FrameRenderer(draw_function)
-        self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._maker, "v3studio viewport")
+        self._renderer = FrameRenderer(draw_function)
+        self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._renderer, "v3studio viewport")
         self._asked: RenderRequest | None = None
         self._shown = Rate(now)
         self._contents: tuple[object, ...] = ()
@@ -56,7 +56,7 @@ class PlayerPresenter(Viewpoint):
     # What is open
 
     def open(self, path: str | Path) -> bool:
-        """Open a take or a stream in place of what is open. On bad input `message` says what is wrong."""
+        """Open a take or a stream. On bad input returns False and sets `message`."""
         found = load(path)
         if isinstance(found, str):
             self.message = found
@@ -65,7 +65,7 @@ class PlayerPresenter(Viewpoint):
         return True
 
     def adopt(self, opened: Opened, first: Gaussians | None) -> None:
-        """Show what `load` has opened, in place of what is open."""
+        """Show what `load` has opened."""
         self._close_sources()
         self.opened, self.context = opened, None
         self._contents = take_contents(opened.take) if opened.take else ()
@@ -79,7 +79,7 @@ class PlayerPresenter(Viewpoint):
         self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
 
     def refresh(self) -> bool:
-        """Take up frames that were trained and streams that were baked since; True where there were any."""
+        """Load frames trained and streams baked since; True if there were any."""
         if self.opened is None or self.opened.take is None:
             return False
         contents = take_contents(self.opened.take)
@@ -88,14 +88,14 @@ class PlayerPresenter(Viewpoint):
         try:
             opened = open_path(self.opened.path)
             first = opened.default.gaussians(0) if opened.default is not None and not self.opened.sources else None
-        except StudioError as error:  # just being written; the next look will do
+        except StudioError as error:  # being written; the next refresh will succeed
             self.message = str(error)
             return False
         self._contents = contents
         was_empty = not self.opened.sources
         self._close_sources()
         self.opened = opened
-        self._maker.forget()
+        self._renderer.forget()
         self._asked = None
         if self.what not in (*opened.sources, "truth") and opened.default is not None:
             self.what = opened.default.name
@@ -124,7 +124,7 @@ class PlayerPresenter(Viewpoint):
             self.span(source.frame_count, source.group_starts, source.fps)
 
     def span(self, frame_count: int, group_starts: Sequence[int], fps: float) -> bool:
-        """Let the transport run over these frames; returns whether it did not before."""
+        """Set the transport's range; returns whether it changed."""
         now = self.transport
         if (now.frame_count, now.group_starts, now.fps) == (frame_count, tuple(group_starts), fps):
             return False
@@ -132,12 +132,12 @@ class PlayerPresenter(Viewpoint):
         return True
 
     def span_source(self) -> bool:
-        """Let the transport run over the frames of what is shown; returns whether it did not before."""
+        """Set the transport's range to the current source; returns whether it changed."""
         source = self.source
         return source is not None and self.span(source.frame_count, source.group_starts, source.fps)
 
     def choose(self, what: str) -> bool:
-        """Show "truth", "trained" or "decoded" at the same frame; False, with a message, where it is not there."""
+        """Show "truth", "trained" or "decoded" at the same frame; False, with `message` set, if unavailable."""
         assert what in WHATS
         why = self.why_not(what)
         if why:
@@ -151,11 +151,11 @@ class PlayerPresenter(Viewpoint):
         return True
 
     def choose_mode(self, mode: str) -> bool:
-        """Compare in another way; False, with a message, where there is nothing to compare."""
+        """Set the comparison mode; False, with `message` set, if there is nothing to compare."""
         assert mode in MODES
         if mode == "single":
             self.mode = mode
-            self._fit_lens()
+            self._fit_zoom()
             return True
         if self.opened is None or not self.opened.sources:
             self.message = NOTHING_TO_SHOW
@@ -163,40 +163,40 @@ class PlayerPresenter(Viewpoint):
         if len(self.opened.sources) < 2 and not self.camera:
             why = self.why_not("truth")
             if why:
-                self.message = f"There is only one thing to show, so nothing to compare. {why}"
+                self.message = f"Nothing to compare with. {why}"
                 return False
             self.look_through(self._first_camera())
         if self.what == "truth" and self.opened.default is not None:
             self.what = self.opened.default.name
         self.mode = mode
-        self._lens_follows |= self.camera != "" and self.image_zoom == ImageZoom()
-        self._fit_lens()
+        self._zoom_follows |= self.camera != "" and self.image_zoom == ImageZoom()
+        self._fit_zoom()
         return True
 
     def wipe_at(self, x: float) -> bool:
-        """Whether a picture's column lies on the wipe's line, to within a finger's breadth."""
+        """Whether a column of the picture is on the wipe's line, within 14 pixels."""
         if self.mode != "wipe" or self.picture is None or self.picture.mode != "wipe":
             return False
         return abs(x - (self.picture.box.x + self.wipe * self.picture.box.width)) < 14
 
     def move_wipe(self, x: float) -> None:
-        """Put the wipe's line at a picture's column."""
+        """Move the wipe's line to a column of the picture."""
         if self.picture is not None:
             self.wipe = min(max((x - self.picture.box.x) / max(self.picture.box.width, 1), 0.0), 1.0)
 
     # Pictures
 
     def poll(self) -> Picture | None:
-        """Ask for what is due and return a new picture if one is there. Never waits; call at each tick."""
+        """Request the current frame and return a new picture if there is one. Call at each tick; never blocks."""
         if self.opened is not None and self.source is not None:
-            wanted = RenderRequest(
+            request = RenderRequest(
                 self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
                 self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
                 self.opened.rig,
             )  # fmt: skip
-            if self._asked is None or not wanted.same_as(self._asked):
-                self._asked = wanted
-                self._worker.ask(wanted)
+            if self._asked is None or not request.same_as(self._asked):
+                self._asked = request
+                self._worker.ask(request)
         done = self._worker.take()
         picture = self._received(done) if done is not None else None
         if self._left_out is not None and (self.picture is None or not self.transport.playing):
@@ -205,19 +205,19 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def left_out(self) -> list[str]:
-        """Sentences on damaged groups that playing went past."""
+        """Messages on damaged groups that playback skipped."""
         sources = self.opened.sources.values() if self.opened is not None else ()
         return [str(group) for source in sources if isinstance(source, StreamSource) for group in source.skipped]
 
     def show_again(self) -> None:
-        """The viewport shows something else by now: the next poll makes the picture again."""
+        """Draw the picture again at the next poll: the viewport has shown something else."""
         self._asked = None
 
     def _received(self, done: Done[RenderRequest, Picture]) -> Picture | None:
         if self.opened is None or done.request.sources is not self.opened.sources:
-            return None  # of what was open before
+            return None  # of a source that is closed
         if isinstance(done.error, LeftOut):
-            # as players do: the picture before it stays up for its time, then playing goes on
+            # as in players: the last picture stays on screen, and playback continues
             self._left_out = (done.request.frame, str(done.error))
             return None
         if done.error is not None:
@@ -238,18 +238,18 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def rate(self) -> float:
-        """Pictures a second handed to the window over the last two seconds."""
+        """Pictures per second over the last two seconds."""
         return self._shown.value
 
     @property
     def behind(self) -> bool:
-        """Whether it plays and pictures come more slowly than the frames that are due."""
+        """Whether playback renders fewer frames per second than it should."""
         transport = self.transport
         return transport.playing and self.rate < 0.95 * transport.fps * transport.speed
 
     @property
     def status(self) -> str:
-        """One line of figures on the newest picture."""
+        """Status line on the newest picture."""
         if self.picture is None or self.source is None:
             return ""
         picture = self.picture
@@ -264,7 +264,7 @@ class PlayerPresenter(Viewpoint):
             parts.append(f"{picture.splats:,} splats")
         count = len(self.left_out)
         if count:
-            parts.append(f"{count} damaged group{'s' * (count != 1)} left out")
+            parts.append(f"{count} damaged group{'s' * (count != 1)} skipped")
         if self.notice:
             parts.append(self.notice)
         return "   ".join(parts)
@@ -273,7 +273,7 @@ class PlayerPresenter(Viewpoint):
         """End the thread and let go of files. Returns whether the thread ended in time."""
         ended = self._worker.close()
         self._close_sources()
-        self._maker.forget()
+        self._renderer.forget()
         self.picture = self._asked = None
         return ended
 

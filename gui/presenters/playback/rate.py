@@ -1,4 +1,4 @@
-"""How often a second something happens."""
+"""Rate: events per second."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 
 SPAN = 2.0
-"""Seconds that are looked back."""
+"""Length of the averaging window, seconds."""
 
 
 class Rate:
@@ -32,7 +32,7 @@ class Rate:
 
     @property
     def value(self) -> float:
-        """A second, over the last `SPAN` seconds."""
+        """Events per second over the last `SPAN` seconds."""
         horizon = self._now() - SPAN
-        recent = [moment for moment in self._times if moment >= horizon]
+        recent = [hit for hit in self._times if hit >= horizon]
         return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0

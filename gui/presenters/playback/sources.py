@@ -21,7 +21,7 @@ from studio.gaussians import Gaussians
 
 
 class FrameSource(Protocol):
-    """Frames of Gaussians, counted from 0. `gaussians` is called on one thread at a time and may take its time."""
+    """Frames of Gaussians, counted from 0. `gaussians` is called on one thread at a time and may be slow."""
 
     name: str
     frame_count: int
@@ -29,31 +29,31 @@ class FrameSource(Protocol):
     group_starts: Sequence[int]
 
     def gaussians(self, frame: int) -> Gaussians:
-        """The splats of a frame. Raises StudioError where the file is damaged or gone."""
+        """The splats of a frame. Raises StudioError if the file is missing or damaged."""
         ...
 
     def load_ms(self, frame: int) -> float | None:
-        """What reading or decoding the frame took when it was last done, milliseconds; None if it never was."""
+        """Milliseconds that the last read or decode of the frame took; None before the first."""
         ...
 
     def close(self) -> None:
-        """Let go of files and memory."""
+        """Release files and memory."""
         ...
 
 
 @dataclass
 class Opened:
-    """A take or a stream that is open.
+    """An open take or stream.
 
     Attributes:
         title: the folder's name.
         path: the folder, or the address.
-        sources: what can be shown of it, by name; the first is what to show at first. A take may have none yet.
-        take: the take, where it is one.
-        message: what of it could not be opened.
-        rig: the capture's cameras, where they are known.
-        view: the camera to start from, where one is known.
-        up: (3,) world up direction; z where no camera tells.
+        sources: "decoded", "trained", in the order of preference. A new take has none.
+        take: None for a bare stream.
+        message: errors on parts that could not be opened; "" if there are none.
+        rig: the capture cameras; None if unknown.
+        view: the initial camera; None if unknown.
+        up: (3,) world up direction; z if no camera is known.
     """
 
     title: str
@@ -67,15 +67,15 @@ class Opened:
 
     @property
     def default(self) -> FrameSource | None:
-        """What to show at first; None where there is nothing yet."""
+        """The source to show first; None if there is none yet."""
         return next(iter(self.sources.values()), None)
 
 
 class TrainedSource:
-    """A take's trained frames, from the first up to the first that is missing.
+    """A take's trained frames, from frame 0 up to the first gap.
 
     Raises:
-        StudioError: not one is there.
+        StudioError: `take.not_trained`.
     """
 
     name = "trained"
@@ -85,7 +85,7 @@ class TrainedSource:
         self._files, starts = take.trained_files()
         self.group_starts: Sequence[int] = starts
         if not self._files:
-            raise StudioError(f"{take.root}: nothing is trained in this take yet ({take.root / 'train'} has no frame).")
+            raise StudioError("take.not_trained", "no trained frames yet", file=take.root / "train", fix="Run Train.")
         self.frame_count = len(self._files)
         self._cache = FrameCache()
         self._load_ms: dict[int, float] = {}
@@ -93,7 +93,11 @@ class TrainedSource:
     def gaussians(self, frame: int) -> Gaussians:
         """See `FrameSource`."""
         if frame >= self.frame_count:
-            raise StudioError(f"Frame {frame} is not trained yet; frames 0 to {self.frame_count - 1} are.")
+            raise StudioError(
+                "take.frame_not_trained",
+                f"frame {frame} is not trained yet; frames 0 to {self.frame_count - 1} are",
+                frame=frame,
+            )
         held = self._cache.get(frame)
         if held is None:
             start = time.perf_counter()
@@ -112,10 +116,10 @@ class TrainedSource:
 
 
 def open_path(place: Path | str) -> Opened:
-    """Open a take's folder, a stream's, or a stream's address.
+    """Open the folder of a take or a stream, or the URL of a stream.
 
     Raises:
-        StudioError: it is none of these, or it is damaged.
+        StudioError: `gui.no_such_folder`, `gui.not_take_or_stream`, or a damaged take or stream.
     """
     from studio.stream import is_address
 
@@ -129,8 +133,15 @@ def open_path(place: Path | str) -> Opened:
     if (path / "manifest.json").exists():
         return _open_stream(path, path.name)
     if not path.exists():
-        raise StudioError(f"{path}: there is no such folder; give the folder of a take or of a stream.")
-    raise StudioError(f"{path} is neither a take (take.json) nor a stream (manifest.json); choose another folder.")
+        raise StudioError(
+            "gui.no_such_folder", "no such folder", file=path, fix="Choose the folder of a take or of a stream."
+        )
+    raise StudioError(
+        "gui.not_take_or_stream",
+        "neither a take (no take.json) nor a stream (no manifest.json)",
+        file=path,
+        fix="Choose another folder.",
+    )
 
 
 def _open_stream(place: Path | str, title: str) -> Opened:
@@ -153,7 +164,7 @@ def _open_take(path: Path) -> Opened:
         try:
             decoded = StreamSource(take.stream)
             opened.sources[decoded.name] = decoded
-        except StudioError as error:  # what is trained can still be shown
+        except StudioError as error:  # trained frames can still be shown
             problems.append(str(error))
     if take.trained_files()[0]:
         trained = TrainedSource(take, _fps(take, opened))
@@ -173,7 +184,7 @@ def _open_rig(take: Take, opened: Opened) -> None:
 
 
 def _fps(take: Take, opened: Opened) -> float:
-    """Of the stream if there is one, else as the settings say; else `FALLBACK_FPS`."""
+    """Rate of the stream; else of the settings; else `FALLBACK_FPS`."""
     if opened.default is not None:
         return opened.default.fps
     from pipelines.config import load_config
@@ -185,7 +196,7 @@ def _fps(take: Take, opened: Opened) -> float:
 
 
 def take_contents(take: Take) -> tuple[object, ...]:
-    """Changes when frames were trained or a stream was baked since; costs little."""
+    """A cheap fingerprint that changes when frames are trained or a stream is baked."""
     files, _ = take.trained_files()
     paths = [take.stream / "manifest.json", take.rig, *files[:1], *files[-1:]]
     return len(files), *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)

@@ -1,7 +1,7 @@
 """StreamSource: the frames of a baked stream for the window, decoded a little ahead.
 
-What the players of `studio.playback` share is used here too: files that were fetched, the open decoder, and the notes
-on damaged groups. The clock is not, because the window's runs over footage and trained frames as well.
+It shares the fetched files, the open decoder and the record of damaged groups with the players of `studio.playback`,
+but not their clock: the window's transport also runs over footage and trained frames.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from studio.playback import SkippedGroup
     from studio.stream import GroupEntry, Manifest
 
-TRIED_AGAIN_AFTER = 10.0
-"""Seconds before a damaged frame is looked at again: it may have been mended or uploaded."""
+RETRY_SECONDS = 10.0
+"""Seconds before a damaged frame is tried again: it may have been fixed or uploaded."""
 
 
 class LeftOut(StudioError):
-    """A frame whose group is damaged or missing, while others can be played."""
+    """`playback.group_skipped`: the frame's group is damaged or missing, other groups can be played."""
 
 
 class StreamSource:
-    """See the module. One thread decodes the frame that is asked for and then a few after it, so that while one frame
-    is being drawn the next are being decoded.
+    """See the module. One thread decodes the requested frame and then a few after it, so that the next frames are
+    decoded while one is drawn.
 
     Args:
         place: the stream's folder or address.
 
     Raises:
-        StudioError: it is not a stream, or its manifest is damaged.
+        StudioError: not a stream, or a damaged manifest.
     """
 
     name = "decoded"
@@ -55,7 +55,7 @@ class StreamSource:
         self._changed = threading.Condition()
         self._wanted: int | None = None
         self._failed: dict[int, tuple[Exception, float]] = {}
-        self._unavailable = 0  # groups in a row that the server did not give
+        self._unavailable = 0  # consecutive groups that the server did not deliver
         self._load_ms: dict[int, float] = {}
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="v3studio decode ahead", daemon=True)
@@ -66,7 +66,7 @@ class StreamSource:
 
         Raises:
             LeftOut: the frame's group is damaged; others can be played.
-            StudioError: nothing can be played, or the server stays away.
+            StudioError: `playback.nothing_playable`, `playback.closed`, or the server does not respond.
         """
         with self._changed:
             self._wanted = frame
@@ -79,19 +79,19 @@ class StreamSource:
                 if error is not None:
                     raise error
                 if self._closed:
-                    raise StudioError(f"{self._reader.source.name} has been closed.")
+                    raise StudioError("playback.closed", "the stream has been closed", file=self._reader.source.name)
                 self._changed.wait()
 
     @property
     def skipped(self) -> tuple[SkippedGroup, ...]:
-        """Damaged groups that were met so far."""
+        """Damaged groups found so far."""
         return self._shared.skipped
 
     def _error(self, frame: int) -> Exception | None:
         found = self._failed.get(frame)
         if found is None:
             return None
-        if time.monotonic() - found[1] > TRIED_AGAIN_AFTER:
+        if time.monotonic() - found[1] > RETRY_SECONDS:
             del self._failed[frame]
             return None
         return found[0]
@@ -117,7 +117,7 @@ class StreamSource:
             start = time.perf_counter()
             try:
                 decoded = self._decoded(frame)
-            except Exception as error:  # told to whoever asks for the frame
+            except Exception as error:  # raised when the frame is requested
                 with self._changed:
                     self._note(frame, error)
                     self._changed.notify_all()
@@ -147,7 +147,7 @@ class StreamSource:
                 raise
 
     def _note(self, frame: int, error: Exception) -> None:
-        """Remember what cannot be played: from this frame to the end of its group."""
+        """Record as unplayable: this frame to the end of its group."""
         from studio.playback.pipeline import nothing_playable
         from studio.stream import SourceUnavailable
 
@@ -155,16 +155,17 @@ class StreamSource:
         self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
         first = self._first_bad(group, frame)
         self._shared.note_damage(group, first, group.end_frame, _message(error))
-        lost = sum(skipped.frame_count for skipped in self._shared.skipped)
-        told: Exception
+        lost = sum(one.frame_count for one in self._shared.skipped)
+        failure: Exception
         if self._unavailable > 1:
-            told = error  # twice in a row: it is not the group, the server is gone
+            failure = error  # twice in a row: the server is gone, not the group
         elif lost >= self.frame_count:
-            told = nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
+            failure = nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
         else:
-            told = LeftOut(next(str(one) for one in self._shared.skipped if one.group == group.index))
+            skipped = next(one for one in self._shared.skipped if one.group == group.index)
+            failure = LeftOut("playback.group_skipped", str(skipped), group=group.index)
         for lost_frame in range(first, group.end_frame):
-            self._failed[lost_frame] = (told, time.monotonic())
+            self._failed[lost_frame] = (failure, time.monotonic())
 
     def _first_bad(self, group: GroupEntry, frame: int) -> int:
         """What comes before the frame in its group is bad too, unless it was decoded."""
@@ -179,12 +180,12 @@ class StreamSource:
 
     @property
     def manifest(self) -> Manifest:
-        """What the stream says of itself."""
+        """The stream's manifest."""
         return self._reader.manifest
 
     @property
     def suggested_camera(self) -> Camera | None:
-        """The view that the stream's maker proposes; None where it says none."""
+        """The initial view from the stream's metadata; None if there is none."""
         values = self._reader.manifest.metadata.get("suggested_camera")
         return Camera.from_dict(values) if isinstance(values, dict) else None
 

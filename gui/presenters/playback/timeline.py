@@ -1,4 +1,4 @@
-"""The timeline: which pixel stands for which frame, and its picture."""
+"""The timeline's track: mapping of columns to frames, and its picture."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ PAST_OTHER_GROUP = (54, 112, 134)
 
 @dataclass(frozen=True)
 class Timeline:
-    """Frames laid side by side over a strip `width` pixels wide, each as wide as the others to within a pixel.
+    """Frames side by side on a track `width` pixels wide, equally wide to within a pixel.
 
     Attributes:
-        width, height: the strip in pixels.
+        width, height: of the track, pixels.
         frame_count: at least 1.
         group_starts: first frame of each group; every second group has another shade.
     """
@@ -63,7 +63,7 @@ class Timeline:
             image[top:bottom, left : min(right, head_right)] = PAST_OTHER_GROUP if group % 2 else PAST
             if first > 0:
                 image[top:bottom, left : left + 1] = BACKGROUND
-        # A head that is at least 3 pixels wide can be seen however many frames there are.
+        # The playhead is at least 3 pixels wide, to be visible with any number of frames.
         middle = (head_left + head_right) // 2
         image[:, max(min(head_left, middle - 1), 0) : max(head_right, middle + 2)] = HEAD
         return image

@@ -1,4 +1,4 @@
-"""The strips over the timeline: PSNR trained, PSNR decoded and KB a frame, one column range a frame."""
+"""The plots above the timeline: PSNR trained, PSNR decoded and KB per frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Plot:
 
     Attributes:
         title: beside it.
-        values: a frame each; None where there is none.
+        values: one per frame; None if not measured.
         color: of the curve.
         unit: after the numbers.
     """
@@ -39,23 +39,23 @@ class Plot:
 
 
 def plots_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean") -> tuple[Plot, ...]:
-    """The three strips of a take; those without a value stay, empty, so that nothing moves.
+    """The three plots of a take; plots without values stay empty, so that nothing moves.
 
     Args:
-        evaluation_series: figure by name.
-        mean: over which cameras PSNR is, in two words.
+        evaluation_series: values by metric.
+        mean: which cameras PSNR is averaged over, for the title.
     """
     kilobytes = [None if value is None else value / 1000 for value in evaluation_series.get("bytes", [])]
     return (
         Plot(f"PSNR trained, {mean}", evaluation_series.get("psnr_trained", []), SECOND, "dB"),
         Plot(f"PSNR decoded, {mean}", evaluation_series.get("psnr_decoded", []), ACCENT, "dB"),
-        Plot("KB a frame, mean of group", kilobytes, SECOND, "KB"),
+        Plot("KB per frame, group mean", kilobytes, SECOND, "KB"),
     )
 
 
 @dataclass(frozen=True)
 class TimelinePlots:
-    """Strips over the track. All lie over the same frames, so a click on any seeks.
+    """Plots above the track, on the same frame axis: a click on any seeks.
 
     Attributes:
         width, height: pixels.
@@ -71,7 +71,7 @@ class TimelinePlots:
 
     @property
     def left(self) -> int:
-        """Where the frames begin: to the left of it stand the titles."""
+        """Column where frame 0 begins; the titles are left of it."""
         return min(round(16.5 * self.em), self.width // 3)
 
     @property
@@ -85,15 +85,15 @@ class TimelinePlots:
         return Timeline(max(self.width - self.left, 1), self.track_height, self.frame_count, self.group_starts)
 
     def frame_at(self, x: float) -> int:
-        """The frame under a column of the board."""
+        """The frame under a column of the picture."""
         return self.timeline.frame_at(x - self.left)
 
     def picture(self, frame: int | None, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
-        """(height, width, 3) uint8: the strips, the track with its head and marks, the head's line over all."""
+        """(height, width, 3) uint8: plots, track with playhead and marks."""
         return self.with_head(self.base(plots, marks), frame, plots)
 
     def base(self, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
-        """(height, width, 3) uint8: all that does not depend on the frame. Worth keeping: playing draws it often."""
+        """(height, width, 3) uint8: everything that does not depend on the frame. Cache it: playback draws it often."""
         canvas = Canvas(self.width, self.height, PANEL)
         timeline = self.timeline
         for number, plot in enumerate(plots):
@@ -106,7 +106,7 @@ class TimelinePlots:
         return canvas.pixels
 
     def with_head(self, base: np.ndarray, frame: int | None, plots: Sequence[Plot]) -> np.ndarray:
-        """`base`, a copy, with the track, the head and the frame's figures."""
+        """A copy of `base` with the track, the playhead and the frame's values."""
         canvas = Canvas(1, 1)
         canvas.pixels = base.copy()
         timeline = self.timeline
@@ -139,7 +139,7 @@ class TimelinePlots:
         return self.height - self.track_height
 
     def _rows(self, count: int) -> list[tuple[int, int]]:
-        """(top, height) of each strip."""
+        """(top, height) of each plot."""
         each = (self._track - GAP) // max(count, 1) - GAP
         return [(GAP + number * (each + GAP), each) for number in range(count)]
 
@@ -175,7 +175,7 @@ class TimelinePlots:
             if 0 < start < self.frame_count:
                 canvas.rect(self.left + timeline.span(start)[0], y, 1, height, LINE)
         if plot.range is None:
-            canvas.text(self.left + 8, y + height / 2 - size * 0.62, "not measured yet", size, FAINT)
+            canvas.text(self.left + 8, y + height / 2 - size * 0.62, "not evaluated yet", size, FAINT)
             return
         for index, value in enumerate(plot.values[: self.frame_count]):
             if value is not None:

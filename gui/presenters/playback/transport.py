@@ -1,4 +1,4 @@
-"""Transport: play, pause, step and seek. The frame to show comes from the wall clock, never from how fast we draw."""
+"""Transport: play, pause, step and seek. The current frame follows the clock, not the drawing rate."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 
 
 class Transport:
-    """Which frame is due now.
+    """Which frame is current.
 
     Args:
         frame_count: frames there are, at least 1; valid frames are 0 to frame_count - 1.
-        fps: frames a second at speed 1, above 0.
+        fps: frames per second at speed 1, above 0.
         group_starts: first frame of each group, ascending, for the jumps between groups.
-        now: a clock in seconds that never runs backwards; tests give their own.
+        now: a monotonic clock in seconds; tests pass their own.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Transport:
 
     def _elapsed_frame(self) -> int:
         elapsed = self._now() - self._anchor_time
-        # The small term keeps a clock that stands exactly on a frame's start from falling into the one before.
+        # The small term keeps a time exactly at a frame's start from rounding down to the previous frame.
         return self._anchor_frame + int(elapsed * self.fps * self._speed + 1e-6)
 
     def _anchor(self, frame: int) -> None:
@@ -78,7 +78,7 @@ class Transport:
         self._anchor_time = self._now()
 
     def resize(self, frame_count: int, group_starts: Sequence[int], fps: float) -> None:
-        """There are other frames now (more were trained, say): stays at the frame, playing or not."""
+        """Set the range (more frames were trained, for example); keeps the frame and whether it plays."""
         frame = self.frame
         self.frame_count, self.group_starts, self.fps = max(frame_count, 1), tuple(group_starts) or (0,), fps
         self._anchor(frame)
@@ -102,7 +102,7 @@ class Transport:
             self.play()
 
     def set_loop(self, loop: bool) -> None:
-        """Whether playing goes on at the beginning after the last frame."""
+        """Whether playback restarts after the last frame."""
         self._anchor(self.frame)
         self.loop = loop
 

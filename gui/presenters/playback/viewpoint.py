@@ -1,4 +1,4 @@
-"""Viewpoint: what is open, what of it is looked at, and from where."""
+"""Viewpoint: what is open, what of it is on screen, and from which camera."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pipelines.stages.base import Context
 from studio.cameras import Camera
 
 BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
-NOTHING_OPEN = "Open a take or a stream, or make a new take from footage: menu File."
+NOTHING_OPEN = "Open a take or a stream, or create a new take from footage (File menu)."
 
 
 class Viewpoint:
@@ -22,12 +22,12 @@ class Viewpoint:
         context: the take with its footage; None for a bare stream.
         what: "truth", "trained" or "decoded".
         mode: of `compare.MODES`.
-        camera: the capture camera that is looked through; "" for the free view.
-        image_zoom: which part of its image.
-        orbit, home: the free view, now and on opening.
+        camera: the capture camera; "" for the free view.
+        image_zoom: the visible part of its image.
+        orbit, home: the free view, now and initially.
         size: of the picture, (width, height).
         background: of `BACKGROUNDS`.
-        message: a sentence to be written over the picture.
+        message: text over the picture.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class Viewpoint:
         self.mode = "single"
         self.camera = ""
         self.image_zoom = ImageZoom()
-        self._lens_follows = False
+        self._zoom_follows = False
         self._points = np.zeros((0, 3))
         self.orbit = OrbitCamera()
         self.home = self.orbit
@@ -47,41 +47,41 @@ class Viewpoint:
 
     @property
     def title(self) -> str:
-        """What the window is called."""
+        """Title of the window."""
         return f"{self.opened.title} - V3 Studio" if self.opened else "V3 Studio"
 
     @property
     def source(self) -> FrameSource | None:
-        """Where the Gaussians that are shown come from; for ground truth, those it is compared with."""
+        """Source of the Gaussians on screen; for ground truth, the source it is compared with."""
         if self.opened is None:
             return None
         return self.opened.sources.get(self.what) or self.opened.default
 
     @property
     def source_names(self) -> list[str]:
-        """What Gaussians there are of what is open."""
+        """Names of the available sources."""
         return list(self.opened.sources) if self.opened else []
 
     @property
     def camera_names(self) -> list[str]:
-        """Capture cameras that can be looked through."""
+        """Names of the capture cameras."""
         return [camera.name for camera in self.opened.rig] if self.opened and self.opened.rig else []
 
     def why_not(self, what: str) -> str:
-        """Why something cannot be shown; "" where it can."""
+        """Why a source cannot be shown; "" if it can."""
         if self.opened is None:
             return NOTHING_OPEN
         if what == "truth":
             if self.context is None:
-                return "Ground truth needs the take and its footage; this is a stream alone."
-            return "" if self.camera_names else "Ground truth needs cameras; run Calibrate."
+                return "Ground truth needs the footage; open the take instead of the stream."
+            return "" if self.camera_names else "Ground truth needs cameras. Run Calibrate."
         if what in self.opened.sources:
             return ""
-        return f"There is nothing {what} here yet; run {'Train' if what == 'trained' else 'Bake'}."
+        return f"Nothing {what} yet. Run {'Train' if what == 'trained' else 'Bake'}."
 
     @property
     def reference(self) -> str:
-        """What a comparison compares with: ground truth where a capture camera is looked through."""
+        """What a comparison compares with: ground truth in a capture camera's view."""
         if self.camera and not self.why_not("truth"):
             return "truth"
         return "trained" if self.what == "decoded" else "decoded"
@@ -92,39 +92,39 @@ class Viewpoint:
         return next((name for name in names if name in held_out), names[0])
 
     def zoom_to_performer(self) -> None:
-        """Bring the performer near, within the capture camera's image; or show the whole image again."""
-        self._lens_follows = self.camera != "" and self.image_zoom == ImageZoom()
+        """Zoom to the performer in the capture camera's image; or back to the whole image."""
+        self._zoom_follows = self.camera != "" and self.image_zoom == ImageZoom()
         self.image_zoom = ImageZoom()
-        self._fit_lens()
+        self._fit_zoom()
 
-    def _fit_lens(self) -> None:
-        """Hold the performer in a picture of the present size, as long as nobody has chosen another part."""
-        if self._lens_follows and self.camera and self.opened is not None and self.opened.rig is not None:
+    def _fit_zoom(self) -> None:
+        """Keep the performer in view at the current size, until the user zooms or pans."""
+        if self._zoom_follows and self.camera and self.opened is not None and self.opened.rig is not None:
             camera = self.opened.rig[self.camera].undistorted()
             self.image_zoom = ImageZoom.around(self._points, camera, *self._box_size)
 
     @property
     def _box_size(self) -> tuple[int, int]:
-        """Of one picture: the whole, or a share where several stand side by side."""
+        """Size of one picture: all, or a share of a side-by-side view."""
         count = 1 if self.mode != "side by side" else len(self.source_names) + 1
         return self.size[0] // count, self.size[1]
 
     def resize(self, width: int, height: int) -> None:
-        """The viewport has this many pixels now."""
+        """Set the size of the viewport in pixels."""
         size = (max(int(width), 16), max(int(height), 16))
         if size != self.size:
             self.size = size
-            self._fit_lens()
+            self._fit_zoom()
 
     def look_through(self, camera: str) -> None:
-        """Stand where a capture camera stands; "" goes back to the free view, from there."""
+        """Look through a capture camera; "" returns to the free view, from the same position."""
         self.message = ""
         if camera and self.opened is not None and self.opened.rig is not None:
             self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
         if not camera and self.what == "truth" and self.opened is not None and self.opened.default is not None:
             self.what = self.opened.default.name
-        self.camera, self.image_zoom, self._lens_follows = camera, ImageZoom(), camera != "" and self.mode != "single"
-        self._fit_lens()
+        self.camera, self.image_zoom, self._zoom_follows = camera, ImageZoom(), camera != "" and self.mode != "single"
+        self._fit_zoom()
         if not camera and self.mode != "single" and len(self.source_names) < 2:
             self.mode = "single"
 
@@ -132,29 +132,29 @@ class Viewpoint:
         """The next or previous capture camera."""
         names = self.camera_names
         if not names:
-            self.message = "There are no capture cameras here."
+            self.message = "No capture cameras."
         elif not self.camera:
             self.look_through(self._first_camera())
         else:
             self.look_through(names[(names.index(self.camera) + direction) % len(names)])
 
     def drag_orbit(self, dx: float, dy: float) -> None:
-        """Turn by a drag in pixels; leaves a capture camera."""
+        """Orbit by a drag in pixels; leaves a capture camera."""
         self._leave_camera()
         self.orbit = self.orbit.orbit(dx, dy)
 
     def drag_pan(self, dx: float, dy: float) -> None:
-        """Move by a drag in pixels; in a capture camera's image where one is looked through."""
+        """Pan by a drag in pixels; within the image in a capture camera's view."""
         if self.camera and self.opened is not None and self.opened.rig is not None:
-            self._lens_follows = False
+            self._zoom_follows = False
             self.image_zoom = self.image_zoom.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
             return
         self.orbit = self.orbit.pan(dx, dy, self.size[1])
 
     def wheel(self, notches: float) -> None:
-        """Nearer or farther; in a capture camera's image where one is looked through."""
+        """Zoom; within the image in a capture camera's view."""
         if self.camera:
-            self._lens_follows = False
+            self._zoom_follows = False
             self.image_zoom = self.image_zoom.zoomed(notches)
             return
         self.orbit = self.orbit.zoom(notches)
@@ -164,7 +164,7 @@ class Viewpoint:
             self.look_through("")
 
     def view(self) -> Camera | None:
-        """The pinhole camera of the view as it is; None where nothing is open."""
+        """The pinhole camera of the current view; None if nothing is open."""
         if self.opened is None:
             return None
         if self.camera and self.opened.rig is not None:
@@ -172,9 +172,9 @@ class Viewpoint:
         return self.orbit.camera(*self.size)
 
     def reset_view(self) -> None:
-        """Back to where the view was on opening; a capture camera's whole image where one is looked through."""
+        """Reset the free view, or show the whole image in a capture camera's view."""
         if self.camera:
-            self.image_zoom, self._lens_follows = ImageZoom(), False
+            self.image_zoom, self._zoom_follows = ImageZoom(), False
         else:
             self.orbit = self.home
 

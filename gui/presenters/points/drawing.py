@@ -1,4 +1,4 @@
-"""The parts of the points board's picture, and what a click on each does."""
+"""The parts of the points view and their click actions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gui.presenters.drawing.palette import (
     RGB,
     TEXT,
 )
-from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.magnifier import Magnifier
 from gui.presenters.points.marks import TieMarks
 from studio.calibration import TiePoint
 
@@ -33,8 +33,8 @@ _CROP = 24
 """Pixels to each side of a mark that the small pictures show."""
 
 _HOW = (
-    "Click on a corner or a dot that other cameras see too. Go to the next camera (C) and click on the same place. "
-    "Then a new point (N): a dozen in each camera, spread over the picture and not all on the floor."
+    "Click a corner or dot that other cameras see too. Go to the next camera (C) and click the same point. "
+    "Then add a new point (N). Mark a dozen points per camera, spread over the image and not all on the floor."
 )
 
 Action = Callable[[], None]
@@ -42,7 +42,7 @@ Rect = tuple[float, float, float, float]
 
 
 class Spots:
-    """Rectangles of a picture that do something when they are clicked."""
+    """Clickable rectangles of a picture."""
 
     def __init__(self) -> None:
         self._spots: list[tuple[Rect, Action]] = []
@@ -86,15 +86,15 @@ def tabs(
     return y + step
 
 
-def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float) -> None:
+def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, em: float) -> None:
     """All marks of a camera, open in the middle, with as many of their names as do not lie over each other."""
     small = round(0.85 * em)
     taken: list[Rect] = []
     seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
     for index in sorted(seen, key=lambda index: index != marks.chosen):
         point, chosen = marks.points[index], index == marks.chosen
-        x, y = zoom.shown(*point.pixels[camera])
-        if not zoom.holds(x, y):
+        x, y = magnifier.shown(*point.pixels[camera])
+        if not magnifier.holds(x, y):
             continue
         color = ACCENT if chosen else GOOD
         for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -108,7 +108,7 @@ def crosses(canvas: Canvas, zoom: Zoom, marks: TieMarks, camera: str, em: float)
             free = all(
                 left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1] for other in taken
             )
-            if free and zoom.holds(left, top) and zoom.holds(right, bottom):
+            if free and magnifier.holds(left, top) and magnifier.holds(right, bottom):
                 taken.append((left, top, right, bottom))
                 canvas.text(left + 1, top + 1, words, small, BLACK)
                 canvas.text(left, top, words, small, color)

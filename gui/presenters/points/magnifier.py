@@ -1,4 +1,4 @@
-"""A picture in a rectangle that can be looked at more closely."""
+"""Magnifier: zoom and pan of an image within a rectangle."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _MOST = 24.0
 _NOTCH = 1.25
 
 
-class Zoom:
-    """Which part of a picture is shown, how large.
+class Magnifier:
+    """Which part of an image is on screen, and how large.
 
     Args:
         size: width and height of the picture.
 
     Attributes:
-        scale: times the size at which all of it is seen, 1 and more.
-        center: (x, y) of the picture in the middle of the rectangle.
+        scale: magnification relative to the whole image fitted into the rectangle, at least 1.
+        center: (x, y) of the image at the middle of the rectangle.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
@@ -32,49 +32,49 @@ class Zoom:
 
     @property
     def key(self) -> Hashable:
-        """What a picture of it depends on."""
+        """Hashable state, for change detection."""
         return self.scale, self.center
 
     def place(self, rect: tuple[float, float, float, float]) -> None:
-        """Where it is shown: x, y, width, height in pixels."""
+        """Set the rectangle: x, y, width, height in screen pixels."""
         self.rect = rect
 
     @property
     def factor(self) -> float:
-        """Shown pixels for one of the picture."""
+        """Screen pixels per image pixel."""
         return self.scale * min(self.rect[2] / self.size[0], self.rect[3] / self.size[1])
 
     def shown(self, x: float, y: float) -> tuple[float, float]:
-        """Where a place of the picture is shown."""
+        """Screen position of an image pixel."""
         left, top, width, height = self.rect
         factor = self.factor
         return left + width / 2 + (x - self.center[0]) * factor, top + height / 2 + (y - self.center[1]) * factor
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
-        """The place of the picture that is shown here."""
+        """Image pixel at a screen position."""
         left, top, width, height = self.rect
         factor = self.factor
         return self.center[0] + (x - left - width / 2) / factor, self.center[1] + (y - top - height / 2) / factor
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a place lies in the rectangle."""
+        """Whether a pixel is in the rectangle."""
         left, top, width, height = self.rect
         return left <= x < left + width and top <= y < top + height
 
     def pan(self, dx: float, dy: float) -> None:
-        """Move the picture by shown pixels."""
+        """Pan by screen pixels."""
         factor = self.factor
         self._look_at(self.center[0] - dx / factor, self.center[1] - dy / factor)
 
-    def nearer(self, notches: float, x: float, y: float) -> None:
-        """Closer, or farther, about the place that is shown at (x, y), which stays there."""
+    def zoom(self, notches: float, x: float, y: float) -> None:
+        """Zoom by notches of the wheel about screen position (x, y), which stays fixed."""
         before = self.pixel(x, y)
         self.scale = min(max(self.scale * _NOTCH**notches, 1.0), _MOST)
         after = self.pixel(x, y)
         self._look_at(self.center[0] + before[0] - after[0], self.center[1] + before[1] - after[1])
 
     def _look_at(self, x: float, y: float) -> None:
-        """As far as the picture goes."""
+        """Set the center, clamped to the image."""
         half = [self.rect[axis + 2] / self.factor / 2 for axis in (0, 1)]
         places = []
         for axis, value in enumerate((x, y)):

@@ -1,4 +1,4 @@
-"""Points marked by hand, as they are being marked: which is chosen, where it is seen, and the file they live in."""
+"""The editing state of manual tie points: points, selection, undo, and their file."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from studio.calibration import TiePoint, read_tie_points, write_tie_points
 from studio.cameras import Camera, Rig
 
 LEAST = 6
-"""Marks that a camera should have at least."""
+"""Recommended minimum of marks per camera."""
 
 
 class TieMarks:
-    """The points of a file, which is written at each change.
+    """The points of a file, which is saved at each change.
 
     Args:
-        path: the file; it need not be there yet.
+        path: the file, which may not exist yet.
 
     Attributes:
-        points: in the order of the list; a point without a mark is kept here, not in the file.
-        chosen: index of the point that the next click marks.
-        changes: grows with each change.
+        points: in the order of the list; a point without marks is not saved.
+        chosen: index of the selected point.
+        changes: incremented with each change.
 
     Raises:
-        StudioError: the file is there and cannot be read.
+        StudioError: the file cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -43,12 +43,12 @@ class TieMarks:
 
     @property
     def stale(self) -> bool:
-        """Whether somebody else has changed the file since."""
+        """Whether another program has changed the file."""
         return self._time() != self._stamp
 
     @property
     def point(self) -> TiePoint | None:
-        """The chosen point; None where there is none."""
+        """The selected point; None if there is none."""
         return self.points[self.chosen] if 0 <= self.chosen < len(self.points) else None
 
     def count(self, camera: str) -> int:
@@ -56,19 +56,19 @@ class TieMarks:
         return sum(camera in point.pixels for point in self.points)
 
     def choose(self, index: int) -> None:
-        """The point of this index, as far as there is one."""
+        """Select a point; the index is clamped."""
         self.chosen = min(max(index, 0), max(len(self.points) - 1, 0))
         self.changes += 1
 
     def add(self) -> None:
-        """A new point, chosen."""
+        """Add a point and select it."""
         names = {point.name for point in self.points}
         number = next(n for n in range(1, len(names) + 2) if f"point {n}" not in names)
         self.points = [*self.points, TiePoint(f"point {number}")]
         self.choose(len(self.points) - 1)
 
     def mark(self, camera: str, x: float, y: float, frame: int) -> None:
-        """The chosen point (a new one where there is none) lies here in a camera's picture.
+        """The chosen point (a new one where there is none) is at this pixel of a camera's image.
 
         Raises:
             StudioError: the file cannot be written.
@@ -80,24 +80,24 @@ class TieMarks:
         self._put(replace(point, pixels=pixels, frame=frame if point.frame is None else point.frame))
 
     def unmark(self, camera: str) -> None:
-        """The chosen point is not seen in a camera after all."""
+        """Remove the selected point's mark in a camera."""
         point = self.point
         if point is not None and camera in point.pixels:
             self._put(replace(point, pixels={name: xy for name, xy in point.pixels.items() if name != camera}))
 
     def describe(self, text: str) -> str:
-        """Name the chosen point and say where it lies, as in "corner of the mat; 0 0.3 0"; returns what is wrong.
+        """Set the selected point's name and, optionally, its measured position: "corner of the mat; 0 0.3 0".
 
-        Without numbers its place in the world is not known.
+        Returns "" or an error message.
         """
         point = self.point
         if point is None:
-            return "Choose a point first."
+            return "Select a point first."
         name, _, place = (part.strip() for part in text.partition(";"))
         if not name:
             return "A point needs a name."
         if any(other.name == name for other in self.points if other is not point):
-            return f"Another point is called '{name}'; give each a name of its own."
+            return f"Another point is named '{name}'. Choose a unique name."
         world = None
         if place:
             words = place.replace(",", " ").split()
@@ -106,19 +106,19 @@ class TieMarks:
             except ValueError:
                 numbers = []
             if len(numbers) != 3 or not np.isfinite(numbers).all():
-                return f"'{place}' is no place: give three numbers in meters, as in 0 0.3 0 (z is up)."
+                return f"'{place}' is not a position of three numbers in meters (z up). Example: 0 0.3 0."
             world = (numbers[0], numbers[1], numbers[2])
         self._put(replace(point, name=name, world=world))
         return ""
 
     def remove(self) -> None:
-        """The chosen point goes altogether."""
+        """Delete the selected point."""
         if self.point is not None:
             self._change(self.points[: self.chosen] + self.points[self.chosen + 1 :])
             self.choose(self.chosen)
 
     def undo(self) -> None:
-        """Take the last change back, and the ones before."""
+        """Undo the last change."""
         if self._before:
             self.points, self.chosen = self._before.pop()
             self._write()
@@ -138,7 +138,7 @@ class TieMarks:
 
 
 def advice(marks: TieMarks, names: Sequence[str], camera: str, frame: int | None) -> str:
-    """What a click in a camera does, and which cameras have too few marks.
+    """Status line: what a click does, and which cameras have too few marks.
 
     Args:
         marks: the points.
@@ -148,12 +148,12 @@ def advice(marks: TieMarks, names: Sequence[str], camera: str, frame: int | None
     """
     point = marks.point
     if point is None:
-        words = "a click begins a point"
+        words = "click to add a point"
     elif None not in (point.frame, frame) and point.frame != frame and point.pixels:
-        words = f"'{_short(point.name)}' was marked in frame {point.frame}, this is {frame}: only for what stands still"
+        words = f"'{_short(point.name)}' was marked in frame {point.frame}, this is {frame}: it must not have moved"
     else:
-        does = "moves" if camera in point.pixels else "marks"
-        words = f"a click {does} '{_short(point.name)}' in {camera}; wheel and drag look closer"
+        does = "move" if camera in point.pixels else "mark"
+        words = f"click to {does} '{_short(point.name)}' in {camera}; wheel and drag to zoom and pan"
     few = [name for name in names if marks.count(name) < LEAST]
     if few:
         more = f" and {len(few) - 3} more" if len(few) > 3 else ""
@@ -166,10 +166,10 @@ def _short(name: str) -> str:
 
 
 def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
-    """Where cameras that stand say that a point lies in a camera's picture.
+    """Where calibrated cameras predict a point in another camera's image.
 
     Returns:
-        (1, 2) its place, from two other cameras' marks or more; (N, 2) a line on which it lies, from one mark; None
+        (1, 2) its pixel, from marks in two or more other cameras; (N, 2) its epipolar line, from one mark; None
         without any.
     """
     from studio.calibration.manual.bootstrap import Observations, TieRig, pixel_rays, triangulate

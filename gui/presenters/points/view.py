@@ -1,4 +1,4 @@
-"""Points by hand: a camera's picture to mark points in, the list of points, and how others see the chosen one."""
+"""Manual tie points: one camera's image, the list of points, and crops of the selected point in other cameras."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from gui.presenters.drawing.canvas import Canvas
 from gui.presenters.drawing.palette import FAIR, GROUND
 from gui.presenters.points.drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
-from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.magnifier import Magnifier
 from gui.presenters.points.marks import TieMarks, advice, expected
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import Size, StageView
@@ -22,10 +22,10 @@ from studio.errors import StudioError
 
 
 class PointsView(StageView):
-    """See the module. Clicks fall on what the last picture had where.
+    """See the module. Clicks act on the layout of the last picture.
 
     Attributes:
-        asks: what the window shall ask the user for: "describe" or "", and "run" for a calibration.
+        asks: what the window is to do: "describe" (edit the point), "run" (calibrate) or "".
     """
 
     modes = ("points by hand",)
@@ -37,7 +37,7 @@ class PointsView(StageView):
         self.snaps = True
         self.asks = ""
         self.problem = ""
-        self._zooms: dict[str, Zoom] = {}
+        self._magnifiers: dict[str, Magnifier] = {}
         self._images: dict[tuple[str, int], np.ndarray] = {}
         self._spots = Spots()
         self._hover = (0.0, 0.0)
@@ -52,7 +52,7 @@ class PointsView(StageView):
 
     @property
     def path(self) -> Path | None:
-        """The file of points: the settings' one, else points.yaml in the take."""
+        """File of the points: from the settings, else points.yaml in the take."""
         take, config = self.workspace.take, self.workspace.config
         if take is None or config is None:
             return None
@@ -71,8 +71,17 @@ class PointsView(StageView):
         files = (take.rig, take.calibration_report) if take is not None else ()
         solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
         changes = self.marks.changes if self.marks is not None else 0
-        zoom = self._zooms.get(self.camera)
-        return (path, changes, self._changes, self.camera, self.frame, self.em, solved, zoom.key if zoom else None)
+        magnifier = self._magnifiers.get(self.camera)
+        return (
+            path,
+            changes,
+            self._changes,
+            self.camera,
+            self.frame,
+            self.em,
+            solved,
+            magnifier.key if magnifier else None,
+        )
 
     def _load(self, path: Path) -> None:
         chosen = self.marks.chosen if self.marks is not None and self.marks.path == path else 0
@@ -85,7 +94,7 @@ class PointsView(StageView):
             self._changes += 1
 
     def names(self) -> tuple[str, ...]:
-        """The cameras, once their footage has been shown; it may be missing or broken."""
+        """Camera names; empty until the footage has been opened."""
         context, names = self._footage
         return names if context is self.workspace.context else ()
 
@@ -95,7 +104,9 @@ class PointsView(StageView):
         """See `StageView`."""
         marks = self.marks
         if marks is None or self.workspace.context is None:
-            raise StudioError(self.problem or "Open a take to mark points in its footage.")
+            raise StudioError(
+                "gui.no_points", self.problem or "no take is open", fix="" if self.problem else "Open a take."
+            )
         names = self.workspace.context.footage.raw.camera_names
         self._footage = (self.workspace.context, names)
         if self.camera not in names:
@@ -110,7 +121,7 @@ class PointsView(StageView):
             if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and those after it
                 here = shown.index(self.camera)
                 shown = shown[here:] + shown[:here]
-            frame = marks.point.frame  # what moves lies elsewhere at other times
+            frame = marks.point.frame  # moving points are elsewhere in other frames
             images = {name: self._image(name, frame) for name in shown[:MOST_PICTURES]}
             rect = (size[0] - right, top, right, size[1] - top)
             crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
@@ -120,7 +131,7 @@ class PointsView(StageView):
         return canvas.pixels
 
     def _image(self, camera: str, number: int | None = None) -> np.ndarray:
-        """A camera's picture: the frame of this number in the footage, else the one that is shown."""
+        """A camera's image: of this frame number, else of the current frame."""
         assert self.workspace.context is not None
         if number is None or number not in self.workspace.context.footage.raw.frames:
             number = self._number()
@@ -132,44 +143,44 @@ class PointsView(StageView):
         return self._images[key]
 
     def _number(self) -> int:
-        """The footage's number of the frame that is shown."""
+        """Frame number, in the footage, of the current frame."""
         assert self.workspace.context is not None
         frames = self.workspace.context.footage.raw.frames
         return int(frames[min(self.frame, len(frames) - 1)])
 
     def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
         image = self._image(self.camera)
-        zoom = self._zooms.get(self.camera)
-        if zoom is None:
-            zoom = self._zooms[self.camera] = Zoom((image.shape[1], image.shape[0]))
-        zoom.place(rect)
-        zoom.draw(canvas, image)
-        crosses(canvas, zoom, marks, self.camera, self.em)
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is None:
+            magnifier = self._magnifiers[self.camera] = Magnifier((image.shape[1], image.shape[0]))
+        magnifier.place(rect)
+        magnifier.draw(canvas, image)
+        crosses(canvas, magnifier, marks, self.camera, self.em)
         rig = self._cameras()
         chosen = marks.point
         if rig is not None and chosen is not None and self.camera in rig:
             guess = expected(chosen, rig[self.camera], rig)
             if guess is not None:
-                shown = [zoom.shown(x, y) for x, y in guess]
+                shown = [magnifier.shown(x, y) for x, y in guess]
                 if len(shown) == 1:
-                    if zoom.holds(*shown[0]):
+                    if magnifier.holds(*shown[0]):
                         canvas.dot(*shown[0], 0.7 * self.em, FAIR, filled=False)
                 else:
-                    canvas.line([place for place in shown if zoom.holds(*place)] or [(-9, -9), (-9, -9)], FAIR)
+                    canvas.line([place for place in shown if magnifier.holds(*place)] or [(-9, -9), (-9, -9)], FAIR)
 
     def _buttons(self) -> list[tuple[str, Action]]:
         return [
             ("New point (N)", self.new_point),
-            ("Name, place (E)", partial(self._ask, "describe")),
-            ("Not here (Delete)", self.unmark),
-            ("Remove the point", self.remove),
+            ("Edit name, position (E)", partial(self._ask, "describe")),
+            ("Not in this camera (Delete)", self.unmark),
+            ("Delete point", self.remove),
             ("Undo (U)", self.undo),
             (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
-            ("Calibrate from these", partial(self._ask, "run")),
+            ("Calibrate", partial(self._ask, "run")),
         ]
 
     def _solved(self) -> dict[str, dict[str, float]]:
-        """The last calibration's figures by point, where it was made from points."""
+        """Figures by point of the last calibration, if it used tie points."""
         take = self.workspace.take
         if take is None or not take.calibration_report.is_file():
             return {}
@@ -180,7 +191,7 @@ class PointsView(StageView):
         return self._figures[1]
 
     def _cameras(self) -> Rig | None:
-        """Cameras that stand and fit the footage's size."""
+        """The calibrated cameras, if they match the footage's resolution."""
         take, context = self.workspace.take, self.workspace.context
         if take is None or context is None or not take.rig.is_file():
             return None
@@ -200,15 +211,15 @@ class PointsView(StageView):
     # What a user does
 
     def click(self, x: float, y: float) -> None:
-        """A click at a pixel of the board's picture."""
+        """A click at a pixel of the picture."""
         action = self._spots.at(x, y)
         if action is not None:
             self._try(action)
             self._changes += 1
             return
-        zoom = self._zooms.get(self.camera)
-        if zoom is not None and zoom.holds(x, y) and self.marks is not None:
-            self._try(partial(self._mark, *zoom.pixel(x, y)))
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None and magnifier.holds(x, y) and self.marks is not None:
+            self._try(partial(self._mark, *magnifier.pixel(x, y)))
 
     def _mark(self, x: float, y: float) -> None:
         from studio.calibration.manual.subpixel import snap
@@ -244,7 +255,7 @@ class PointsView(StageView):
             self.show_camera(names[(here + direction) % len(names)])
 
     def new_point(self) -> None:
-        """Begin a point."""
+        """Add a point."""
         if self.marks is not None:
             self.marks.add()
 
@@ -254,7 +265,7 @@ class PointsView(StageView):
             self.marks.choose(self.marks.chosen + direction)
 
     def unmark(self) -> None:
-        """The chosen point is not in this camera."""
+        """Remove the selected point's mark in this camera."""
         if self.marks is not None:
             marks, camera = self.marks, self.camera
             self._try(lambda: marks.unmark(camera))
@@ -265,36 +276,36 @@ class PointsView(StageView):
             self._try(self.marks.remove)
 
     def undo(self) -> None:
-        """Take the last change back."""
+        """Undo the last change."""
         if self.marks is not None:
             self._try(self.marks.undo)
 
     def toggle_snap(self) -> None:
-        """Whether clicks fall on the nearest corner or dot."""
+        """Toggle snapping of clicks to the nearest corner or dot."""
         self.snaps = not self.snaps
         self._changes += 1
 
     def hover(self, x: float, y: float) -> None:
-        """Where the mouse is."""
+        """Pointer position when the wheel turns."""
         self._hover = (x, y)
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Move the picture."""
-        zoom = self._zooms.get(self.camera)
-        if zoom is not None:
-            zoom.pan(dx, dy)
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None:
+            magnifier.pan(dx, dy)
 
     def wheel(self, notches: float) -> None:
-        """Nearer, about the mouse; over the list the next or the previous point."""
-        zoom = self._zooms.get(self.camera)
-        if zoom is not None and zoom.holds(*self._hover):
-            zoom.nearer(notches, *self._hover)
+        """Magnifier at the pointer; over the list, select the next or previous point."""
+        magnifier = self._magnifiers.get(self.camera)
+        if magnifier is not None and magnifier.holds(*self._hover):
+            magnifier.zoom(notches, *self._hover)
         else:
             self.step_point(-1 if notches > 0 else 1)
 
     def reset(self) -> None:
-        """The whole picture."""
-        self._zooms.pop(self.camera, None)
+        """Show the whole image."""
+        self._magnifiers.pop(self.camera, None)
         self._changes += 1
 
     @property

@@ -1,4 +1,4 @@
-"""Exports: `v3studio export` as a child process, and the camera path that views are collected for."""
+"""Exports: `v3studio export` as a child process, and the views of a camera path."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 FORMATS: dict[str, tuple[str, str]] = {
-    "ply": ("PLY, a file a frame", ""),
-    "spz": ("SPZ, a file a frame", ""),
-    "glb": ("GLB, a file a frame", ""),
+    "ply": ("PLY, one file per frame", ""),
+    "spz": ("SPZ, one file per frame", ""),
+    "glb": ("GLB, one file per frame", ""),
     "videogs": ("VideoGS layout", ""),
     "turntable": ("Movie: turntable", ".mp4"),
-    "camera-path": ("Movie: along the camera path", ".mp4"),
+    "camera-path": ("Movie: camera path", ".mp4"),
 }
-"""What can be written: words, and the ending of the file (folders have none)."""
+"""Export formats: label, and the file extension (none for folders)."""
 
 KEY_SECONDS = 2.0
-"""Seconds of the movie from one collected view to the next."""
+"""Seconds of the movie between two views of the path."""
 
 MOVIES = ("turntable", "camera-path")
 MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
 MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
-"""Behind the performer, as the window calls it; None is the capture's own."""
+"""Background of the movie by label; None is the capture's own."""
 
 LEAST_SECONDS = 6.0
-"""Of a turntable: a faster one makes dizzy."""
+"""Shortest turntable offered by default: faster ones are dizzying."""
 
 
 @dataclass(frozen=True)
 class PathKey:
-    """A view that was collected: the camera, and the frame that was shown."""
+    """A view of the camera path: the camera, and the frame shown."""
 
     camera: Camera
     frame: int
@@ -47,7 +47,7 @@ class PathKey:
 
 @dataclass
 class ExportRequest:
-    """What the operator has chosen so far, as typed.
+    """An export as chosen in the dialog, text as typed.
 
     Attributes:
         kind: of `FORMATS`.
@@ -88,7 +88,7 @@ class ExportRequest:
         """For `v3studio export`, besides a camera path.
 
         Raises:
-            StudioError: the seconds are no number above 0.
+            StudioError: `export.bad_seconds`, not a number above 0 and at most 3600.
         """
         found = [self.source, "--format", self.kind, "--out", str(self.path), "--json"]
         if self.of:
@@ -105,7 +105,12 @@ class ExportRequest:
             except ValueError:
                 seconds = 0.0
             if not 0 < seconds <= 3600:
-                raise StudioError(f"The movie's length is '{self.seconds}'; give seconds from 0 to 3600, as in 6.")
+                raise StudioError(
+                    "export.bad_seconds",
+                    f"movie length '{self.seconds}' is not a number of seconds above 0 and at most 3600",
+                    value=self.seconds,
+                    fix="Example: 6.",
+                )
             found += ["--seconds", f"{seconds:g}"]
         return found
 
@@ -120,9 +125,9 @@ class Exports:
     """One export at a time.
 
     Attributes:
-        keys: views collected for a camera path.
-        words: how far the export is; "" where none runs.
-        result: what came of the last one, a sentence to be shown once.
+        keys: views of the camera path.
+        words: progress; "" if none runs.
+        result: outcome of the last export, to be shown once.
         failed: whether that is an error.
     """
 
@@ -136,33 +141,43 @@ class Exports:
 
     @property
     def running(self) -> bool:
-        """Whether one is at work."""
+        """Whether an export is running."""
         return self._process is not None
 
-    def start(self, wanted: ExportRequest) -> None:
+    def start(self, request: ExportRequest) -> None:
         """Begin.
 
         Raises:
-            StudioError: one runs already, or the path has no views, or the target is there.
+            StudioError: `export.running`, `export.target_exists`, `export.too_few_views` or `export.bad_seconds`.
         """
         if self._process is not None:
-            raise StudioError("An export runs already; wait for it or stop it (menu Export).")
-        if wanted.path.exists():
-            raise StudioError(f"{wanted.path} is there already; nothing is overwritten, so choose another name.")
-        command = [*v3studio_command(), "export", *wanted.arguments()]
+            raise StudioError(
+                "export.running", "another export is running", fix="Wait for it, or stop it from the Export menu."
+            )
+        if request.path.exists():
+            raise StudioError(
+                "export.target_exists", "already exists, and nothing is overwritten", file=request.path,
+                fix="Choose another name.",
+            )  # fmt: skip
+        command = [*v3studio_command(), "export", *request.arguments()]
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
-        if wanted.kind == "camera-path":
-            width, height = map(int, wanted.size.split("x"))
+        if request.kind == "camera-path":
+            width, height = map(int, request.size.split("x"))
             command += ["--path", str(self._write_path(scratch, (width, height)))]
         self._process = ChildProcess(command, scratch / "errors.txt", scratch)
-        self._target, self._stopping = wanted.path, False
-        self.words, self.result = f"export {wanted.kind}: starting", ""
+        self._target, self._stopping = request.path, False
+        self.words, self.result = f"export {request.kind}: starting", ""
 
     def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
         from studio.export import Key, path_to_json
 
         if len(self.keys) < 2:
-            raise StudioError("A camera path needs two views or more; collect them with K, then export again.")
+            raise StudioError(
+                "export.too_few_views",
+                "a camera path needs at least two views",
+                value=len(self.keys),
+                fix="Add views with K, then export again.",
+            )
         keys = [
             Key(number * KEY_SECONDS, fitted(key.camera, *size), float(key.frame))
             for number, key in enumerate(self.keys)
@@ -172,16 +187,16 @@ class Exports:
         return path
 
     def poll(self) -> bool:
-        """Take in what the process has told; returns whether something changed."""
+        """Take in the output of the process; returns whether something changed."""
         process = self._process
         if process is None:
             return False
         before = self.words
         for line in process.take_lines():
             with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
-                told = json.loads(line)
-                if told["kind"] == "progress":
-                    self.words = f"{told['what']}: {told['done']} of {told['total']}"
+                event = json.loads(line)
+                if event["kind"] == "progress":
+                    self.words = f"{event['what']}: {event['done']} of {event['total']}"
         status = process.status
         if status is None:
             return self.words != before
@@ -192,20 +207,20 @@ class Exports:
         if status == 0:
             self.result = f"Written: {self._target}"
         elif self._stopping or status == EXIT_CANCELLED:
-            self.result, self.failed = "The export was stopped; nothing was left behind.", False
+            self.result, self.failed = "Export stopped. No files were left behind.", False
         else:
-            self.result = f"The export failed: {last.removeprefix('error: ')}"
+            self.result = f"Export failed: {last.removeprefix('error: ')}"
         return True
 
     def stop(self) -> None:
-        """Ask it to end; what is half written is removed."""
+        """Ask it to stop; partial output is removed."""
         if self._process is not None:
             self._stopping = True
             self._process.cancel()
 
 
 def fitted(camera: Camera, width: int, height: int) -> Camera:
-    """The view in a picture of another size and shape: as high as before, the sides cut or widened."""
+    """The view at another image size: same vertical field of view, the sides cropped or extended."""
     scale = height / camera.height
     K = camera.K.copy()
     K[:2] *= scale

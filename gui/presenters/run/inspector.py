@@ -1,4 +1,4 @@
-"""The right side: figures of what is selected, and the job's log, as pictures."""
+"""The inspector and the job log, drawn as pictures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Block:
 
 
 def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks, drawn_rate: float) -> list[Block]:
-    """What is known of the frame that is shown. Quality is as evaluation.json has it."""
+    """Figures of the current frame; quality as in evaluation.json."""
     transport, picture = player.transport, player.picture
     if player.opened is None:
         return []
@@ -45,8 +45,8 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
             "Frame",
             [
                 ("frame", f"{frame} (0 to {transport.last})"),
-                ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} a second"),
-                *([("in the footage", str(player.filmed[frame]))] if filmed_otherwise(player) else []),
+                ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} fps"),
+                *([("footage frame", str(player.filmed[frame]))] if filmed_otherwise(player) else []),
                 ("group", f"{group} (0 to {len(transport.group_starts) - 1})"
                  + (", keyframe" if frame in transport.group_starts else "")),
                 *camera_rows(player),
@@ -61,12 +61,14 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
             value = figures.get(f"{name}_{what}")
             if value is not None:
                 rows.append((f"{name.upper()} {what}", f"{value:.2f} dB" if name == "psnr" else f"{value:.4f}"))
-    row = evaluation.rows.get(frame)
+    row = evaluation.frames.get(frame)
     if row is not None:
-        rows.append(("size", f"{row['bytes'] / 1000:.1f} KB"))
+        rows.append(("size", f"{row.bytes / 1000:.1f} KB"))
     blocks.append(
         Block(
-            f"Quality, {whose}" if whose else "Quality", rows, evaluation.error or ("" if rows else "Not measured yet.")
+            f"Quality, {whose}" if whose else "Quality",
+            rows,
+            evaluation.error or ("" if rows else "Not evaluated yet."),
         )
     )
     rows = []
@@ -79,22 +81,22 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
             rows.append(("decode" if picture.source == "decoded" else "read", f"{load:.1f} ms"))
         if picture.draw_seconds:
             rows.append(("render", f"{1000 * picture.draw_seconds:.1f} ms"))
-    rows.append(("handed over", f"{player.rate:.1f} a second"))
-    rows.append(("window drawn", f"{drawn_rate:.1f} a second"))
+    rows.append(("playback", f"{player.rate:.1f} fps"))
+    rows.append(("window redraws", f"{drawn_rate:.1f} fps"))
     blocks.append(Block("Speed", rows))
     if player.left_out:
-        blocks.insert(1, Block("Damaged, left out", [], "\n".join(player.left_out)))
+        blocks.insert(1, Block("Damaged, skipped", [], "\n".join(player.left_out)))
     return blocks
 
 
 def filmed_otherwise(player: PlayerPresenter) -> bool:
-    """Whether the footage's files give the frame another number than the take does."""
+    """Whether the footage's frame number differs from the take's."""
     frame = player.transport.frame
     return frame < len(player.filmed) and player.filmed[frame] != frame
 
 
 def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
-    """What the run does now, and how the shown stage stands."""
+    """Progress of the run, and the status of the selected stage."""
     row = workspace.row(stage)
     blocks = []
     progress = workspace.run.progress
@@ -102,7 +104,7 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
         words = "paused" if workspace.paused else workspace.run.stage_words()
         rows = [("stage", progress.stage), ("done", words)]
         if progress.total_seconds_left is not None and not workspace.paused:
-            rows.append(("whole run", f"{duration(progress.total_seconds_left)} left"))
+            rows.append(("entire run", f"{duration(progress.total_seconds_left)} left"))
         for name in ("loss", "psnr", "splats"):
             value = progress.figures.get(name)
             if isinstance(value, float):
@@ -114,10 +116,10 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
         status = workspace.assessment.stages.get(stage)
         rows = [("state", "paused" if row.state == "running" and workspace.paused else row.state)]
         if status is not None and status.seconds is not None:
-            rows.append(("took", duration(status.seconds)))
+            rows.append(("time", duration(status.seconds)))
         for name, value in (status.summary or {}).items() if status is not None else ():
             words = (
-                ", ".join(map(str, value))
+                ", ".join(f"{one:,}" if isinstance(one, int) else str(one) for one in value)
                 if isinstance(value, list)
                 else f"{value:,}"
                 if isinstance(value, int)
@@ -131,15 +133,15 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
 
 
 def camera_rows(player: PlayerPresenter) -> list[Row]:
-    """The capture camera that is looked through, or the free view."""
+    """Rows on the capture camera or the free view."""
     rig = player.opened.rig if player.opened is not None else None
     if not player.camera or rig is None:
-        return [("camera", f"free view, {player.orbit.distance:.2f} away")]
+        return [("camera", f"free view, distance {player.orbit.distance:.2f}")]
     camera = rig[player.camera]
     held_out = player.context is not None and camera.name in player.context.config.capture.held_out
     return [
         ("camera", camera.name + (", held out" if held_out else "")),
-        ("lens", f"{camera.width} x {camera.height}, focal {camera.fx:.0f} px"),
+        ("image", f"{camera.width} x {camera.height}, focal {camera.fx:.0f} px"),
     ]
 
 

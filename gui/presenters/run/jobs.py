@@ -1,7 +1,7 @@
-"""Jobs: stages run as child processes, exactly as the command line does; and runs that others started are followed.
+"""Jobs: stages run as child processes of the command line, and runs started elsewhere, which are followed.
 
-A job's events come through its standard output. A run that was not started here (in a terminal, or by a window that
-has been closed since) is followed through the take's log, which the runner writes.
+A job's events come through its standard output. A run started elsewhere (in a terminal, or by a window closed since) is
+followed through the take's log, which the runner writes.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
 
 import pipelines
-from pipelines.events import Event, Log, RunFinished, read_line
+from pipelines.config.renamed import STAGES
+from pipelines.events import Event, Log, RunFinished, RunStarted, read_line
 from pipelines.takes.take import Take
 
 STDERR_NAME = "window_job.log"
@@ -27,22 +29,22 @@ _LONGEST_LINE = 1 << 20  # bytes; the rest of a longer one is dropped
 
 
 def v3studio_command() -> list[str]:
-    """The command line, by the Python that runs the window."""
+    """Command that runs the CLI with this Python."""
     return [sys.executable, "-m", "pipelines.cli"]
 
 
 class ChildProcess:
-    """A process in a session of its own, so that it can outlive the window.
+    """A child process in its own session, so that it can outlive the window.
 
     Args:
         command: program and arguments.
-        errors: file for what it prints besides its standard output.
-        folder: to start it in.
+        errors: file for its standard error.
+        folder: working directory.
     """
 
     def __init__(self, command: Sequence[str], errors: Path, folder: Path) -> None:
         self.errors = errors
-        root = str(Path(pipelines.__file__).resolve().parents[1])  # wherever the window was started from
+        root = str(Path(pipelines.__file__).resolve().parents[1])  # so that the child finds the packages
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         with errors.open("wb") as file:
             self._process = subprocess.Popen(
@@ -75,11 +77,11 @@ class ChildProcess:
 
     @property
     def running(self) -> bool:
-        """True until the process has ended and all that it said was taken by `poll`."""
+        """True until the process has ended and all of its output has been read."""
         return not self._ended
 
     def take_lines(self) -> list[str]:
-        """New lines of its standard output. Never waits."""
+        """New lines of its standard output. Never blocks."""
         lines: list[str] = []
         with contextlib.suppress(queue.Empty):
             while not self._ended:
@@ -93,7 +95,7 @@ class ChildProcess:
 
     @property
     def status(self) -> int | None:
-        """Exit status, negative for a signal; None while it runs or its output was not all taken."""
+        """Exit status, negative for a signal; None while it runs or has unread output."""
         return self._process.poll() if self._ended else None
 
     def last_line(self) -> str:
@@ -103,11 +105,11 @@ class ChildProcess:
         return (errors or lines or ["no error message"])[-1].strip()
 
     def last_words(self) -> str:
-        """The end of what it printed as errors."""
+        """The end of its standard error."""
         return self.errors.read_text(encoding="utf-8", errors="replace")[-4000:] if self.errors.is_file() else ""
 
     def cancel(self) -> None:
-        """Ask it to stop (SIGTERM); it does so within two seconds and keeps what is finished."""
+        """Stop it with SIGTERM; it exits within two seconds and keeps finished work."""
         if self._process.poll() is None:
             stop_process(self._process.pid)
 
@@ -125,7 +127,7 @@ class Job(ChildProcess):
         take.private.mkdir(parents=True, exist_ok=True)
         command = [*(program or v3studio_command()), *arguments, "--take", str(take.root), "--json"]
         super().__init__(command, take.private / STDERR_NAME, take.root)
-        self._told_end = False
+        self._reported_end = False
 
     def poll(self) -> list[Event]:
         """New events; a line that is not an event comes as a `Log`. Never waits."""
@@ -136,23 +138,23 @@ class Job(ChildProcess):
                 events.append(Log(message=text))
             if event is not None:
                 events.append(event)
-        self._told_end |= any(isinstance(event, RunFinished) for event in events)
+        self._reported_end |= any(isinstance(event, RunFinished) for event in events)
         return events
 
     def crash(self) -> tuple[str, str] | None:
-        """A sentence and the end of its output, where it ended without telling how; None else."""
+        """Message and tail of its output, if it ended without reporting an outcome; None otherwise."""
         code = self.status
-        if self._told_end or code is None:
+        if self._reported_end or code is None:
             return None
         tail = self.last_words()
         if code < 0:
             with contextlib.suppress(ValueError):
-                return f"The job was ended by {signal.Signals(-code).name}; run again to go on.", tail
-        return f"The job ended with status {code}: {self.last_line()}", tail
+                return f"The job was killed by {signal.Signals(-code).name}. Run again to continue.", tail
+        return f"The job exited with status {code}: {self.last_line()}", tail
 
 
 class LogFollower:
-    """Reads a take's log as it grows. `poll` tells when a new run has replaced it."""
+    """Reads a take's log as it grows. `poll` detects that a new run has replaced it."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -160,7 +162,7 @@ class LogFollower:
         self._offset = 0
 
     def poll(self) -> tuple[bool, list[Event]]:
-        """(whether the log began anew, new events)."""
+        """(whether a new log has begun, new events)."""
         try:
             state = self._path.stat()
             anew = state.st_ino != self._inode or state.st_size < self._offset
@@ -179,12 +181,24 @@ class LogFollower:
         for line in whole.splitlines():
             event, _ = read_line(line)
             if event is not None:
-                events.append(event)
+                events.append(_with_current_names(event))
         return anew, events
 
 
+def _with_current_names(event: Event) -> Event:
+    """Logs of format 1 takes have the old names of stages."""
+    event = replace(event, stage=STAGES.get(event.stage, event.stage))
+    if isinstance(event, RunStarted):
+        event = replace(
+            event,
+            stages=tuple(STAGES.get(stage, stage) for stage in event.stages),
+            done=tuple(STAGES.get(stage, stage) for stage in event.done),
+        )
+    return event
+
+
 def stop_process(pid: int) -> bool:
-    """SIGTERM to a run, which wakes it if it is paused; False where it is gone or not ours."""
+    """Send SIGTERM to a run and resume it if suspended; False if it has ended or is another user's."""
     try:
         os.kill(pid, signal.SIGTERM)
     except OSError:
@@ -193,7 +207,7 @@ def stop_process(pid: int) -> bool:
 
 
 def pause_process(pid: int, pause: bool) -> bool:
-    """Halt a run and its children where they stand, or let them go on; False where it is gone or not ours."""
+    """Suspend or resume a run and its children; False if it has ended or is another user's."""
     try:
         process = psutil.Process(pid)
         for one in (process, *process.children(recursive=True)):
@@ -204,7 +218,7 @@ def pause_process(pid: int, pause: bool) -> bool:
 
 
 def is_paused(pid: int) -> bool:
-    """Whether a process is halted, by `pause_process` or by Ctrl-Z in a terminal."""
+    """Whether a process is suspended, by `pause_process` or by Ctrl-Z in a terminal."""
     try:
         return bool(psutil.Process(pid).status() == psutil.STATUS_STOPPED)
     except psutil.Error:

@@ -14,12 +14,12 @@ from studio.errors import StudioError
 
 @dataclass
 class NewTake:
-    """What the operator has chosen so far, as typed.
+    """A new take as chosen in the dialog, text as typed.
 
     Attributes:
-        footage: folder of the footage; may be empty where the settings name it.
+        footage: footage folder; may be empty if the settings name it.
         settings: YAML file with settings; empty for the defaults.
-        take: folder of the take to make.
+        take: folder of the new take; empty for `proposed_take`.
     """
 
     footage: str = ""
@@ -27,24 +27,24 @@ class NewTake:
     take: str = ""
 
     def config(self) -> Config:
-        """The settings that the take begins with.
+        """The initial settings of the take.
 
         Raises:
-            StudioError: nothing chosen, or something that cannot be read.
+            StudioError: `take.no_footage`, `footage.no_folder`, or settings that cannot be read.
         """
         if not self.footage.strip() and not self.settings.strip():
-            raise StudioError("Choose the folder of the footage.")
+            raise StudioError("take.no_footage", "no footage selected", fix="Choose the footage folder.")
         overrides = []
         if self.footage.strip():
             folder = Path(self.footage.strip()).expanduser().absolute()
             if not folder.is_dir():
-                raise StudioError(f"{folder}: there is no such folder; choose the folder of the footage.")
+                raise StudioError("footage.no_folder", "no such folder", file=folder, fix="Choose the footage folder.")
             overrides.append(("capture.root", str(folder)))
         path = Path(self.settings.strip()).expanduser() if self.settings.strip() else None
         return load_config(path, overrides)
 
     def found(self) -> str:
-        """What the footage is taken for, a sentence a line; or what is wrong."""
+        """Description of the footage, one sentence per line; or the error message."""
         from studio.capture import open_footage
 
         try:
@@ -54,13 +54,15 @@ class NewTake:
         except StudioError as error:
             return str(error)
         cameras = (
-            f"Cameras from {rig.relative_to(config.capture.root)}." if rig else "Cameras are found from the footage."
+            f"Camera file: {rig.relative_to(config.capture.root)}."
+            if rig
+            else "No camera file: Calibrate estimates the cameras."
         )
         problems = "" if not footage.problems else f"\n{len(footage.problems)} problems: {footage.problems[0]}"
         return f"{footage.description}\n{cameras}{problems}"
 
     def proposed_take(self) -> str:
-        """A folder beside the footage that is not there yet."""
+        """Path of a new folder beside the footage."""
         try:
             root = self.config().capture.root
         except StudioError:
@@ -72,10 +74,10 @@ class NewTake:
         return ""
 
     def create(self) -> Path:
-        """Make the take's folder with its settings; returns it.
+        """Create the take's folder and its settings; returns the folder.
 
         Raises:
-            StudioError: footage or settings that cannot be read, or a folder that holds something else.
+            StudioError: `take.exists`, `take.no_folder`, or footage or settings that cannot be read.
         """
         from studio.capture import open_footage
 
@@ -83,10 +85,10 @@ class NewTake:
         open_footage(config.capture, None, strict=False)
         where = self.take.strip() or self.proposed_take()
         if not where:
-            raise StudioError("Choose a folder for the take.")
+            raise StudioError("take.no_folder", "no take folder selected", fix="Choose a folder for the take.")
         root = Path(where).expanduser().absolute()
         if (root / "take.json").exists():
-            raise StudioError(f"{root} is a take already; open it, or choose another folder.")
+            raise StudioError("take.exists", "already a take", file=root, fix="Open it, or choose another folder.")
         with disk_errors(root):
             take = Take.create(root)
             write_text(take.config, dump_config(config))

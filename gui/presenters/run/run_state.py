@@ -1,10 +1,9 @@
-"""RunState: what a run has told so far, gathered from its events."""
+"""RunState: a run's progress and results so far, collected from its events."""
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any
 
 from pipelines.events import (
     Event,
@@ -27,11 +26,11 @@ CURVE_POINTS = 4000
 
 @dataclass
 class Curve:
-    """Figures of the training over its progress; thinned by half whenever there are CURVE_POINTS of them.
+    """A training metric over progress; every second point is dropped whenever there are CURVE_POINTS.
 
     Attributes:
-        positions: training's progress, 0 to 1.
-        values: the figure.
+        positions: progress of training, 0 to 1.
+        values: the metric.
     """
 
     positions: list[float] = field(default_factory=list)
@@ -51,16 +50,17 @@ class RunState:
 
     Attributes:
         planned: stages that the run will do, in order.
-        stage: the one it is at; "" before the first and after the last.
-        progress: its newest progress.
-        finished: stages that are done in this run.
-        failed: stage to sentence.
+        stage: the running stage; "" before the first and after the last.
+        progress: its latest progress.
+        finished: stages finished in this run.
+        failed: stage to error message.
+        failed_setting: stage to the setting that fixes the error, where one does.
         outcome: "" while it runs, then "done", "failed" or "cancelled".
-        message: what came with the outcome.
+        message: text of the outcome.
         lines: the log, newest last: (kind, text), kind one of "", "warning", "error".
-        curves: loss, psnr, splats over the training's progress, a curve a group: groups train side by side.
-        previews: newest picture by camera.
-        changes: grows with every event: who shows this knows when to look again.
+        curves: loss, psnr, splats over the progress of training, one curve per group: groups train in parallel.
+        previews: latest picture by camera.
+        changes: incremented with every event.
     """
 
     planned: tuple[str, ...] = ()
@@ -68,22 +68,22 @@ class RunState:
     progress: Progress | None = None
     finished: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
+    failed_setting: dict[str, str] = field(default_factory=dict)
     outcome: str = ""
     message: str = ""
     lines: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
     previews: dict[str, Preview] = field(default_factory=dict)
-    frame_metrics: dict[int, dict[str, Any]] = field(default_factory=dict)
     pid: int = 0
     started: float = 0.0
     changes: int = 0
     _trained: float = 0.0
     results: int = 0
-    """Grows when something new stands in the take: a frame, a group, a stage."""
+    """Incremented when the take has new results: a frame, a group, a stage."""
 
     def followed(self) -> RunState:
-        """The state of the run after this one: empty, but for the training's curves and pictures, which a run that
-        trains replaces."""
+        """The state of the next run: empty except for the training curves and previews, which stay until a run trains
+        again."""
         return RunState(
             curves=self.curves,
             previews=self.previews,
@@ -93,11 +93,11 @@ class RunState:
         )
 
     def apply(self, event: Event) -> None:
-        """Take in one event."""
+        """Update with one event."""
         self.changes += 1
         if isinstance(event, RunStarted):
             self.planned, self.pid, self.started = event.stages, event.pid, event.time
-            todo = ", ".join(event.stages) or "nothing, all is up to date"
+            todo = ", ".join(event.stages) or "nothing to do, everything is up to date"
             self._say(f"Run started: {todo}")
         elif isinstance(event, StageStarted):
             self.stage, self.progress = event.stage, None
@@ -122,6 +122,8 @@ class RunState:
             self._say(f"{event.stage}: done in {duration(event.seconds)}")
         elif isinstance(event, StageFailed):
             self.failed[event.stage] = event.message
+            # events of older versions have no fields
+            self.failed_setting[event.stage] = str(getattr(event, "fields", {}).get("setting", ""))
             self._say(f"{event.stage}: {event.message}", "error")
             for line in event.traceback.splitlines():
                 self._say(line, "error")
@@ -135,7 +137,7 @@ class RunState:
             self._say(text, "error" if event.outcome == "failed" else "")
 
     def crashed(self, message: str, tail: str = "") -> None:
-        """The process ended without saying how."""
+        """The process ended without reporting an outcome."""
         self.changes += 1
         if self.stage:
             self.failed[self.stage] = message
@@ -148,8 +150,6 @@ class RunState:
         self.lines.append((kind, text))
 
     def _metrics(self, event: Metrics) -> None:
-        if event.frame is not None:
-            self.frame_metrics.setdefault(event.frame, {}).update(event.values)
         if event.stage in ("train", "bake", "initialize"):
             self.results += 1
         figures = ", ".join(f"{name} {_short(value)}" for name, value in event.values.items())
@@ -167,7 +167,7 @@ class RunState:
                 self.curves.setdefault(name, {}).setdefault(group, Curve()).add(event.fraction, float(value))
 
     def stage_words(self) -> str:
-        """ "42 %, 3 min 05 s left" of the stage that runs; "" where none does."""
+        """ "42 %, 3 min 05 s left" for the running stage; "" if none runs."""
         if not self.stage:
             return ""
         if self.progress is None:
@@ -177,7 +177,7 @@ class RunState:
         return f"{words}, {duration(left)} left" if left is not None and left >= 1 else words
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     if isinstance(value, dict):
         return f"of {len(value)}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Settings as the window edits them: one field a setting, with its documentation, made from the settings models."""
+"""Settings as edited in the window: one field per setting, derived from the settings models."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ SECTIONS = {
     "bake": ("bake",),
     "review": ("evaluate", "run"),
 }
-"""Which sections of the settings belong to a stage of the window."""
+"""Sections of the settings shown for each stage."""
 
 NULL = "null"
-"""What the editor of a setting without a value shows: as in the YAML file and in the settings' documentation."""
+"""Text of a setting without a value, as in YAML."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class SettingField:
 
     Attributes:
         name: dotted, as in train.max_splats.
-        heading: of the settings that it stands among.
-        label: for people; that of a nested setting begins with its section.
+        heading: of its block of settings.
+        label: shown name; for a nested setting it begins with the section.
         kind: "switch", "choice" or "text"; a switch that may be null is a choice.
         choices: of a choice, `NULL` first where it may be null.
-        text: whether its value is text that is taken as it is (else it is read as YAML).
-        nullable: whether it may be null; an empty field and "null" both set it to null.
-        documentation: of the setting, with its bounds.
+        text: whether the value is plain text (else it is parsed as YAML).
+        nullable: whether it may be null; an empty field and "null" both mean null.
+        documentation: description and bounds.
     """
 
     name: str
@@ -53,7 +53,7 @@ class SettingField:
     documentation: str
 
     def shown(self, config: Config) -> str:
-        """The value as it stands in the field: "true" or "false" for a switch, one of `choices` for a choice."""
+        """The value as text: "true" or "false" for a switch, one of `choices` for a choice."""
         value: Any = config.model_dump(mode="json")
         for part in self.name.split("."):
             value = value[part]
@@ -63,10 +63,10 @@ class SettingField:
         return dumped.removesuffix("...\n").strip()
 
     def parsed(self, text: str) -> Any:
-        """What was typed, as a value.
+        """The value of typed text.
 
         Raises:
-            StudioError: it cannot be read.
+            StudioError: not valid YAML.
         """
         text = text.strip()
         if self.nullable and text in ("", NULL, "~"):
@@ -77,7 +77,7 @@ class SettingField:
 
 
 def fields_of(stage: str) -> list[SettingField]:
-    """All settings of a stage, in the order of their declaration."""
+    """All settings of a stage, in order of declaration."""
     found: list[SettingField] = []
     for section in SECTIONS[stage]:
         model = submodel(Config.model_fields[section])
@@ -86,14 +86,22 @@ def fields_of(stage: str) -> list[SettingField]:
     return found
 
 
+def stage_of(setting: str) -> str:
+    """The stage whose panel has a setting, by its dotted name; "" if no panel has it."""
+    for stage in SECTIONS:
+        if any(field.name == setting for field in fields_of(stage)):
+            return stage
+    return ""
+
+
 def matching(fields: Sequence[SettingField], words: str) -> list[SettingField]:
-    """Those in whose name, heading or documentation all of the words occur."""
-    wanted = words.lower().split()
+    """Fields whose name, label, heading or documentation contains all of the words."""
+    searched = words.lower().split()
 
     def text(field: SettingField) -> str:
         return f"{field.name} {field.label} {field.heading} {field.documentation}".lower()
 
-    return [field for field in fields if all(word in text(field) for word in wanted)]
+    return [field for field in fields if all(word in text(field) for word in searched)]
 
 
 def _fields(model: type[Settings], prefix: str, heading: str = "", within: str = "") -> Iterator[SettingField]:
@@ -113,7 +121,7 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
         if kinds == [bool] and nullable:
             choices = ("true", "false")
         kind = "choice" if choices else "switch" if kinds == [bool] else "text"
-        # words such as "off" and "1" are taken as they are where the setting is text
+        # text settings keep words such as "off" and "1" as they are
         text = kinds != [bool] and all(
             part is str or getattr(part, "__name__", "") == "Path" or _all_text(part) for part in kinds
         )

@@ -1,14 +1,14 @@
-"""Workspace: the take that is open, how its stages stand, and the run that works on it.
+"""Workspace: the open take, the status of its stages, and the run that works on it.
 
-All of it is computed from the take on disk, so that what a terminal does shows up here as well.
+All of it is read from the take on disk, so that runs started in a terminal show up too.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from gui.presenters.run.jobs import Job, LogFollower, is_paused, pause_process, stop_process
 from gui.presenters.run.run_state import RunState
@@ -20,20 +20,20 @@ from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 LOOK_EVERY = 0.5
-"""Seconds between two looks at the take's folder."""
+"""Seconds between two scans of the take's folder."""
 
 ASSESS_EVERY = 30.0
-"""Seconds after which the stages are assessed again although nothing seems to have changed."""
+"""Seconds after which the stages are assessed again even without a visible change."""
 
 
 class Workspace:
-    """See the module. `poll` at each tick; nothing here waits.
+    """See the module. Call `poll` at each tick; nothing here blocks.
 
     Args:
-        start_job: makes a job of a take and arguments; tests give their own.
+        start_job: starts a job; tests pass their own.
         now: a clock in seconds that never runs backwards.
     """
 
@@ -64,7 +64,7 @@ class Workspace:
     # What is open
 
     def open(self, take: Take | None) -> None:
-        """Work on this take; None for a bare stream. A job of the take before goes on by itself."""
+        """Work on this take; None for a bare stream. A job of the previous take keeps running."""
         self._clear()
         self.take = take
         if take is None:
@@ -75,7 +75,7 @@ class Workspace:
 
     @property
     def config(self) -> Config | None:
-        """The take's settings; None where there are none."""
+        """The take's settings; None if they cannot be read."""
         return self.context.config if self.context else None
 
     def _read_config(self) -> None:
@@ -88,7 +88,7 @@ class Workspace:
     # Each tick
 
     def poll(self) -> bool:
-        """Take in what has happened; returns whether something changed that is shown."""
+        """Process events and changes on disk; returns whether anything visible changed."""
         if self.take is None:
             return False
         before = self._shown()
@@ -109,7 +109,7 @@ class Workspace:
             if done.result is not None:
                 self.assessment = done.result
             else:
-                self.message = f"The take cannot be assessed: {done.error}"
+                self.message = f"Cannot read the status of the take: {done.error}"
         return before != self._shown()
 
     def _shown(self) -> tuple[object, ...]:
@@ -119,12 +119,12 @@ class Workspace:
         assert self.take is not None
         self.job, self.cancelling, self.paused = None, False, False
         self._follower = LogFollower(self.take.log)
-        self._follower.poll()  # what the job told is known already
+        self._follower.poll()  # the job's events are known already
         self.holder = None
         self._next_look = self._next_assess = 0.0
 
     def _look(self) -> None:
-        """Has anything changed on disk?"""
+        """Look for changes on disk."""
         assert self.take is not None
         assert self._follower is not None
         self.paused = self.pid is not None and is_paused(self.pid)
@@ -140,7 +140,7 @@ class Workspace:
                 self._next_assess = 0.0
             self.holder = holder
             if holder is None and self.run.changes and not self.run.outcome and self.run.lines:
-                self.run.crashed("The last run ended without a word (it was killed, or crashed); run again to go on.")
+                self.run.crashed("The last run was killed or crashed. Run again to continue.")
         fingerprint = self._take_fingerprint()
         if fingerprint != self._fingerprint or self._now() >= self._next_assess:
             inputs_changed = self._fingerprint[:2] != fingerprint[:2]
@@ -148,11 +148,11 @@ class Workspace:
             self._next_assess = self._now() + ASSESS_EVERY
             if inputs_changed or self.context is None:
                 self._read_config()
-            if self.context is not None:  # a context of its own: the views' one keeps the footage as it was opened
+            if self.context is not None:  # a new context: the views' own keeps its footage open
                 self._worker.ask(Context(self.take, self.context.config))
 
     def _take_fingerprint(self) -> tuple[object, ...]:
-        """Changes with whatever makes a stage's state change, and costs little."""
+        """A cheap value that changes with everything that a stage's status depends on."""
         assert self.take is not None
         paths = [self.take.config, self.take.rig, self.take.private / "stages", self.take.stream, self.take.evaluation]
         return (*(_changed(path) for path in paths), self.run.outcome, len(self.run.finished))
@@ -161,11 +161,11 @@ class Workspace:
 
     @property
     def busy(self) -> bool:
-        """Whether a run works on the take, ours or another's."""
+        """Whether a run works on the take, whoever started it."""
         return self.job is not None or self.holder is not None
 
     def rows(self) -> list[StageRow]:
-        """The list of stages as it stands now."""
+        """The rows of the stage list."""
         return [self._row(key) for key in TITLES]
 
     def row(self, key: str) -> StageRow:
@@ -181,14 +181,16 @@ class Workspace:
         if self.busy:
             if self.run.stage == name:
                 words = "stopping" if self.cancelling else "paused" if self.paused else self.run.stage_words()
-                return StageRow(key, "running", words, "", self.run.progress.fraction if self.run.progress else 0.0)
+                return StageRow(
+                    key, "running", words, fraction=self.run.progress.fraction if self.run.progress else 0.0
+                )
             if name in self.run.planned and name not in self.run.finished and name not in self.run.failed:
                 return StageRow(key, "waiting", "waiting")
         if name in self.run.failed and not self.busy and not (self.assessed and self._state(name) == "done"):
-            return StageRow(key, "failed", "failed", self.run.failed[name])
+            return StageRow(key, "failed", "failed", self.run.failed[name], self.run.failed_setting.get(name, ""))
         status = self.assessment.stages.get(name)
         if status is None:
-            return StageRow(key, "missing", "" if self.assessed else "looking")
+            return StageRow(key, "missing", "" if self.assessed else "checking")
         words = status.state
         if status.state == "partial":
             words = f"{status.units_done} of {status.units} {status.unit}"
@@ -201,24 +203,26 @@ class Workspace:
     def _capture_row(self) -> StageRow:
         if self.context is None:
             return StageRow("capture", "failed", "no settings", self.message)
-        if self.assessment.footage_error:
-            return StageRow("capture", "failed", "cannot be read", self.assessment.footage_error)
+        if self.assessment.footage_error is not None:
+            error = self.assessment.footage_error
+            setting = str(error.fields.get("setting", ""))
+            return StageRow("capture", "failed", "cannot be opened", str(error), setting)
         if not self.assessed:
-            return StageRow("capture", "missing", "looking")
+            return StageRow("capture", "missing", "checking")
         return StageRow("capture", "done", self.assessment.footage)
 
     # Running
 
     def start(self, key: str, again: bool = False) -> bool:
-        """Run what is needed until this stage is done; `again` runs a stage that is done once more. "all" runs all.
+        """Run everything that is needed up to this stage; `again` repeats a finished stage; "all" runs all stages.
 
-        Returns False, with `message` saying why, where it cannot be started.
+        Returns False and sets `message` if the run cannot be started.
         """
         if self.take is None:
-            self.message = "Open a take first; a bare stream has nothing to run."
+            self.message = "Open a take first. A stream has no stages to run."
             return False
         if self.busy:
-            self.message = "A run works on this take already; cancel it or wait for it."
+            self.message = "Another run works on this take. Wait for it, or cancel it."
             return False
         if self.context is None:
             return False
@@ -230,12 +234,12 @@ class Workspace:
             with disk_errors(self.take.root):
                 self.job = self._start_job(self.take, arguments)
         except (StudioError, OSError) as error:
-            self.message = f"The run could not be started: {error}"
+            self.message = f"Cannot start the run: {error}"
             return False
         return True
 
     def cancel(self) -> None:
-        """Ask the run to stop, whoever started it; what is finished is kept."""
+        """Stop the run, whoever started it; finished work is kept."""
         if self.job is not None:
             self.job.cancel()
             self.cancelling = True
@@ -244,51 +248,51 @@ class Workspace:
             if pid is not None and stop_process(pid):
                 self.cancelling = True
             else:
-                self.message = f"The run (process {pid}) could not be stopped from here; stop it where it was started."
+                self.message = f"Cannot stop the run (process {pid}) from here. Stop it where it was started."
 
     def pause(self) -> None:
-        """Halt the run, whoever started it, or let it go on if it is halted. It keeps its memory; a machine that is
-        switched off meanwhile costs what is not finished."""
+        """Suspend or resume the run, whoever started it. A suspended run keeps its memory; unfinished work is lost if
+        the machine is switched off."""
         pid = self.pid
         if pid is None:
             return
         if pause_process(pid, not self.paused):
-            self.paused = not self.paused  # the system takes a moment; `_look` sees what came of it
+            self.paused = not self.paused  # takes effect with a delay; `_look` reads the actual state
         else:
-            self.message = f"The run (process {pid}) could not be paused from here; do it where it was started."
+            self.message = f"Cannot pause the run (process {pid}) from here. Pause it where it was started."
 
     @property
     def pid(self) -> int | None:
-        """Process of the run that works on the take; None where none does."""
+        """Process ID of the run that works on the take; None if there is none."""
         if self.job is not None:
             return self.job.pid
         pid = self.holder.get("pid") if self.holder is not None else None
         return pid if isinstance(pid, int) else None
 
-    def change_setting(self, name: str, value: Any) -> str:
-        """Write a setting into the take's config.yaml; returns "" or what is wrong with it."""
+    def change_setting(self, name: str, value: object) -> Message | None:
+        """Write a setting into the take's config.yaml; returns None, or why it was refused."""
         if self.take is None or self.context is None:
-            return "There is no take whose settings could be changed."
+            return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
         if self.busy:
-            return "Settings can be changed when the run is over; cancel it first."
+            return Message("settings.run_active", "settings are locked during a run", fix="Wait for it, or cancel it.")
         try:
             config = load_config(self.take.config, [(name, value)])
             if config != self.context.config:
                 with disk_errors(self.take.root):
                     save_config(self.take.config, config)  # keeps comments
         except StudioError as error:
-            return str(error).removeprefix(f"{COMMAND_LINE}: ")
+            return replace(error.message, file=None) if error.file == COMMAND_LINE else error.message
         self._next_look = 0.0
-        return ""
+        return None
 
     def take_results(self) -> bool:
-        """True once after something new has come to stand in the take."""
+        """True once after the take has new results."""
         changed = self.run.results != self._results_seen
         self._results_seen = self.run.results
         return changed
 
     def close(self) -> bool:
-        """End the thread; a job goes on by itself. Returns whether the thread ended in time."""
+        """End the thread; a job keeps running. Returns whether the thread ended in time."""
         return self._worker.close()
 
 

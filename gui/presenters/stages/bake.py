@@ -1,4 +1,4 @@
-"""Bake: where the bytes go, what other QPs would cost, and the attribute planes as pictures."""
+"""Bake: bytes by attribute, the size at other QPs, and the attribute planes as images."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ATTRIBUTES = {
 
 
 def attribute_of(component: str, part: str) -> str:
-    """Which row of `ATTRIBUTES` a plane belongs to."""
+    """Key of `ATTRIBUTES` that a plane belongs to."""
     if component.startswith("mean_"):
         return "means_high" if part == "high" else "means_low"
     for prefix, name in (("sh_", "sh"), ("opacity", "opacities"), ("log_scale", "scales"), ("quat", "quats")):
@@ -47,7 +47,7 @@ class Share:
 
 
 def shares(manifest: Manifest) -> list[Share]:
-    """Where the stream's bytes go: by attribute where it has a video a plane, else by file; the manifest last."""
+    """Bytes of the stream: by attribute if it has one video per plane, else by file; the manifest last."""
     found: dict[str, tuple[int, frozenset[int]]] = {}
 
     def add(name: str, size: int, qps: frozenset[int]) -> None:
@@ -70,12 +70,12 @@ def shares(manifest: Manifest) -> list[Share]:
 
 
 def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """(side, side) uint8 by attribute: splat i at row i // side, column i % side, spread over its own range."""
+    """(side, side) uint8 by attribute: splat i at row i // side, column i % side, scaled to its range."""
     side = math.ceil(math.sqrt(len(gaussians)))
     columns: dict[str, np.ndarray] = {}
     for name, tensor in gaussians.state_dict().items():
         values = tensor.detach().cpu().numpy().reshape(len(gaussians), -1)
-        for number in range(min(values.shape[1], 4)):  # of the harmonics the constant color
+        for number in range(min(values.shape[1], 4)):  # of sh, only the DC color
             columns[name if values.shape[1] == 1 else f"{name} {number}"] = values[:, number]
     found = {}
     for name, column in columns.items():
@@ -96,7 +96,7 @@ class BakeView(StageView):
         self._trial = QpTrial()
 
     def state(self) -> Hashable:
-        """The stream on disk; in the planes' mode the frame; what was tried."""
+        """The stream on disk; the frame in mode "planes"; the trial's results."""
         take = self.workspace.take
         path = take.stream / "manifest.json" if take is not None else None
         stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
@@ -106,14 +106,14 @@ class BakeView(StageView):
         """See `StageView`."""
         take, config = self.workspace.take, self.workspace.config
         if take is None:
-            raise StudioError("There is no take.")
+            raise StudioError("gui.no_take", "no take is open", fix="Open a take.")
         if self.mode == "try other QPs":
             if config is None:
-                raise StudioError("This take has no settings that can be read.")
+                raise StudioError("take.no_settings", "the settings of this take cannot be read", file=take.config)
             self._trial.start(self.workspace)
             return self._rates(size)
         if not (take.stream / "manifest.json").is_file():
-            raise StudioError("There is no stream yet. Run Bake.")
+            raise StudioError("take.not_baked", "no stream yet", fix="Run Bake.")
         with StreamReader.open(take.stream) as reader:
             return self._planes(size, reader) if self.mode == "planes" else self._bytes(size, reader.manifest)
 
@@ -125,8 +125,8 @@ class BakeView(StageView):
         y = em
         per_frame = manifest.total_bytes / frames
         words = (
-            f"{manifest.total_bytes:,} bytes in all, {per_frame / 1000:.1f} KB a frame, "
-            f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} frames a second"
+            f"{manifest.total_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame, "
+            f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} fps"
         )
         canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
         y += 2 * step
@@ -134,7 +134,7 @@ class BakeView(StageView):
         most = max(row.bytes for row in rows)
         left, right = em + 11 * em, size[0] - em - 15 * em
         columns = (size[0] - em - 9.5 * em, size[0] - em - 4.5 * em, size[0] - em)
-        for words, place in zip(("KB a frame", "share", "QP"), columns, strict=True):
+        for words, place in zip(("KB per frame", "share", "QP"), columns, strict=True):
             canvas.text(place, y - step * 0.8, words, round(0.85 * em), DIM, align="right")
         for row in rows:
             value, qps = row.bytes, row.qps
@@ -153,7 +153,7 @@ class BakeView(StageView):
             words = (
                 f"group {group.index}: frames {group.first_frame} to {group.first_frame + group.frame_count - 1}, "
                 f"{group.splats:,} splats, "
-                f"{group.bytes / group.frame_count / 1000:.1f} KB a frame"
+                f"{group.bytes / group.frame_count / 1000:.1f} KB per frame"
             )
             canvas.text(em, y, words, round(0.9 * em), DIM, width=size[0] - 2 * em)
             y += step * 0.8
@@ -167,11 +167,11 @@ class BakeView(StageView):
         assert config is not None
         canvas.text(em, em, trial.words, normal, TEXT, width=size[0] - 2 * em)
         small = round(0.85 * em)
-        note = "Set qp on the left and run Bake to take one."
+        note = "To use one, set qp on the left and run Bake."
         canvas.text(em, em + step * 0.8, note, small, DIM, width=size[0] - 2 * em)
         y = em + 3 * step
         columns = (6 * em, 14 * em, 21 * em)
-        for words, place in zip(("QP", "KB a frame", "Mbit/s"), columns, strict=True):
+        for words, place in zip(("QP", "KB per frame", "Mbit/s"), columns, strict=True):
             canvas.text(place, y - step * 0.8, words, small, DIM, align="right")
         results = dict(trial.results)
         most = max(results.values(), default=1.0)
@@ -209,17 +209,17 @@ class BakeView(StageView):
             decoder.close()
         planes = getattr(decoded, "planes", None)
         components = getattr(group, "components", None)
-        if planes is not None and components is not None:  # the profile "planes": as they are stored
+        if planes is not None and components is not None:  # profile "planes": as stored
             names = [
                 f"{component.name} {plane.part.replace('_', ' ')}".removesuffix(" all")
                 for component in components
                 for plane in component.planes
             ]
             pictures = dict(zip(names, planes, strict=True))
-            words = "as stored, one byte a splat"
+            words = "as stored, one byte per splat"
         else:
             pictures = attribute_planes(decoded.gaussians())
-            words = "as decoded, each from its lowest value (black) to its highest"
+            words = "as decoded, each scaled from its minimum (black) to its maximum (white)"
         side = len(next(iter(pictures.values())))
         words = f"frame {frame}: {len(pictures)} planes of {side} x {side}, {words}"
         canvas.text(em, 0.6 * em, words, small, DIM, width=size[0] - 2 * em)

@@ -1,4 +1,4 @@
-"""Calibrate: cameras as pyramids with their pictures, sparse points, errors by color; and the report as a table."""
+"""Calibrate: camera frustums with images and sparse points, colored by reprojection error; the report as a table."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from studio.errors import StudioError
 BANDS: dict[str, tuple[str, RGB]] = {
     "excellent": ("good: below 0.5 px", GOOD),
     "acceptable": ("acceptable: 0.5 to 1 px", FAIR),
-    "review": ("review: 1 px and more", BAD),
+    "review": ("review: 1 px or more", BAD),
 }
-UNKNOWN: tuple[str, RGB] = ("no error known: cameras were given", SECOND)
+UNKNOWN: tuple[str, RGB] = ("no reprojection error: cameras from a file", SECOND)
 
 
 class CalibrateView(OrbitView):
@@ -42,11 +42,11 @@ class CalibrateView(OrbitView):
         self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
 
     def state(self) -> Hashable:
-        """The rig's file, the view, the frame whose pictures are on the pyramids."""
+        """The calibration's files, the view, the frame whose images are on the frustums."""
         take = self.workspace.take
         stamp = _stamp(take) if take is not None else None
         if stamp != self._read_of:
-            self.orbit = None  # other cameras, other place to stand
+            self.orbit = None  # other cameras, another view
         view = self.orbit.key if self.orbit is not None else None
         return (stamp, self.mode, view, self.frame if self.mode == "cameras" else 0, self.em)
 
@@ -54,7 +54,7 @@ class CalibrateView(OrbitView):
         """See `StageView`."""
         take = self.workspace.take
         if take is None or not take.rig.is_file():
-            raise StudioError("There are no cameras yet. Run Calibrate.")
+            raise StudioError("take.no_cameras", "no cameras yet", fix="Run Calibrate.")
         self._read(take)
         return self._table(size) if self.mode == "report" else self._scene(size)
 
@@ -105,7 +105,7 @@ class CalibrateView(OrbitView):
         return canvas.pixels
 
     def _floor(self, canvas: Canvas, view: Camera, home: OrbitCamera) -> None:
-        """A ring of ticks around the target, level with it, so that turning is felt."""
+        """A ring around the target, so that rotation is visible."""
         from gui.presenters.drawing.painter import draw_line
 
         first, second = home.basis()
@@ -139,7 +139,7 @@ class CalibrateView(OrbitView):
                 scale = 160 / max(image.shape[:2])
                 self._thumbnails[key] = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             except StudioError:
-                self._thumbnails[key] = None  # Capture names what is wrong with it
+                self._thumbnails[key] = None  # the Capture view shows the error
         return self._thumbnails[key]
 
     def _table(self, size: Size) -> np.ndarray:
@@ -152,7 +152,7 @@ class CalibrateView(OrbitView):
         facts = [f"{len(self._rig)} cameras", f"from {report.get('source', 'an unknown source')}"]
         figures = report.get("reprojection")
         if isinstance(figures, dict):
-            facts.append(f"reprojection error mean {figures['mean']:.2f} px, p95 {figures['p95']:.2f} px")
+            facts.append(f"reprojection error: mean {figures['mean']:.2f} px, p95 {figures['p95']:.2f} px")
             facts.append(str(report.get("quality", "")))
         canvas.text(em, y, ", ".join(filter(None, facts)), normal, TEXT, width=size[0] - 2 * em)
         y += 1.5 * step
@@ -173,7 +173,7 @@ class CalibrateView(OrbitView):
             error = self._error(camera.name)
             words = [
                 camera.name,
-                "given" if error is None else f"{error:.2f}",
+                "from file" if error is None else f"{error:.2f}",
                 f"{found['p95']:.2f}" if "p95" in found else "",
                 str(found.get("observations", "")),
                 f"{100 * found['coverage']:.0f} %" if "coverage" in found else "",
@@ -184,7 +184,7 @@ class CalibrateView(OrbitView):
                 canvas.text(em + at * wide, y, word, normal, TEXT, align="left" if at == 0 else "right")
             y += step
         for name, reason in report.get("unregistered", {}).items():
-            canvas.text(em, y, f"{name}: not found: {reason}", normal, BAD, width=wide)
+            canvas.text(em, y, f"{name}: not registered: {reason}", normal, BAD, width=wide)
             y += step
         return canvas.pixels
 

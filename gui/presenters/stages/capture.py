@@ -1,4 +1,4 @@
-"""Capture: all cameras at the current frame, with masks; and what is missing or bad, by name."""
+"""Capture: all cameras at the current frame with mattes, and the problems of the footage."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TINT = np.array(ACCENT, np.float32)
 
 
 class CaptureView(StageView):
-    """Thumbnails of every camera. Modes: the mask laid over, the image alone, the performer alone."""
+    """Thumbnails of every camera, with the matte as overlay, without it, or cut out."""
 
     modes = ("mask overlay", "images", "performer")
 
@@ -31,7 +31,7 @@ class CaptureView(StageView):
         self._check = FootageCheck()
 
     def state(self) -> Hashable:
-        """The settings of the capture, the frame, the mode, what the check found."""
+        """The capture settings, the frame, the mode, the result of the check."""
         config = self.workspace.config
         capture = config.capture if config is not None else None
         return (capture, self.frame, self.mode, self._check.words, tuple(self._check.problems), self.em)
@@ -40,7 +40,7 @@ class CaptureView(StageView):
         """See `StageView`."""
         footage = self._open()
         if footage is None:
-            return sentence(size, "This take has no settings that can be read, so no footage is known.", self.em)
+            return sentence(size, "The settings of this take cannot be read, so there is no footage to show.", self.em)
         problems = [*map(str, footage.problems), *self._check.problems]
         lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
         room = min(len(lines), 8)
@@ -49,7 +49,7 @@ class CaptureView(StageView):
         frame = footage.frames[min(self.frame, len(footage.frames) - 1)]
         self._thumbnails(canvas, footage, frame, size[1] - bottom)
         y = size[1] - bottom
-        words = self._check.words or (f"{len(problems)} problems with the set of files" if problems else "")
+        words = self._check.words or (f"Problems in the footage: {len(problems)}" if problems else "")
         canvas.text(self.em, y, words, self._small, BAD if problems else DIM)
         for line in lines[:room]:
             y += line_height(self._small)
@@ -122,7 +122,7 @@ class CaptureView(StageView):
         return dark.astype(np.uint8)
 
     def check(self) -> None:
-        """Read all of the footage once and name what is bad, on a thread of its own."""
+        """Decode all of the footage once and list problems, on a separate thread."""
         config = self.workspace.config
         if config is not None:
             self._check.start(config, self._cache_folder())
@@ -164,8 +164,8 @@ class FootageCheck:
     """`Footage.check` on a thread.
 
     Attributes:
-        words: how far it is, or what came of it; "" before.
-        problems: what it found.
+        words: progress or outcome; "" before the first check.
+        problems: the problems found.
     """
 
     def __init__(self) -> None:
@@ -176,11 +176,11 @@ class FootageCheck:
 
     @property
     def running(self) -> bool:
-        """Whether it is at work."""
+        """Whether it is running."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, config: Config, cache_folder: Path | None = None) -> None:
-        """Begin, unless it is at work."""
+        """Start, unless it is running."""
         if self.running:
             return
         self._stop.clear()
@@ -195,7 +195,7 @@ class FootageCheck:
         self._stop.set()
 
     def _run(self, config: Config, cache_folder: Path | None) -> None:
-        def tell(done: int, total: int, **figures: object) -> None:
+        def progress(done: int, total: int, **figures: object) -> None:
             if self._stop.is_set():
                 raise Cancelled
             self.words = f"checking the footage, {done} of {total} images"
@@ -209,14 +209,14 @@ class FootageCheck:
                 device=config.run.device,
                 threads=config.run.threads,
             )
-            problems = check_footage(footage, tell)
+            problems = check_footage(footage, progress)
         except Cancelled:
-            self.words = "the check was stopped"
+            self.words = "check stopped"
         except StudioError as error:
-            self.words, self.problems = "the footage cannot be checked", (str(error),)
+            self.words, self.problems = "check failed", (str(error),)
         else:
             count = len(problems)
             self.problems = [str(problem) for problem in problems]
             self.words = (
-                f"{count} problem{'s' * (count != 1)} found" if problems else "all images were read: no problem"
+                f"{count} problem{'s' * (count != 1)} found" if problems else "all images checked, no problems found"
             )

@@ -1,4 +1,4 @@
-"""Initialize: the mesh of each group's first frame, and the points that were sampled on it."""
+"""Initialize: the visual hull of each group's keyframe, and the initial points sampled on it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class InitializeView(OrbitView):
 
     Args:
         workspace: the take.
-        read_mesh: reads a mesh's file; given by the window, because reading takes Open3D.
+        read_mesh: reads a mesh file; passed in, so that this package does not import Open3D.
     """
 
     modes = ("mesh", "points")
@@ -50,7 +50,7 @@ class InitializeView(OrbitView):
         self._points = np.zeros((0, 3)), np.zeros((0, 3))
 
     def _folder(self) -> Path | None:
-        """Of the group that the frame belongs to."""
+        """Folder of the current frame's group."""
         take = self.workspace.take
         if take is None:
             return None
@@ -68,7 +68,7 @@ class InitializeView(OrbitView):
         folder = self._folder()
         take = self.workspace.take
         if folder is None or take is None or not (folder / "points.ply").is_file():
-            raise StudioError("This group has no mesh and no points yet. Run Initialize.")
+            raise StudioError("take.not_initialized", "no mesh and no points for this group yet", fix="Run Initialize.")
         self._read(take, folder)
         view = (self.orbit or self._home or OrbitCamera()).camera(*size)
         points, colors = self._points

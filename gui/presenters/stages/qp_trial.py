@@ -1,4 +1,4 @@
-"""What other quantization parameters would cost, measured on the first frames of a take."""
+"""The bitrate at other QPs, measured on the first frames of a take."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from studio.stream.settings import BakeSettings
 TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 TRIED_FRAMES = 5
 
-_NO_TARGET: dict[str, None] = {"target_kb_per_frame": None, "target_psnr": None}
-"""A target would choose the QP by itself."""
+NO_TARGET: dict[str, None] = {"target_kb_per_frame": None, "target_psnr": None}
+"""Overrides of targets, which would choose the QP themselves."""
 
 
 class QpTrial:
-    """Encodes the first frames of the take at several QPs on a thread, to tell what each would cost.
+    """Encodes the first frames of the take at several QPs on a thread.
 
     Attributes:
-        results: QP to bytes a frame.
-        words: what is being done.
-        fps: frames a second of the take.
-        changes: grows with each result.
+        results: QP to bytes per frame.
+        words: description, or the error.
+        fps: frame rate of the take.
+        changes: incremented with each result.
     """
 
     def __init__(self) -> None:
@@ -40,21 +40,21 @@ class QpTrial:
 
     @property
     def running(self) -> bool:
-        """Whether it is at work."""
+        """Whether it is running."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, workspace: Workspace) -> None:
-        """Begin, unless these frames and settings were tried already.
+        """Start, unless these frames and settings were tried already.
 
         Raises:
-            StudioError: nothing is trained yet.
+            StudioError: `take.not_trained`.
         """
         take, context = workspace.take, workspace.context
         assert take is not None
         assert context is not None
         files, starts = take.trained_files()
         if not files:
-            raise StudioError("Nothing is trained yet, so nothing can be baked. Run Train.")
+            raise StudioError("take.not_trained", "no trained frames to bake yet", fix="Run Train.")
         end = starts[1] if len(starts) > 1 else len(files)
         files = files[: min(end, TRIED_FRAMES)]
         of = (

@@ -1,4 +1,4 @@
-"""The list of stages as a picture: a mark of the state, the title, words, a bar while it runs."""
+"""The list of stages as a picture: status dot, title, text, progress bar."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def row_height(em: float) -> float:
 
 
 def row_at(y: float, em: float, count: int) -> int | None:
-    """The row under a pixel; None beside them."""
+    """The row at a pixel; None if there is none."""
     row = int(y // row_height(em))
     return row if 0 <= row < count else None
 

@@ -1,4 +1,4 @@
-"""The stages as the operator sees them, and how a take's stand."""
+"""The stages as the operator sees them, and their status in a take."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from pipelines.runs.staleness import StageStatus
 from pipelines.stages.base import Context
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 TITLES = {
     "capture": "Capture",
@@ -19,7 +19,7 @@ TITLES = {
 """The stages as the operator sees them, in order."""
 
 PIPELINE_NAMES = {"review": "evaluate"}
-"""What the pipeline calls a stage where it is not the same."""
+"""Pipeline names that differ from the window's."""
 
 
 def pipeline_name(key: str) -> str:
@@ -33,16 +33,18 @@ class StageRow:
 
     Attributes:
         key: of `TITLES`.
-        state: done, partial, stale, failed, missing, running, or waiting (later in the run that goes on).
-        words: beside the title, short.
-        detail: why, in a sentence; "" where there is nothing to say.
-        fraction: of the stage while it runs.
+        state: done, partial, stale, failed, missing, running, or waiting (later in the current run).
+        words: short text beside the title.
+        detail: the reason, as a sentence; "" if there is none.
+        setting: name of the setting that fixes it; "" if no setting does.
+        fraction: 0 to 1, of a running stage.
     """
 
     key: str
     state: str
     words: str
     detail: str = ""
+    setting: str = ""
     fraction: float | None = None
 
     @property
@@ -53,34 +55,34 @@ class StageRow:
 
 @dataclass(frozen=True)
 class Assessment:
-    """How the take stood when it was looked at.
+    """Status of a take's stages and footage.
 
     Attributes:
-        stages: as `v3studio status` tells.
-        footage: a few words on the footage; "" where it cannot be opened.
-        footage_error: the sentence then.
-        numbers: of the footage's frames, in its files; none where it cannot be opened.
+        stages: as printed by `v3studio status`.
+        footage: summary of the footage; "" if it cannot be opened.
+        footage_error: why it cannot be opened; None if it can.
+        numbers: frame numbers in the footage's files; empty if it cannot be opened.
         fps, group_starts: of the footage.
     """
 
     stages: dict[str, StageStatus] = field(default_factory=dict)
     footage: str = ""
-    footage_error: str = ""
+    footage_error: Message | None = None
     numbers: tuple[int, ...] = ()
     fps: float = 30.0
     group_starts: tuple[int, ...] = (0,)
 
 
 def assess(context: Context) -> Assessment:
-    """How a take stands (worker thread: reads files)."""
+    """Assess a take. Reads files: call on a worker thread."""
     from pipelines.runs.runner import status
 
     try:
         footage = context.footage.raw
     except StudioError as error:
-        return Assessment(status(context.take, context.config), footage_error=str(error))
+        return Assessment(status(context.take, context.config), footage_error=error.message)
     cameras, frames = len(footage.camera_names), len(footage.frames)
     words = f"{cameras} camera{'s' * (cameras != 1)}, {frames} frame{'s' * (frames != 1)}"
     starts = tuple(group.first for group in context.groups)
     numbers = tuple(int(frame) for frame in footage.frames)
-    return Assessment(status(context.take, context.config), words, "", numbers, float(footage.fps), starts)
+    return Assessment(status(context.take, context.config), words, None, numbers, float(footage.fps), starts)

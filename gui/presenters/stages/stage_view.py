@@ -1,4 +1,4 @@
-"""Boards: what the middle of the window shows for a stage. A picture made on a thread from a snapshot of the state."""
+"""StageView: the viewport's picture of a stage, drawn on a worker thread from a snapshot of the state."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ Size = tuple[int, int]
 
 
 class StageView:
-    """A stage's picture. Subclasses say what it depends on (`state`) and how it is made (`draw`, on a thread).
+    """Base of stage views. Subclasses define what the picture depends on (`state`) and draw it (`draw`, on a thread).
 
     Args:
         workspace: the take.
 
     Attributes:
-        modes: what can be shown; the first is shown at first.
-        mode: what is shown.
+        modes: pictures to choose from; the first is the default.
+        mode: the selected one.
         em: the window's font size, pixels.
-        frame: that the transport stands at.
+        frame: the transport's current frame.
     """
 
     modes: ClassVar[tuple[str, ...]] = ()
     orbits: ClassVar[bool] = False
-    """Whether drags turn a view."""
+    """Whether drags orbit."""
 
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
@@ -49,10 +49,10 @@ class StageView:
         raise NotImplementedError
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """(height, width, 3) uint8, on the board's thread.
+        """(height, width, 3) uint8. Called on the view's thread.
 
         Raises:
-            StudioError: what the board then shows as a sentence.
+            StudioError: shown as text in place of the picture.
         """
         raise NotImplementedError
 
@@ -83,7 +83,7 @@ class StageView:
     def _work(self, request: tuple[Size, Hashable]) -> np.ndarray:
         return self.draw(*request)
 
-    # Gestures; boards that have none ignore them
+    # Gestures; ignored by default
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """A drag in pixels; `turn` with the left button, else moving."""
@@ -111,10 +111,10 @@ class StageView:
 
 
 class OrbitView(StageView):
-    """A board that shows something from a viewer's camera; drags turn and move it, the wheel comes nearer.
+    """A stage view of a 3D scene: drags orbit and pan, the wheel zooms.
 
     Attributes:
-        orbit: where the viewer stands; None for `_home`, which `draw` sets.
+        orbit: the view; None for `_home`, which `draw` sets.
     """
 
     orbits = True
@@ -142,10 +142,10 @@ class OrbitView(StageView):
 
 
 def sentence(size: Size, words: str, em: float) -> np.ndarray:
-    """Words in the middle of an empty picture."""
+    """A picture with centered text."""
     canvas = Canvas(*size, GROUND)
     text_size = round(em)
-    lines = wrapped(words, text_size, 0.8 * size[0])
+    lines = wrapped(words[:1].upper() + words[1:], text_size, 0.8 * size[0])
     step = line_height(text_size)
     top = (size[1] - step * len(lines)) / 2
     for number, line in enumerate(lines):

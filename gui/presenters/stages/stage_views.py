@@ -1,4 +1,4 @@
-"""What the middle of the window shows for each stage: a board, or the player."""
+"""What the viewport shows for each stage: its stage view, or the player."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ from gui.presenters.stages.train import TrainView
 Choice = tuple[str, str, str]
 
 REVIEW_CHOICES: tuple[Choice, ...] = (
-    ("truth", "Ground truth", "What a capture camera filmed, without the room (1)"),
-    ("trained", "Trained", "The trained Gaussians (2)"),
-    ("decoded", "Decoded", "The Gaussians as the stream gives them back (3)"),
+    ("truth", "Ground truth", "Footage of a capture camera, matted (1)"),
+    ("trained", "Trained", "Trained Gaussians (2)"),
+    ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
     ("", "", ""),
-    ("side by side", "Side by side", "Beside each other (S)"),
-    ("wipe", "Wipe", "Drag the line between ground truth, or trained, and what is chosen (W)"),
-    ("difference", "Difference", "Heat map of the difference to ground truth, or to trained (D)"),
+    ("side by side", "Side by side", "Show sources side by side (S)"),
+    ("wipe", "Wipe", "Wipe against ground truth, or trained; drag the line (W)"),
+    ("difference", "Difference", "Difference heat map against ground truth, or trained (D)"),
 )
 
 TOOLTIPS = {
-    "mask overlay": "Images with the room darkened and the mask's edge drawn",
-    "images": "Images as filmed",
-    "performer": "What the masks leave",
-    "cameras": "Cameras where they stand, with their images; sparse points where they were found",
-    "report": "Errors camera by camera",
-    "points by hand": "Mark the same points in several cameras, where these find too little in common by themselves",
-    "mesh": "The visual hull of the group's first frame",
-    "points": "The points that training starts from",
-    "progress": "Loss, PSNR and splats as they change, and a held-out camera beside its newest render",
-    "gaussians": "The newest trained frames, to be turned and played",
-    "bytes": "Bytes by attribute, and by group",
-    "try other QPs": "What other quantization parameters would cost, measured on the first frames",
-    "planes": "The attribute planes of the frame as pictures",
+    "mask overlay": "Images with the background darkened and the matte's edge outlined",
+    "images": "Original images",
+    "performer": "Images cut out by the mattes",
+    "cameras": "Camera frustums with their images, and sparse points",
+    "report": "Reprojection error per camera",
+    "points by hand": "Mark tie points manually, for footage with too few automatic matches",
+    "mesh": "Visual hull of the group's keyframe",
+    "points": "Initial points for training",
+    "progress": "Live loss, PSNR and splat count; the latest render of a held-out camera beside its footage",
+    "gaussians": "Trained frames in the interactive viewer",
+    "bytes": "Size by attribute and by group",
+    "try other QPs": "Size at other quantization parameters, measured on the first frames",
+    "planes": "Attribute planes of the frame as images",
 }
 
 
 class StageViews:
-    """Boards by stage, and which one is shown.
+    """The stage views, and which one is on screen.
 
     Args:
         workspace: the take.
@@ -69,7 +69,7 @@ class StageViews:
         self.stage = "review"
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
-        """Buttons over the viewport, by stage."""
+        """Buttons above the viewport, by stage."""
         found: dict[str, tuple[Choice, ...]] = {
             stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
             for stage, stage_view in self.stage_views.items()
@@ -77,13 +77,13 @@ class StageViews:
         return {**found, "review": REVIEW_CHOICES}
 
     def chosen(self) -> set[str]:
-        """Which of them are on."""
+        """The pressed ones."""
         if self.stage != "review":
             return {self.stage_views[self.stage].mode}
         return {self.player.what, self.player.mode}
 
     def choose(self, key: str) -> None:
-        """One was pressed; a comparison that is on is switched off."""
+        """Press one; an active comparison is switched off."""
         player = self.player
         if self.stage != "review":
             self.stage_views[self.stage].mode = key
@@ -102,7 +102,7 @@ class StageViews:
             self.shown_anew()
 
     def shown_anew(self) -> None:
-        """What is shown must be drawn again, because something else was shown."""
+        """Draw again, because something else was on screen."""
         self.player.show_again()
         for stage_view in (*self.stage_views.values(), self.points):
             stage_view.show_again()
@@ -114,18 +114,18 @@ class StageViews:
 
     @property
     def stage_view(self) -> StageView | None:
-        """What is shown otherwise."""
+        """The stage view on screen; None if it is the player."""
         if self.shows_player:
             return None
-        return self.points if self.marks_points else self.stage_views[self.stage]
+        return self.points if self.edits_points else self.stage_views[self.stage]
 
     @property
-    def marks_points(self) -> bool:
-        """Whether points are marked by hand."""
+    def edits_points(self) -> bool:
+        """Whether the view of manual tie points is on screen."""
         return self.stage == "calibrate" and self.stage_views["calibrate"].mode in self.points.modes
 
     def fit_transport(self) -> bool:
-        """Let the transport run over what the shown stage has frames of; returns whether it did not before."""
+        """Set the transport's range to the frames of the selected stage; returns whether it changed."""
         found = self.workspace.assessment
         over_footage = not (self.shows_player or self.stage == "bake") or self.player.source is None
         if over_footage and found.numbers:
@@ -159,7 +159,7 @@ class StageViews:
 
     @property
     def message(self) -> str:
-        """What to write over the viewport; boards write into their own picture."""
+        """Message over the viewport; stage views draw their own messages."""
         if self.player.opened is None or self.stage_view is None:
             return self.player.message
         return ""

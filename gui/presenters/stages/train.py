@@ -1,4 +1,4 @@
-"""Train: curves as they grow, and a held-out camera beside its newest render."""
+"""Train: live curves, and the latest render of a held-out camera beside its footage."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ CURVES = (
 
 
 class TrainView(StageView):
-    """See the module. The mode "gaussians" is the player's: the window shows its picture then."""
+    """See the module. In mode "gaussians" the window shows the player instead."""
 
     modes = ("progress", "gaussians")
 
     def state(self) -> Hashable:
-        """What the run has told, and which frames are there."""
+        """The run's metrics and previews, and the trained frames."""
         run, take = self.workspace.run, self.workspace.take
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
@@ -69,25 +69,27 @@ class TrainView(StageView):
             return
         canvas.text(em, top, words, small, DIM, width=canvas.width - 2 * em)
         y = top + line_height(small)
-        for number, (name, picture) in enumerate((("filmed", truth), ("trained", render))):
+        for number, (name, picture) in enumerate((("footage", truth), ("trained", render))):
             x = em + number * (width + em)
             if picture is None:
                 canvas.rect(x, y, width, height, RAISED)
-                canvas.text(x + em, y + em, "the footage cannot be read", small, DIM)
+                canvas.text(x + em, y + em, "footage cannot be read", small, DIM)
                 continue
             left, upper, _, _ = canvas.fit_image(x, y, width, height, picture)
             label(canvas, left + 6, upper + 6, name, size=round(0.88 * self.em))
 
     def _newest(self) -> tuple[str, np.ndarray, np.ndarray | None]:
-        """Words, the newest render from a held-out camera, and what that camera filmed."""
+        """Caption, latest render from a held-out camera, and the camera's footage."""
         import cv2
 
         take, context = self.workspace.take, self.workspace.context
         if take is None or context is None:
-            raise StudioError("There is no take.")
+            raise StudioError("gui.no_take", "no take is open", fix="Open a take.")
         if not take.rig.is_file():
             raise StudioError(
-                "Nothing is trained yet, and there are no cameras. Run Train: it does what comes before it."
+                "take.no_cameras",
+                "no trained frames and no cameras yet",
+                fix="Run Train: it runs earlier stages first.",
             )
         footage = context.footage.calibrated
         held_out = footage.held_out_cameras
@@ -103,7 +105,9 @@ class TrainView(StageView):
                 return words, render, self._truth(preview.camera, index, render.shape[1::-1])
         files, _ = take.trained_files()
         if not files:
-            raise StudioError("Nothing is trained yet. Pictures appear here while training runs.")
+            raise StudioError(
+                "take.not_trained", "no trained frames yet", fix="Run Train. Renders appear here as it progresses."
+            )
         camera = (*held_out, *footage.train_cameras)[0]
         index = len(files) - 1
         view = footage.rig[camera]
@@ -116,28 +120,28 @@ class TrainView(StageView):
     def _truth(self, camera: str, index: int, size: tuple[int, int]) -> np.ndarray | None:
         context = self.workspace.context
         assert context is not None
-        wanted = RenderRequest(
+        request = RenderRequest(
             {}, index, "single", "truth", "truth", OrbitCamera(), camera, ImageZoom(), size,
             context.config.capture.background, 0.5, context, None,
         )  # fmt: skip
         try:
-            return ground_truth(wanted, *size)
+            return ground_truth(request, *size)
         except StudioError:
             return None
 
     @property
     def status(self) -> str:
-        """What the training does now."""
+        """The current step of training."""
         progress = self.workspace.run.progress
         return progress.label if progress is not None and progress.stage == "train" else ""
 
 
 def snapshot(line: Curve) -> tuple[list[float], list[float]]:
-    """Positions and values, as many of each; the window's thread may be adding one."""
+    """Positions and values, equally many; the window's thread may be appending."""
     xs, ys = list(line.positions), list(line.values)
     count = min(len(xs), len(ys))
     return xs[:count], ys[:count]
 
 
 def _kind(camera: str, held_out: tuple[str, ...]) -> str:
-    return f"{camera}, held out" if camera in held_out else f"{camera}, a training camera"
+    return f"{camera}, held out" if camera in held_out else f"{camera}, training camera"

@@ -9,12 +9,13 @@ import pytest
 
 from gui.app import check_display
 from gui.platform.vulkan import VulkanDevice, vulkan_devices
-from studio.errors import StudioError
+from tests.support.errors import refuses
 
 
 def test_missing_loader_names_the_packages() -> None:
-    with pytest.raises(StudioError, match="libvulkan1 mesa-vulkan-drivers"):
+    with refuses("gui.no_vulkan_loader", value="libthere-is-no-such-loader.so.1") as caught:
         vulkan_devices("libthere-is-no-such-loader.so.1")
+    assert "apt-get install libvulkan1 mesa-vulkan-drivers" in str(caught.value)
 
 
 def test_missing_driver_names_the_package() -> None:
@@ -35,5 +36,5 @@ def test_devices_are_listed_where_a_driver_is_installed() -> None:
 def test_no_display_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(StudioError, match="DISPLAY"):
+    with refuses("gui.no_display"):
         check_display()

@@ -1,4 +1,4 @@
-"""Pictures compared: wipe, side by side, heat map; and the part of a camera's image that is looked at."""
+"""Pictures compared: wipe, side by side, heat map; and the visible part of a camera's image."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def camera() -> Camera:
 @pytest.mark.parametrize("image_zoom", [ImageZoom(), ImageZoom(0.6, 0.4, 2.5), ImageZoom(0.3, 0.7, 6.0)])
 @pytest.mark.parametrize("size", [(64, 48), (300, 200), (40, 90)])
 def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZoom, size: tuple[int, int]) -> None:
-    """A spot is drawn where the camera sees a point; the lens' camera must see the point where the picture has it."""
+    """A spot is drawn where the camera sees a point; the zoomed camera must see the point where the picture has it."""
     point = np.array([[0.1, -0.15, 0.0]])
     seen = camera().project(point)[0][0]
     rows, columns = np.mgrid[0:48, 0:64] + 0.5
@@ -69,7 +69,7 @@ def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZo
     assert picture.shape == size[::-1]
     expected = image_zoom.camera(camera(), *size).project(point)[0][0]
     if not (8 < expected[0] < size[0] - 8 and 8 < expected[1] < size[1] - 8):
-        return  # outside of what this lens shows
+        return  # outside of the visible part
     picture[picture < 40] = 0
     rows, columns = np.mgrid[0 : size[1], 0 : size[0]] + 0.5
     middle = np.array([(columns * picture).sum(), (rows * picture).sum()]) / picture.sum()

@@ -1,8 +1,7 @@
-"""Marking points by hand: the board with clicks, keys and the file, and the window with a real mouse."""
+"""Marking points by hand: the view with clicks, keys and the file, and the window with a real mouse."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,13 +9,14 @@ import numpy as np
 import pytest
 
 from gui.presenters.drawing.palette import ACCENT, FAIR
-from gui.presenters.points.magnifier import Zoom
+from gui.presenters.points.magnifier import Magnifier
 from gui.presenters.points.marks import TieMarks, advice, expected
 from gui.presenters.points.view import PointsView
 from gui.presenters.run.workspace import Workspace
 from pipelines.takes.take import Take
 from studio.calibration import TiePoint, read_tie_points
 from studio.camera_files import read_rig
+from tests.support.waiting import wait_until
 
 SIZE = (900, 600)
 
@@ -32,38 +32,44 @@ def stage_view(take_copy: Path) -> Iterator[PointsView]:
 
 
 def picture(stage_view: PointsView) -> np.ndarray:
-    """What the board shows, once it is what was asked for."""
-    end, shown = time.monotonic() + 30, None
-    while time.monotonic() < end:
+    """What the view shows, once it is what was requested."""
+    shown: list[np.ndarray] = []
+
+    def settled() -> bool:
         new = stage_view.poll(SIZE)
-        shown = new if new is not None else shown
-        if shown is not None and stage_view.settled:
-            return shown
-        time.sleep(0.02)
-    pytest.fail("the picture never came")
+        shown.extend([] if new is None else [new])
+        return bool(shown) and stage_view.settled
+
+    wait_until("a picture", settled)
+    return shown[-1]
 
 
-def colored(pixels: np.ndarray, color: tuple[int, int, int]) -> int:
-    return int((np.abs(pixels.astype(int) - color).max(axis=2) < 12).sum())
+def is_close(pixel: np.ndarray, color: tuple[int, int, int]) -> bool:
+    return bool(np.abs(pixel.astype(int) - color).max() < 60)
 
 
 def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> None:
     before = picture(stage_view)
     stage_view.snaps = False
-    zoom = stage_view._zooms[stage_view.camera]
-    stage_view.click(*zoom.shown(30.0, 20.0))
+    magnifier = stage_view._magnifiers[stage_view.camera]
+    stage_view.click(*magnifier.shown(30.0, 20.0))
     assert stage_view.path is not None
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((30.0, 20.0), abs=0.02)
     assert point.frame == 0
-    assert colored(picture(stage_view), ACCENT) > colored(before, ACCENT) + 20
-    stage_view.click(*zoom.shown(40.0, 25.0))  # the same point, moved
+    x, y = map(round, magnifier.shown(30.0, 20.0))
+    assert not is_close(before[y, x + 6], ACCENT)
+    after = picture(stage_view)
+    for dx, dy in ((6, 0), (-6, 0), (0, 6), (0, -6)):  # the arms of the cross; its middle is open
+        assert is_close(after[y + dy, x + dx], ACCENT)
+    assert not is_close(after[y, x], ACCENT)
+    stage_view.click(*magnifier.shown(40.0, 25.0))  # the same point, moved
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((40.0, 25.0), abs=0.02)
     first = stage_view.camera
     stage_view.step_camera(1)
     picture(stage_view)
-    stage_view.click(*stage_view._zooms[stage_view.camera].shown(10.0, 12.0))
+    stage_view.click(*stage_view._magnifiers[stage_view.camera].shown(10.0, 12.0))
     assert stage_view.camera != first
     assert set(read_tie_points(stage_view.path)[0].pixels) == {first, stage_view.camera}
     stage_view.unmark()
@@ -113,9 +119,12 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
     assert stage_view.marks is not None
     for name in names[:2]:
         stage_view.marks.mark(name, *pixels[name], 0)
-    before = colored(picture(stage_view), FAIR)
     stage_view.show_camera(names[2])
-    assert colored(picture(stage_view), FAIR) > before
+    shown = picture(stage_view)
+    x, y = stage_view._magnifiers[names[2]].shown(*pixels[names[2]])
+    radius = 0.7 * stage_view.em
+    for dx, dy in ((radius, 0), (-radius, 0), (0, radius), (0, -radius)):  # a ring at the expected place
+        assert is_close(shown[round(y + dy), round(x + dx)], FAIR)
 
 
 def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None:
@@ -161,15 +170,15 @@ def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
 
 def test_names_and_places(tmp_path: Path) -> None:
     marks = TieMarks(tmp_path / "points.yaml")
-    assert marks.describe("x") == "Choose a point first."
+    assert marks.describe("x") == "Select a point first."
     marks.mark("a", 1, 2, 0)
     assert marks.describe("mat corner; 0 0.3, 1") == ""
     assert read_tie_points(marks.path) == (TiePoint("mat corner", {"a": (1.0, 2.0)}, (0.0, 0.3, 1.0), 0),)
-    assert "is no place" in marks.describe("mat corner; 0 0.3")
-    assert "is no place" in marks.describe("mat corner; 0 0.3 x")
+    assert "is not a position" in marks.describe("mat corner; 0 0.3")
+    assert "is not a position" in marks.describe("mat corner; 0 0.3 x")
     assert marks.describe(" ; 1 2 3") == "A point needs a name."
     marks.add()
-    assert "Another point is called 'mat corner'" in marks.describe("mat corner")
+    assert "Another point is named 'mat corner'" in marks.describe("mat corner")
     assert marks.describe("bolt") == ""
     marks.choose(0)
     assert marks.describe("mat corner") == ""
@@ -196,28 +205,26 @@ def test_changes_are_taken_back(tmp_path: Path) -> None:
 
 def test_what_a_click_does_is_said(tmp_path: Path) -> None:
     marks, names = TieMarks(tmp_path / "points.yaml"), [f"cam{number}" for number in range(9)]
-    assert advice(marks, names, "cam0", 0) == (
-        "a click begins a point; fewer than 6 marks: cam0, cam1, cam2 and 6 more"
-    )
+    assert advice(marks, names, "cam0", 0) == ("click to add a point; fewer than 6 marks: cam0, cam1, cam2 and 6 more")
     marks.mark("cam0", 1, 2, 7)
-    assert "a click moves 'point 1' in cam0" in advice(marks, names, "cam0", 7)
-    assert "a click marks 'point 1' in cam1" in advice(marks, names, "cam1", 7)
+    assert "click to move 'point 1' in cam0" in advice(marks, names, "cam0", 7)
+    assert "click to mark 'point 1' in cam1" in advice(marks, names, "cam1", 7)
     assert "was marked in frame 7, this is 9" in advice(marks, names, "cam1", 9)
 
 
 def test_zoom_keeps_the_place_under_the_mouse() -> None:
-    zoom = Zoom((1000, 500))
-    zoom.place((100, 50, 400, 400))
-    assert zoom.shown(0, 0) == pytest.approx((100, 150))
-    before = zoom.pixel(220, 240)
-    zoom.nearer(4, 220, 240)
-    assert zoom.scale == pytest.approx(1.25**4)
-    assert zoom.pixel(220, 240) == pytest.approx(before)
-    assert zoom.shown(*zoom.pixel(333, 222)) == pytest.approx((333, 222))
-    zoom.pan(10_000, 10_000)  # no farther than the picture goes
-    assert zoom.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
-    zoom.nearer(-100, 0, 0)
-    assert (zoom.scale, zoom.center) == (1.0, (500, 250))
+    magnifier = Magnifier((1000, 500))
+    magnifier.place((100, 50, 400, 400))
+    assert magnifier.shown(0, 0) == pytest.approx((100, 150))
+    before = magnifier.pixel(220, 240)
+    magnifier.zoom(4, 220, 240)
+    assert magnifier.scale == pytest.approx(1.25**4)
+    assert magnifier.pixel(220, 240) == pytest.approx(before)
+    assert magnifier.shown(*magnifier.pixel(333, 222)) == pytest.approx((333, 222))
+    magnifier.pan(10_000, 10_000)  # no farther than the picture goes
+    assert magnifier.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
+    magnifier.zoom(-100, 0, 0)
+    assert (magnifier.scale, magnifier.center) == (1.0, (500, 250))
 
 
 def test_points_in_the_window(open_window: Callable, take_copy: Path, artifacts: Path) -> None:
@@ -225,30 +232,20 @@ def test_points_in_the_window(open_window: Callable, take_copy: Path, artifacts:
     window.wait_for("the take", lambda s: s["stages"]["calibrate"][0] == "done")
     window.stage("calibrate")
     window.click("points by hand")
-    window.wait_for("the board", lambda s: s["mode"] == ["points by hand"] and s["settled"])
-    time.sleep(1.0)
+    window.wait_for("the view", lambda s: s["mode"] == ["points by hand"] and s["settled"])
     file = take_copy / "points.yaml"
-    end = time.monotonic() + 30
-    while not file.is_file() and time.monotonic() < end:
-        window.click("viewport", 0.6, 0.5)
-        time.sleep(1.0)
+    window.click("viewport", 0.6, 0.5)
+    wait_until("a point in the file", file.is_file)
     (point,) = read_tie_points(file)
     assert len(point.pixels) == 1
+    pictures = window.states()[-1]["pictures"]
     window.key("c")
-    time.sleep(1.5)
+    window.wait_for("the next camera", lambda s: s["pictures"] > pictures and s["settled"])
     window.click("viewport", 0.6, 0.55)
-    end = time.monotonic() + 20
-    while len(read_tie_points(file)[0].pixels) < 2 and time.monotonic() < end:
-        time.sleep(0.2)
-    assert len(read_tie_points(file)[0].pixels) == 2
+    wait_until("two marks in the file", lambda: len(read_tie_points(file)[0].pixels) == 2)
     window.key("e")
-    window.wait_for("the dialog", lambda s: s["dialog"] == "point")
-    time.sleep(1.0)
-    window.click("dialog line")
-    window.key("End")
-    for _ in range(12):  # on busy cores X loses some
-        window.key("BackSpace")
-    window.type("corner; 0 0 1")
+    window.wait_for("the dialog", lambda s: s["dialog"] == "point" and s["typing"])
+    window.retype("dialog line", "corner; 0 0 1")
     window.key("Return")
     window.wait_for("no dialog", lambda s: not s["dialog"])
     window.screenshot(artifacts / "points_by_hand.png")

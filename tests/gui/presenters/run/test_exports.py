@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,21 +10,23 @@ import pytest
 
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.exports import ExportRequest, Exports, PathKey, fitted
-from studio.errors import StudioError
+from tests.support.errors import refuses
+from tests.support.waiting import wait_until
 
 
-def finish(exports: Exports, seconds: float = 60.0) -> set[str]:
+def finish(exports: Exports, seconds: float = 180.0) -> set[str]:
     words = set()
-    end = time.monotonic() + seconds
-    while exports.running and time.monotonic() < end:
+
+    def ended() -> bool:
         exports.poll()
         words.add(exports.words)
-        time.sleep(0.02)
-    assert not exports.running
+        return not exports.running
+
+    wait_until("ended", ended, seconds)
     return words
 
 
-def wanted(kind: str, source: Path | str, target: Path) -> ExportRequest:
+def request(kind: str, source: Path | str, target: Path) -> ExportRequest:
     found = ExportRequest(kind, str(source), "walk", target.parent)
     found.set_target(str(target))
     return found
@@ -33,21 +34,21 @@ def wanted(kind: str, source: Path | str, target: Path) -> ExportRequest:
 
 def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, tmp_path: Path) -> None:
     exports = Exports()
-    exports.start(wanted("ply", stream_folder, tmp_path / "out"))
-    with pytest.raises(StudioError, match="runs already"):
-        exports.start(wanted("spz", stream_folder, tmp_path / "other"))
+    exports.start(request("ply", stream_folder, tmp_path / "out"))
+    with refuses("export.running"):
+        exports.start(request("spz", stream_folder, tmp_path / "other"))
     words = finish(exports)
     assert exports.result == f"Written: {tmp_path / 'out'}"
     assert not exports.failed
     assert len(list((tmp_path / "out").glob("*.ply"))) == 12
     assert any("of 12" in word for word in words)
-    with pytest.raises(StudioError, match="is there already"):
-        exports.start(wanted("ply", stream_folder, tmp_path / "out"))
+    with refuses("export.target_exists", file=tmp_path / "out"):
+        exports.start(request("ply", stream_folder, tmp_path / "out"))
 
 
 def test_what_fails_is_a_sentence(tmp_path: Path) -> None:
     exports = Exports()
-    exports.start(wanted("ply", tmp_path / "nothing", tmp_path / "out"))
+    exports.start(request("ply", tmp_path / "nothing", tmp_path / "out"))
     finish(exports)
     assert exports.failed
     assert "nothing" in exports.result
@@ -60,8 +61,8 @@ def test_views_become_a_camera_path(tmp_path: Path) -> None:
     exports = Exports()
     orbit = OrbitCamera()
     exports.keys.append(PathKey(orbit.camera(700, 560), 0))
-    with pytest.raises(StudioError, match="two views"):
-        exports.start(wanted("camera-path", "x", tmp_path / "out.mp4"))
+    with refuses("export.too_few_views", value=1):
+        exports.start(request("camera-path", "x", tmp_path / "out.mp4"))
     exports.keys.append(PathKey(orbit.orbit(90, 0).camera(700, 560), 9))
     path = exports._write_path(tmp_path, (1280, 720))
     assert json.loads(path.read_text())["format"] == "v3studio-camera-path"
@@ -79,7 +80,7 @@ def test_a_view_keeps_its_height_in_another_shape() -> None:
     assert after[:, 0] - 640 == pytest.approx((before[:, 0] - 350) * 720 / 560)
 
 
-def test_a_wish_becomes_the_command_line(tmp_path: Path) -> None:
+def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
     found = ExportRequest("turntable", "/takes/walk", "walk", tmp_path, "decoded")
     assert found.target == str(tmp_path / "walk-decoded-turntable.mp4")
     found.of, found.seconds, found.size, found.background = "trained", "2.5", "640x360", "white"
@@ -98,7 +99,7 @@ def test_a_wish_becomes_the_command_line(tmp_path: Path) -> None:
     assert found.path == tmp_path / "deep" / "mine.mp4"
     for seconds in ("", "0", "-1", "long", "nan"):
         found.seconds = seconds
-        with pytest.raises(StudioError, match="length"):
+        with refuses("export.bad_seconds", value=seconds):
             found.arguments()
 
 
@@ -106,7 +107,7 @@ def test_a_turntable_has_the_length_and_size_that_were_chosen(stream_folder: Pat
     import av
 
     exports = Exports()
-    chosen = wanted("turntable", stream_folder, tmp_path / "turn.mp4")
+    chosen = request("turntable", stream_folder, tmp_path / "turn.mp4")
     chosen.seconds, chosen.size, chosen.background = "0.5", "640x360", "white"
     exports.start(chosen)
     finish(exports)

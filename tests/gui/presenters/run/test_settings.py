@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from gui.presenters.run.settings import SECTIONS, SettingField, fields_of, matching
+from gui.presenters.run.settings import SECTIONS, SettingField, fields_of, matching, stage_of
 from pipelines.config import load_config
 
 
@@ -91,17 +90,18 @@ def test_the_window_shows_that_nothing_is_chosen_and_lets_it_be_chosen_again(
 ) -> None:
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done")
-    window.press_until("space", "paused", lambda s: not s["playing"])
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"])
     window.stage("review")
     window.click("settings filter")
-    window.type("lpips")
+    window.enter_text("settings filter", "lpips")
     name = "setting evaluate.lpips"
     window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == [name])
 
     def choose(row: int) -> None:
         """The toolkit draws a list of choices right below its box; measured at its default font size."""
         window.click(name)
-        time.sleep(1.0)
+        window.ticks(20)  # the toolkit does not report when its list is open
         window.screenshot(artifacts / f"optional_setting_{row}.png")
         left, bottom = window.point(name, 0.3, 1.0)
         window.press(left, bottom + 9 + 20 * row)
@@ -124,21 +124,63 @@ def test_a_setting_is_found_and_changed_through_the_filter(
 ) -> None:
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["train"][0] == "done")
-    window.press_until("space", "paused", lambda s: not s["playing"])
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"])
     window.stage("train")
     window.click("settings filter")
-    window.type("rates opacity")
+    window.enter_text("settings filter", "rates opacity")
     state = window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == FOUND)
     assert state["stage"] == "train", "letters in the field are no shortcuts"
     window.screenshot(artifacts / "settings_filter.png")
     window.retype(FOUND[0], "0.025")
+    window.key("Return")
     window.wait_for("a stale training", lambda s: s["stages"]["train"][0] != "done")
     assert load_config(take_copy / "config.yaml").train.rates.opacity == 0.025
-    window.click("settings filter", 0.9)
-    for _ in range(13):
-        window.key("BackSpace")
+    window.retype("settings filter", "")
     window.wait_for("all of them", lambda s: len([n for n in s["widgets"] if n.startswith("setting ")]) > 40)
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 
 FOUND = ["setting train.rates.opacity"]
+
+
+WITH_A_FOOTAGE_ERROR = """
+import sys
+from gui.presenters.run import workspace
+from gui.presenters.stages.stage_rows import Assessment
+from studio.errors import Message
+
+error = Message("footage.all_held_out", "all 6 cameras are held out", fix="Change it.", fields={"setting": SETTING})
+workspace.assess = lambda context: Assessment(footage_error=error)
+from gui.app import main
+sys.exit(main())
+"""
+
+
+def test_the_window_leads_from_an_error_to_the_setting_that_fixes_it(
+    open_window: Callable, take_copy: Path, artifacts: Path
+) -> None:
+    program = ("-c", WITH_A_FOOTAGE_ERROR.replace("SETTING", repr("capture.held_out"), 1))
+    window = open_window(str(take_copy), program=program)
+    window.wait_for("the error", lambda s: s["stages"]["capture"][0] == "failed")
+    assert window.states()[-1]["error_setting"] == "", "the error is another stage's"
+    window.stage("capture")
+    state = window.wait_for("the button", lambda s: "error setting" in s["widgets"])
+    assert state["error_setting"] == "capture.held_out"
+    assert "all 6 cameras are held out. Change it." in state["stages"]["capture"][2]
+    window.screenshot(artifacts / "setting_link.png")
+    window.click("error setting")
+    window.wait_for(
+        "the setting alone",
+        lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == ["setting capture.held_out"],
+    )
+    assert window.states()[-1]["texts"]["settings filter"] == "capture.held_out"
+    window.screenshot(artifacts / "setting_link_followed.png")
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+
+
+def test_every_setting_has_a_stage() -> None:
+    assert stage_of("capture.held_out") == "capture"
+    assert stage_of("evaluate.lpips") == "review"
+    assert stage_of("no.such") == ""
+    assert stage_of("") == ""
