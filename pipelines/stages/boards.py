@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from studio.calibration import CalibrationResult, TargetObservation
+    from studio.calibration.report import IntrinsicsReport
     from studio.cameras import Camera
     from studio.capture import Footage
 
@@ -61,7 +62,9 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
         settings=board_settings(section, context.config.run),
         progress=reporter.part("solving", 0.8, 1.0),
     )
-    left_out, used = result.report["boards"]["views_left_out"], result.report["boards"]["views"]
+    boards = result.report.boards
+    assert boards is not None
+    left_out, used = boards.views_left_out, boards.views
     if left_out > 0.2 * (left_out + used):
         reporter.warn(
             f"In {left_out} of {left_out + used} views the board is not where the other cameras see it at that moment; "
@@ -72,7 +75,7 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
 
 def lenses_from_boards(
     context: Context, reporter: StageReporter, start: float, stop: float
-) -> tuple[dict[str, Camera], dict[str, Any]]:
+) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
     """Lenses from `calibrate.intrinsics_images`, and how well they fit.
 
     Raises:
