@@ -171,8 +171,8 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
     z = np.array([0.0, 0.0, 1.0])
     axis = np.cross(normal, z)
     angle = float(np.arctan2(np.linalg.norm(axis), normal @ z))
-    length = float(np.linalg.norm(axis))
-    rotation = Rotation.from_rotvec(axis * (angle / length) if length > 1e-12 else np.zeros(3)).as_matrix()
+    sine = float(np.linalg.norm(axis))
+    rotation = Rotation.from_rotvec(axis * (angle / sine) if sine > 1e-12 else np.zeros(3)).as_matrix()
     height = float((rotation @ middle)[2])
     figures = FloorReport(
         tilt=round(float(np.degrees(angle)), 3), height=round(height, 6), share=round(best / len(points), 3)
