@@ -7,15 +7,21 @@ SHELL := /bin/bash
 PY := .venv/bin/python
 DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=
-SOURCES_CPP := $(shell find studio/rasterizer -name '*.cpp' -o -name '*.h' -o -name '*.hpp' 2>/dev/null)
+FRESH_ARGS ?=
+INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo gui test lint format lock clean
+.PHONY: help setup setup-tests system system-tests demo gui test fresh-test lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
-	    printf '  make %-8s %s\n' "$$name" "$$what"; done
+	    printf '  make %-11s %s\n' "$$name" "$$what"; done
 
-setup: system .venv/package.stamp ## install what is missing: system packages, .venv, the package
+setup: system ## install what is missing: system packages, .venv, the package
+	@$(INSTALL)
+	@$(PY) scripts/self_test.py
+
+setup-tests: system-tests ## the same, and what tests and linters need
+	@$(INSTALL) --dev
 
 demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses the take folder)
 	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
@@ -24,24 +30,35 @@ demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses t
 gui: setup ## open the window (TAKE=DIR: on that take or stream)
 	@.venv/bin/v3studio-gui $(if $(TAKE),"$(TAKE)")
 
-test: system-tests .venv/package.stamp ## install what is missing and run all tests (PYTEST_ARGS="-k name")
+test: setup-tests ## install what is missing and run all tests (PYTEST_ARGS="-k name")
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
-lint: system .venv/package.stamp ## ruff (rules and format) and mypy
+fresh-test: ## set up and run in a minimal Debian that is built for it (root only; FRESH_SUITE=trixie: another release)
+	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
+
+lint: system ## ruff (rules and format) and mypy
+	@$(INSTALL) --dev
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 
-format: system .venv/package.stamp ## let ruff mend what it can
+format: system ## let ruff fix what it can
+	@$(INSTALL) --dev
 	$(PY) -m ruff check --fix .
 	$(PY) -m ruff format .
 
-lock: .venv/package.stamp ## write requirements.lock from what .venv holds
-	@$(PY) scripts/lock.py > requirements.lock.new
-	@mv requirements.lock.new requirements.lock
+lock: system ## write requirements.lock and requirements-dev.lock from what .venv holds
+	@$(INSTALL) --dev
+	@$(PY) scripts/lock.py
+
+wheel: system ## build a wheel that installs without a compiler, in dist/
+	@$(INSTALL) --dev
+	@rm -rf build/wheel
+	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/wheel .
+	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m auditwheel repair --wheel-dir dist build/wheel/*.whl
 
 clean: ## remove .venv, builds and caches (takes stay)
-	rm -rf .venv build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
+	rm -rf .venv build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
 	find studio pipelines gui tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 system:
@@ -50,14 +67,8 @@ system:
 system-tests:
 	@bash scripts/system_packages.sh --tests
 
-.venv/requirements.stamp: requirements.lock | system
-	@[ -x $(PY) ] || "$$(bash scripts/find_python.sh)" -m venv .venv
-	@echo "Installing the pinned requirements into .venv (some minutes the first time)"
-	@$(PY) -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	@touch $@
-
-# Without isolation and dependencies: the lock has both already, build tools included.
-.venv/package.stamp: .venv/requirements.stamp pyproject.toml $(wildcard CMakeLists.txt) $(SOURCES_CPP)
-	@echo "Building and installing v3studio into .venv (editable)"
-	@PATH="$(CURDIR)/.venv/bin:$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
-	@touch $@
+.PHONY: docs
+docs: setup ## build the documentation into site/, with warnings as errors
+	@$(PY) -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
+	@echo "Documentation: site/index.html"

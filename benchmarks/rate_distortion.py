@@ -1,7 +1,7 @@
 """What a stream costs and what it looks like: our two profiles against the paper's released bake, on a trained take.
 
     python benchmarks/rate_distortion.py TAKE                          # all groups, some minutes on two cores
-    python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/STREAM.md --title quickstart
+    python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/measurements/stream.md --title quickstart
     python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at 60,000 and 100,000 splats
 
@@ -379,8 +379,8 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
             )
             console.print(rows[-1])
     return [
-        "| splats | profile | KB a frame | bake a frame | open a group | decode a frame | dequantize | frames a"
-        " second, file to arrays |",
+        "| splats | profile | KB per frame | bake per frame | open per group | decode per frame | dequantize | frames"
+        " per second, file to arrays |",
         "|---|---|---|---|---|---|---|---|",
         *rows,
     ]
@@ -391,7 +391,7 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
 
 def table(points: list[Point]) -> list[str]:
     lines = [
-        "| bake | QP | KB a frame | PSNR to footage | PSNR to unquantized | bake a frame | decode a frame |",
+        "| bake | QP | KB per frame | PSNR to footage | PSNR to unquantized | bake per frame | decode per frame |",
         "|---|---|---|---|---|---|---|",
     ]
     for p in points:

@@ -9,13 +9,15 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from pipelines.commands.board import add_board_command, add_sync_command
 from pipelines.events.cancellation import EXIT_CANCELLED
 from studio.errors import Cancelled, StudioError
+from studio.standard_output import as_utf8, claim_stdout, discard
 
 STAGE_HELP = {
     "calibrate": "find the cameras: from the capture's calibration, else from the footage",
@@ -31,8 +33,15 @@ _SETTINGS_NOTE = """settings:
 
 
 def main() -> int:
-    """Run the command in `sys.argv`; returns the exit code. A stopped run ends the process at once."""
+    """Run the command in `sys.argv`; returns the exit code. A stopped run ends the process at once.
+
+    Standard output gets what the command prints and nothing else: what native libraries print, here or in child
+    processes, goes to standard error.
+    """
+    claim_stdout()
     code = execute(sys.argv[1:])
+    if "--json" in sys.argv:
+        sys.stdout = sys.stderr  # for what Python code prints while the process exits
     if code == EXIT_CANCELLED:
         # tearing down torch and its threads takes a while on a busy machine; who pressed Ctrl-C waits for nothing
         sys.stdout.flush()
@@ -54,7 +63,10 @@ def execute(arguments: Sequence[str]) -> int:
     try:
         known.overrides = _overrides(known)
         command: Callable[[argparse.Namespace], int] = known.command
-        return command(known)
+        with _json_output() if getattr(known, "json", False) else nullcontext(sys.stdout) as known.output:
+            code = command(known)
+            known.output.flush()
+        return code
     except StudioError as error:
         # with --json too: what fails before the first event would otherwise fail without a word
         print(f"error: {error}", file=sys.stderr)
@@ -62,8 +74,21 @@ def execute(arguments: Sequence[str]) -> int:
     except (Cancelled, KeyboardInterrupt):
         return EXIT_CANCELLED
     except BrokenPipeError:  # `v3studio config | head`
-        sys.stderr.close()
+        discard(sys.stdout)
         return 1
+
+
+@contextmanager
+def _json_output() -> Iterator[TextIO]:
+    """Standard output, for JSON alone: what Python code prints inside the block goes to standard error."""
+    output = sys.stdout
+    as_utf8(output)
+    with redirect_stdout(sys.stderr):
+        try:
+            yield output
+        finally:
+            with suppress(BrokenPipeError):
+                output.flush()
 
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
@@ -262,7 +287,7 @@ def _run(arguments: argparse.Namespace) -> int:
         stages: Sequence[str] = (arguments.stage,)
     else:
         stages = ALL_STAGES[: ALL_STAGES.index(arguments.until) + 1] if arguments.until else ALL_STAGES
-    with JsonLines() if arguments.json else Bars() as show:
+    with JsonLines(arguments.output) if arguments.json else Bars() as show:
         run(
             take,
             config,
@@ -288,7 +313,7 @@ def _status(arguments: argparse.Namespace) -> int:
     from pipelines.runs.status_table import print_status, status_json
 
     if arguments.json:
-        print(status_json(take, config))
+        print(status_json(take, config), file=arguments.output)
     else:
         print_status(take, config)
     return 0
@@ -297,7 +322,7 @@ def _status(arguments: argparse.Namespace) -> int:
 def _config(arguments: argparse.Namespace) -> int:
     from pipelines.config import describe, load_config
 
-    print(describe(load_config(arguments.config, arguments.overrides)), end="")
+    print(describe(load_config(arguments.config, arguments.overrides)), end="", file=arguments.output)
     return 0
 
 

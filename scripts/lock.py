@@ -1,17 +1,32 @@
-"""Prints requirements.lock: v3studio[dev] and all that it needs, pinned as installed in the running environment.
+"""Writes requirements.lock and requirements-dev.lock: all that v3studio needs, pinned as installed in .venv.
 
-Packages that happen to be installed but are needed by nothing are left out, and so are what torch's CUDA build brings
-(pip finds those by itself on a machine whose torch is that build) and torch's build suffix such as +cpu.
+requirements.lock holds what runs the program and builds its kernel, requirements-dev.lock what tests and linters need
+besides. Left out are packages that nothing needs, what torch's CUDA build brings (pip finds those by itself where it
+installs that build), torch's build suffix such as +cpu, and dependencies that are declared but never imported here.
 """
 
-from importlib.metadata import distribution
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
+from pathlib import Path
 
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-HEADER = "# Every package of the set-up, pinned: what the tests ran with. Made by `make lock`; pyproject.toml says why."
+ROOT = Path(__file__).resolve().parent.parent
+HEADER = "# {what}, pinned: what the tests ran with. Made by `make lock`; pyproject.toml says why.\n"
 LEFT_OUT = ("nvidia-", "cuda-", "triton")
+# Open3D needs these in notebooks and in one of its examples only; together with what they need, 27 packages.
+NOT_IMPORTED = {"open3d": {"ipywidgets", "nbformat", "configargparse"}}
+
+
+def installed(package: str) -> Distribution:
+    """The installed distribution; open3d-cpu stands in for open3d."""
+    try:
+        return distribution(package)
+    except PackageNotFoundError:
+        if package != "open3d":
+            raise
+        return distribution("open3d-cpu")
 
 
 def needed(name: str, extras: tuple[str, ...]) -> dict[str, str]:
@@ -25,19 +40,30 @@ def needed(name: str, extras: tuple[str, ...]) -> dict[str, str]:
         if (package, extra) in seen:
             continue
         seen.add((package, extra))
-        info = distribution(package)
+        info = installed(package)
         if package != name:
-            found[canonicalize_name(info.metadata["Name"])] = info.version.split("+")[0]
+            found[package] = info.version.split("+")[0]
         for text in info.requires or ():
             requirement = Requirement(text)
             if requirement.marker is None or requirement.marker.evaluate({**environment, "extra": extra}):
                 dependency = canonicalize_name(requirement.name)
-                if not dependency.startswith(LEFT_OUT):
+                if not dependency.startswith(LEFT_OUT) and dependency not in NOT_IMPORTED.get(package, ()):
                     waiting += [(dependency, wanted) for wanted in ("", *requirement.extras)]
     return found
 
 
+def write(file: Path, what: str, packages: dict[str, str]) -> None:
+    """Replaces `file`, whole or not at all."""
+    new = file.with_suffix(".new")
+    new.write_text(
+        HEADER.format(what=what) + "".join(f"{name}=={version}\n" for name, version in sorted(packages.items())),
+        encoding="utf-8",
+    )
+    new.replace(file)
+
+
 if __name__ == "__main__":
-    print(HEADER)
-    for package, version in sorted(needed("v3studio", ("dev",)).items()):
-        print(f"{package}=={version}")
+    run = needed("v3studio", ("build",))
+    dev = {name: version for name, version in needed("v3studio", ("dev",)).items() if name not in run}
+    write(ROOT / "requirements.lock", "What runs V3 Studio and builds its kernel", run)
+    write(ROOT / "requirements-dev.lock", "What tests and linters need besides requirements.lock", dev)

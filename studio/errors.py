@@ -1,7 +1,7 @@
 """Errors and warnings for people and for programs.
 
-Everything that the library refuses or warns of is a `Message`: a stable dotted code that programs and tests act on, and a
-sentence for people that names the file, the problem and the fix. The command line and the window show the sentence
+Everything that the library refuses or warns of is a `Message`: a stable dotted code that programs and tests act on, and
+a sentence for people that names the file, the problem and the fix. The command line and the window show the sentence
 without a traceback.
 """
 

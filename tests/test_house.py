@@ -221,17 +221,20 @@ def test_the_lock_pins_every_dependency_within_its_range() -> None:
     from packaging.utils import canonicalize_name
 
     pinned = {}
-    for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines():
-        if line and not line.startswith("#"):
-            name, _, version = line.partition("==")
-            assert version, f"requirements.lock: {line} is not pinned"
-            pinned[canonicalize_name(name)] = version
+    for lock in ("requirements.lock", "requirements-dev.lock"):
+        for line in (ROOT / lock).read_text(encoding="utf-8").splitlines():
+            if line and not line.startswith("#"):
+                name, _, version = line.partition("==")
+                assert version, f"{lock}: {line} is not pinned"
+                assert canonicalize_name(name) not in pinned, f"{lock}: {name} is pinned twice"
+                pinned[canonicalize_name(name)] = version
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for text in [*project["dependencies"], *project["optional-dependencies"]["dev"]]:
+    extras = project["optional-dependencies"]
+    for text in [*project["dependencies"], *extras["build"], *extras["dev"]]:
         requirement = Requirement(text)
         version = pinned.get(canonicalize_name(requirement.name))
-        assert version is not None, f"{requirement.name} is not in requirements.lock"
-        assert requirement.specifier.contains(version), f"{text}: requirements.lock has {version}"
+        assert version is not None, f"{requirement.name} is in no lock"
+        assert requirement.specifier.contains(version), f"{text}: the lock has {version}"
 
 
 def test_no_file_names_a_machines_folders() -> None:

@@ -107,7 +107,10 @@ def _sync(arguments: argparse.Namespace) -> int:
         import json
 
         values = {"method": report.method, "offsets": report.offsets, "confidence": report.confidence}
-        print(json.dumps({**values, "whole": report.whole, "unsure": list(report.unsure)}, indent=1))
+        print(
+            json.dumps({**values, "whole": report.whole, "unsure": list(report.unsure)}, indent=1),
+            file=arguments.output,
+        )
         return 0
     for name, offset in report.offsets.items():
         print(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")

@@ -90,7 +90,8 @@ def _export(arguments: argparse.Namespace) -> int:
             _need_stream(arguments.source)
             video = decoded_video(stack.enter_context(open_reader(arguments.source)))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
-        progress = stack.enter_context(working(f"export {arguments.format}", arguments.json))
+        json_output = arguments.output if arguments.json else None
+        progress = stack.enter_context(working(f"export {arguments.format}", json_output))
         if arguments.format in ("turntable", "camera-path"):
             written = _movie(video, arguments, size, progress)
         else:

@@ -45,11 +45,12 @@ def _import(arguments: argparse.Namespace) -> int:
 
     config = load_config(None, arguments.overrides)
     settings = bake_settings(config.bake, config.run.threads)
-    with working("look", arguments.json) as progress:
+    json_output = arguments.output if arguments.json else None
+    with working("look", json_output) as progress:
         video = open_import(arguments.source, arguments.fps, progress)
     if up is not None:
         video = replace(video, up=np.array(up))
-    with working("bake", arguments.json) as progress:
+    with working("bake", json_output) as progress:
         manifest = bake_video(video, arguments.out, settings, arguments.group_size, progress)
     if not arguments.json:
         print(

@@ -48,7 +48,7 @@ def _play(arguments: argparse.Namespace) -> int:
     if arguments.json:
         import json
 
-        print(json.dumps(report.to_dict(), indent=1))
+        print(json.dumps(report.to_dict(), indent=1), file=arguments.output)
     else:
         print_playback(report)
     for group in report.skipped:

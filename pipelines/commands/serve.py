@@ -10,6 +10,7 @@ import os
 import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from pipelines.takes.locate_stream import stream_place
 from studio.errors import StudioError
@@ -98,7 +99,7 @@ def build_app(streams: dict[str, Path]) -> Starlette:
 
     async def index(request: Request) -> Response:
         base = str(request.base_url).rstrip("/")
-        lines = [f"{base}{path.rstrip('/')}/{MANIFEST}" for path in streams]
+        lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST}" for path in streams]
         return PlainTextResponse("V3 Studio streams:\n" + "\n".join(lines) + "\n")
 
     cors = Middleware(
@@ -144,8 +145,8 @@ def _serve(arguments: argparse.Namespace) -> int:
         )
         base = f"http://{_shown(arguments.host)}:{sock.getsockname()[1]}"
         for path, folder in streams.items():
-            print(f"{folder} is served at {base}{path}", flush=True)
-        print(f"Play it: v3studio play --headless {base}{next(iter(streams))}    Stop: Ctrl-C", flush=True)
+            print(f"{folder} is served at {base}{quote(path)}", flush=True)
+        print(f"Play it: v3studio play --headless {base}{quote(next(iter(streams)))}    Stop: Ctrl-C", flush=True)
         server = uvicorn.Server(config)
         # whoever is cut off by Ctrl-C is no error worth a traceback
         logging.getLogger("uvicorn.error").addFilter(lambda record: not server.should_exit)

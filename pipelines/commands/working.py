@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TextIO
 
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from studio.progress import ProgressFn
@@ -16,12 +15,12 @@ _JSON_SECONDS = 0.2  # between lines
 
 
 @contextmanager
-def working(what: str, as_json: bool) -> Iterator[ProgressFn]:
+def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
     """A `ProgressFn` that shows a bar (or prints a JSON line now and then) and raises Cancelled after Ctrl-C.
 
     Args:
         what: what is being done, before the bar.
-        as_json: print `{"kind": "progress", "what", "done", "total"}` lines instead.
+        json_output: write `{"kind": "progress", "what", "done", "total"}` lines to this stream instead.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -36,7 +35,7 @@ def working(what: str, as_json: bool) -> Iterator[ProgressFn]:
         TimeRemainingColumn(),
         console=screen,
         transient=True,
-        disable=as_json or not screen.is_terminal,
+        disable=json_output is not None or not screen.is_terminal,
     )
     told = 0.0
 
@@ -44,10 +43,11 @@ def working(what: str, as_json: bool) -> Iterator[ProgressFn]:
         nonlocal told
         cancellation.check()
         bars.update(task, completed=done, total=total)
-        if as_json and (done >= total or time.monotonic() - told > _JSON_SECONDS):
+        if json_output is not None and (done >= total or time.monotonic() - told > _JSON_SECONDS):
             told = time.monotonic()
-            print(json.dumps({"kind": "progress", "what": what, "done": done, "total": total}), flush=True)
+            line = json.dumps({"kind": "progress", "what": what, "done": done, "total": total})
+            print(line, file=json_output, flush=True)
 
-    with stop_on_signals(cancellation, lambda: sys.stdout.flush()), bars:
+    with stop_on_signals(cancellation, screen.file.flush), bars:
         task = bars.add_task(what, total=None)
         yield progress

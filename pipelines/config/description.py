@@ -58,7 +58,11 @@ def _section(model: Section, depth: int) -> Iterator[str]:
             yield from _section(value, depth + 1)
         else:
             dumped = model.model_dump(mode="json", include={name})[name]
-            text = yaml.safe_dump(dumped, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+            text = (
+                yaml.safe_dump(dumped, default_flow_style=True, allow_unicode=True, width=10**6)
+                .removesuffix("...\n")
+                .strip()
+            )
             yield f"{indent}{name}: {text}"
         yield ""
 

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pipelines.config.renamed import first_tree, renamed, renamed_override, tell
 from pipelines.config.sections import Config
 from studio.errors import StudioError
+from studio.paths import need_utf8
 
 
 class _Loader(yaml.SafeLoader):
@@ -151,11 +152,13 @@ def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
         try:
             root = Path(capture["root"]).expanduser()
-            capture["root"] = str(root if root.is_absolute() else (folder.absolute() / root).resolve())
+            root = root if root.is_absolute() else (folder.absolute() / root).resolve()
+            capture["root"] = str(root)
         except (ValueError, RuntimeError) as error:  # a NUL in it, a user that is not there
             raise StudioError(
                 f"{where}: capture.root = {capture['root']!r} can be no folder ({error}); give that of the footage."
             ) from None
+        need_utf8(root)
 
 
 def all_names(model: type[BaseModel] = Config, prefix: str = "") -> Iterator[str]:

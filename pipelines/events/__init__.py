@@ -1,6 +1,7 @@
 """What a run reports, how it is stopped, and its clock of work."""
 
 from pipelines.events.event_types import (
+    MAX_TEXT,
     AnyEvent,
     Emit,
     Event,
@@ -15,9 +16,11 @@ from pipelines.events.event_types import (
     StageStarted,
     Warned,
     parse_event,
+    read_line,
 )
 
 __all__ = [
+    "MAX_TEXT",
     "AnyEvent",
     "Emit",
     "Event",
@@ -32,4 +35,5 @@ __all__ = [
     "StageStarted",
     "Warned",
     "parse_event",
+    "read_line",
 ]

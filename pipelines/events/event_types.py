@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields
@@ -29,8 +30,10 @@ class Event:
     time: float = field(default_factory=time.time)
 
     def to_json(self) -> str:
-        """One line, no newline. Values that JSON has no number for (NaN, infinity) become null."""
-        return json.dumps({"event": self.kind, **_finite(asdict(self))}, ensure_ascii=False)
+        """One line, no newline, that can be encoded as UTF-8. NaN and infinity, which JSON lacks, become null."""
+        text = json.dumps({"event": self.kind, **_finite(asdict(self))}, ensure_ascii=False)
+        # a file name that is not UTF-8 holds lone surrogates, which have no bytes
+        return _SURROGATE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +158,12 @@ _KINDS: dict[str, type[Event]] = {
 }  # fmt: skip
 
 
+_SURROGATE = re.compile("[\ud800-\udfff]")
+_START = '{"event":'
+MAX_TEXT = 500
+"""Characters kept of a line that is not an event."""
+
+
 def parse_event(line: str) -> Event:
     """The event in one line of `--json` output. Unknown fields are passed over, so that old windows read new runs.
 
@@ -162,15 +171,47 @@ def parse_event(line: str) -> Event:
         StudioError: the line is no event.
     """
     try:
-        values = json.loads(line)
+        return _event_of(json.loads(line))
+    except (ValueError, RecursionError):
+        raise StudioError(f"Not an event: {line[:200]!r}.") from None
+
+
+def read_line(line: bytes | str) -> tuple[Event | None, str]:
+    """What a line of another process's output holds: an event, text, or text with an event in it.
+
+    Native libraries may print between events, and in front of one where they end no line. Never raises.
+
+    Args:
+        line: with or without its newline; bytes need not be UTF-8.
+
+    Returns:
+        The event or None; and the text around it, "" where there is none, cut after `MAX_TEXT` characters.
+    """
+    text = line.decode("utf-8", "replace") if isinstance(line, bytes) else line
+    start = text.find(_START)
+    event = None
+    if start >= 0:
+        try:
+            values, end = json.JSONDecoder().raw_decode(text, start)
+            event = _event_of(values)
+            text = text[:start] + text[end:]
+        except (ValueError, RecursionError):  # cut short, or not ours
+            pass
+    text = "".join(character if character.isprintable() else " " for character in text[: MAX_TEXT + 1]).strip()
+    return event, text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + " ..."
+
+
+def _event_of(values: Any) -> Event:
+    """Raises ValueError where the values are none of an event."""
+    try:
         cls = _KINDS[values.pop("event")]
         known = {f.name for f in fields(cls)}
         kept: dict[str, Any] = {
             name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known
         }
         return cls(**kept)
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise StudioError(f"Not an event: {line[:200]!r}.") from None
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"not an event: {error}") from None
 
 
 def _finite(value: Any) -> Any:

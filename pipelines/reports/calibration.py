@@ -77,8 +77,8 @@ def calibration_warnings(report: dict[str, Any]) -> list[str]:
         found.append(
             f"Only {match_inlier_ratio:.0%} of the matches between cameras agree with where they were put (0.75 and "
             "more is usual): some may stand wrongly, whatever their reprojection error; try "
-            "calibrate.shared_intrinsics where the lenses are alike, other or more moments (calibrate.frame, frames), or "
-            "a board."
+            "calibrate.shared_intrinsics where the lenses are alike, other or more moments (calibrate.frame, frames) "
+            "or a board."
         )
     known = report.get("known_lenses", ())
     sparse = [n for n, figures in report["cameras"].items() if figures["coverage"] < _SPARSE and n not in known]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import threading
 from typing import Any, TextIO
 
@@ -20,6 +18,7 @@ from pipelines.events import (
     Warned,
 )
 from pipelines.reports.terminal import console, duration
+from studio.standard_output import NativeLines, discard
 
 
 class JsonLines:
@@ -28,8 +27,8 @@ class JsonLines:
     When the reader goes away (the window is closed) the run goes on in silence; its log is in the take.
     """
 
-    def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream: TextIO | None = stream or sys.stdout
+    def __init__(self, stream: TextIO) -> None:
+        self._stream: TextIO | None = stream
         self._lock = threading.Lock()
 
     def __call__(self, event: Event) -> None:
@@ -40,8 +39,7 @@ class JsonLines:
                 self._stream.write(event.to_json() + "\n")
                 self._stream.flush()
             except BrokenPipeError:
-                if self._stream is sys.stdout:  # or Python complains again when it flushes at the end
-                    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                discard(self._stream)
                 self._stream = None
 
     def __enter__(self) -> JsonLines:
@@ -53,7 +51,7 @@ class JsonLines:
 
 class Bars:
     """Two bars in the terminal, the stage's and the run's, each with the time left; plain lines where there is no
-    terminal."""
+    terminal. In a terminal, what native libraries print appears above the bars."""
 
     def __init__(self) -> None:
         from rich.progress import BarColumn, TaskProgressColumn, TextColumn
@@ -73,15 +71,25 @@ class Bars:
         self._stage: Any = None
         self._total: Any = None
         self._last_percent = -1
+        self._native: NativeLines | None = None
 
     def __enter__(self) -> Bars:
+        if self.console.is_terminal:
+            self._native = NativeLines()
         self._bars.start()
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._stop()
+
+    def _stop(self) -> None:
+        if self._native is not None:
+            self._say_native(self._native.close())
         self._bars.stop()
 
     def __call__(self, event: Event) -> None:
+        if self._native is not None:
+            self._say_native(self._native.take())
         if isinstance(event, RunStarted):
             self._run_started(event)
         elif isinstance(event, StageStarted):
@@ -98,7 +106,7 @@ class Bars:
         elif isinstance(event, StageFailed):
             self._drop_stage_bar()  # the command line prints the sentence, or the traceback
         elif isinstance(event, RunFinished):
-            self._bars.stop()  # gives the cursor back, even if the process is about to be ended the hard way
+            self._stop()  # gives the cursor back, even if the process is about to be ended the hard way
             if event.outcome == "cancelled":
                 self._say(f"[yellow]stopped[/yellow]: {_plain(event.message)}")
         elif isinstance(event, Log | Preview):
@@ -137,6 +145,12 @@ class Bars:
                     markup=False,
                     soft_wrap=True,
                 )
+
+    def _say_native(self, lines: list[str]) -> None:
+        from rich.text import Text
+
+        for line in lines:
+            self.console.print(Text(line, "dim"), soft_wrap=True)
 
     def _say(self, text: str) -> None:
         self._bars.console.print(text, soft_wrap=True)

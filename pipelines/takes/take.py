@@ -20,6 +20,7 @@ import datetime
 import fcntl
 import json
 import os
+import shlex
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,6 +31,7 @@ from typing import IO
 from pipelines.config.renamed import first_name, first_path
 from pipelines.takes.atomic_files import read_json, remove, sweep_partial, write_json
 from studio.errors import StudioError
+from studio.paths import need_utf8
 
 TAKE_FORMAT = 2
 """Version of this layout. Format 1 had other names (`pipelines.config.renamed`): it is read as it is, and brought to
@@ -52,10 +54,12 @@ class Take:
             StudioError: no take there, or one of another version.
         """
         root = root.absolute()
+        need_utf8(root)
+        command = f"`v3studio run CONFIG --take {shlex.quote(str(root))}`"
         if not root.is_dir():
-            raise StudioError(f"{root}: there is no such folder; `v3studio run CONFIG --take {root}` makes a take.")
+            raise StudioError(f"{root}: there is no such folder; {command} makes a take.")
         if not (root / "take.json").is_file():
-            hint = f"; if it was lost, `v3studio run CONFIG --take {root}` writes it anew" if _looks_like(root) else ""
+            hint = f"; if it was lost, {command} writes it anew" if _looks_like(root) else ""
             raise StudioError(f"{root} is not a take (it has no take.json); give the folder of a take{hint}.")
         found = read_json(root / "take.json")
         version = found.get("format") if isinstance(found, dict) else None
@@ -76,6 +80,7 @@ class Take:
             StudioError: the folder holds something else, or a take of another version.
         """
         root = root.absolute()
+        need_utf8(root)
         if (root / "take.json").exists():
             return cls.open(root)
         if root.exists() and not root.is_dir():

@@ -76,13 +76,40 @@ def finish(job: Job, seconds: float = 20.0) -> list[object]:
     return events
 
 
-def test_a_job_tells_its_events_and_what_is_none_is_passed_over(tmp_path: Path) -> None:
-    line = Log(stage="train", message="hello").to_json()
-    last = RunFinished(outcome="done", seconds=1.0).to_json()
-    job = job_of(f"print('some library speaks')\nprint({line!r})\nprint({last!r})", Take.create(tmp_path / "take"))
+def test_a_job_shows_its_events_and_other_output_as_log_lines(tmp_path: Path) -> None:
+    hello = Log(stage="train", message="hello")
+    last = RunFinished(outcome="done", seconds=1.0)
+    printed = [
+        b"some library speaks\n",
+        hello.to_json().encode() + b"\n",
+        b"\xff\xfe not UTF-8\n\n",
+        b"x" * 3_000_000 + b"\n",
+        b"Warning: " + hello.to_json().encode() + b"\n",
+        hello.to_json().encode()[:20] + b"\n",
+        last.to_json().encode() + b"\n",
+        b'{"event": "half',
+    ]
+    (tmp_path / "printed").write_bytes(b"".join(printed))
+    code = f"import sys; sys.stdout.buffer.write(open({str(tmp_path / 'printed')!r}, 'rb').read())"
+    job = job_of(code, Take.create(tmp_path / "take"))
     events = finish(job)
-    assert [type(event) for event in events] == [Log, RunFinished]
+    assert [event for event in events if event in (hello, last)] == [hello, hello, last]
+    others = [event.message for event in events if event not in (hello, last)]  # type: ignore[attr-defined]
+    assert [text[:30] for text in others] == [
+        "some library speaks",
+        "\ufffd\ufffd not UTF-8",
+        "x" * 30,
+        "Warning:",
+        hello.to_json()[:20],
+        '{"event": "half',
+    ]
+    assert max(map(len, others)) < 1000, "a huge line is cut"
     assert job.crash() is None
+    run = RunState()
+    for event in events:
+        run.apply(event)  # type: ignore[arg-type]
+    assert run.outcome == "done"
+    assert ("", "some library speaks") in run.lines
 
 
 @pytest.mark.parametrize(
@@ -90,6 +117,11 @@ def test_a_job_tells_its_events_and_what_is_none_is_passed_over(tmp_path: Path) 
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
         ("import sys; sys.stderr.write('boom\\n'); sys.exit(3)", "status 3: boom"),
+        (
+            "import sys; sys.stderr.write('error: no GPU\\nWarning: a library, as it is unloaded\\n'); sys.exit(1)",
+            "status 1: error: no GPU",
+        ),
+        ("import sys; sys.exit(1)", "status 1: no error message"),
     ],
 )
 def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: str, said: str) -> None:
@@ -117,6 +149,10 @@ def test_the_log_is_followed_line_by_line_and_a_new_one_is_noticed(tmp_path: Pat
         file.write(line[10:])
     anew, events = follower.poll()
     assert (anew, len(events)) == (False, 1)
+    with path.open("ab") as file:
+        file.write(b"\xff garbage\n\n" + line.encode() + b"[" * 100_000 + b"\n")
+    anew, events = follower.poll()
+    assert (anew, [event.message for event in events]) == (False, ["one"])  # type: ignore[attr-defined]
     assert follower.poll() == (False, [])
     (tmp_path / "new").write_text(line)
     os.replace(tmp_path / "new", path)

@@ -108,6 +108,15 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def long_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Settings of footage that is long enough to estimate offsets from."""
+    folder = tmp_path_factory.mktemp("long")
+    write_capture(folder / "capture", frames=12)
+    (folder / "ball.yaml").write_text(SETTINGS)
+    return folder / "ball.yaml"
+
+
 def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "pipelines.cli", *map(str, arguments)]
 

@@ -178,7 +178,7 @@ class Exports:
             return False
         before = self.words
         for line in process.take_lines():
-            with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
+            with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
                 told = json.loads(line)
                 if told["kind"] == "progress":
                     self.words = f"{told['what']}: {told['done']} of {told['total']}"
@@ -187,14 +187,14 @@ class Exports:
             return self.words != before
         self._process, self.words = None, ""
         self.failed = status not in (0, EXIT_CANCELLED)
-        last = process.last_words().strip().splitlines()[-1:] or [f"it ended with status {status}"]
+        last = process.last_line()
         remove(process.errors.parent)
         if status == 0:
             self.result = f"Written: {self._target}"
         elif self._stopping or status == EXIT_CANCELLED:
             self.result, self.failed = "The export was stopped; nothing was left behind.", False
         else:
-            self.result = f"The export failed: {last[0].removeprefix('error: ')}"
+            self.result = f"The export failed: {last.removeprefix('error: ')}"
         return True
 
     def stop(self) -> None:

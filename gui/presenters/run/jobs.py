@@ -18,11 +18,12 @@ from pathlib import Path
 
 import psutil
 
-from pipelines.events import Event, RunFinished, parse_event
+import pipelines
+from pipelines.events import Event, Log, RunFinished, read_line
 from pipelines.takes.take import Take
-from studio.errors import StudioError
 
 STDERR_NAME = "window_job.log"
+_LONGEST_LINE = 1 << 20  # bytes; the rest of a longer one is dropped
 
 
 def v3studio_command() -> list[str]:
@@ -41,7 +42,7 @@ class ChildProcess:
 
     def __init__(self, command: Sequence[str], errors: Path, folder: Path) -> None:
         self.errors = errors
-        root = str(Path(__file__).resolve().parents[2])  # the packages, wherever the window was started from
+        root = str(Path(pipelines.__file__).resolve().parents[1])  # wherever the window was started from
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         with errors.open("wb") as file:
             self._process = subprocess.Popen(
@@ -60,8 +61,11 @@ class ChildProcess:
 
     def _read(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._lines.put(line)
+        stream, whole = self._process.stdout, True
+        while line := stream.readline(_LONGEST_LINE):
+            if whole:
+                self._lines.put(line)
+            whole = line.endswith(b"\n")
         self._lines.put(None)
 
     @property
@@ -92,6 +96,12 @@ class ChildProcess:
         """Exit status, negative for a signal; None while it runs or its output was not all taken."""
         return self._process.poll() if self._ended else None
 
+    def last_line(self) -> str:
+        """The error that ended it: its last "error: ..." line, else the last line; libraries may print after it."""
+        lines = [line for line in self.last_words().splitlines() if line.strip()]
+        errors = [line for line in lines if line.startswith("error: ") or ": error: " in line]
+        return (errors or lines or ["no error message"])[-1].strip()
+
     def last_words(self) -> str:
         """The end of what it printed as errors."""
         return self.errors.read_text(encoding="utf-8", errors="replace")[-4000:] if self.errors.is_file() else ""
@@ -118,11 +128,14 @@ class Job(ChildProcess):
         self._told_end = False
 
     def poll(self) -> list[Event]:
-        """New events. Never waits."""
+        """New events; a line that is not an event comes as a `Log`. Never waits."""
         events: list[Event] = []
         for line in self.take_lines():
-            with contextlib.suppress(StudioError):  # a library's own words on standard output
-                events.append(parse_event(line))
+            event, text = read_line(line)
+            if text:
+                events.append(Log(message=text))
+            if event is not None:
+                events.append(event)
         self._told_end |= any(isinstance(event, RunFinished) for event in events)
         return events
 
@@ -135,8 +148,7 @@ class Job(ChildProcess):
         if code < 0:
             with contextlib.suppress(ValueError):
                 return f"The job was ended by {signal.Signals(-code).name}; run again to go on.", tail
-        last = tail.strip().splitlines()[-1:] or ["it said nothing"]
-        return f"The job ended with status {code}: {last[0]}", tail
+        return f"The job ended with status {code}: {self.last_line()}", tail
 
 
 class LogFollower:
@@ -165,8 +177,9 @@ class LogFollower:
         self._offset += len(whole)
         events = []
         for line in whole.splitlines():
-            with contextlib.suppress(StudioError):
-                events.append(parse_event(line.decode("utf-8", "replace")))
+            event, _ = read_line(line)
+            if event is not None:
+                events.append(event)
         return anew, events
 
 

@@ -24,6 +24,9 @@ SECTIONS = {
 }
 """Which sections of the settings belong to a stage of the window."""
 
+NULL = "null"
+"""What the editor of a setting without a value shows: as in the YAML file and in the settings' documentation."""
+
 
 @dataclass(frozen=True)
 class SettingField:
@@ -33,10 +36,10 @@ class SettingField:
         name: dotted, as in train.max_splats.
         heading: of the settings that it stands among.
         label: for people; that of a nested setting begins with its section.
-        kind: "switch", "choice" or "text".
-        choices: of a choice.
+        kind: "switch", "choice" or "text"; a switch that may be null is a choice.
+        choices: of a choice, `NULL` first where it may be null.
         text: whether its value is text that is taken as it is (else it is read as YAML).
-        nullable: whether it may be null.
+        nullable: whether it may be null; an empty field and "null" both set it to null.
         documentation: of the setting, with its bounds.
     """
 
@@ -50,13 +53,13 @@ class SettingField:
     documentation: str
 
     def shown(self, config: Config) -> str:
-        """The value as it stands in the field ("true" or "false" for a switch)."""
+        """The value as it stands in the field: "true" or "false" for a switch, one of `choices` for a choice."""
         value: Any = config.model_dump(mode="json")
         for part in self.name.split("."):
             value = value[part]
         if isinstance(value, str):
             return value
-        dumped: str = yaml.safe_dump(value, default_flow_style=True, width=10**6)
+        dumped: str = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=10**6)
         return dumped.removesuffix("...\n").strip()
 
     def parsed(self, text: str) -> Any:
@@ -66,7 +69,7 @@ class SettingField:
             StudioError: it cannot be read.
         """
         text = text.strip()
-        if self.nullable and text in ("", "null", "~"):
+        if self.nullable and text in ("", NULL, "~"):
             return None
         if self.text:
             return text
@@ -105,8 +108,14 @@ def _fields(model: type[Section], prefix: str, heading: str = "", within: str = 
         parts = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
         kinds = [part for part in parts if part is not type(None)]
         choices = tuple(map(str, get_args(kinds[0]))) if get_origin(kinds[0]) is Literal else ()
-        kind = "switch" if kinds == [bool] else "choice" if choices else "text"
-        text = kind == "text" and all(part is str or getattr(part, "__name__", "") == "Path" for part in kinds)
+        nullable = len(kinds) < len(parts)
+        if kinds == [bool] and nullable:
+            choices = ("true", "false")
+        kind = "choice" if choices else "switch" if kinds == [bool] else "text"
+        # words such as "off" and "1" are taken as they are where the setting is text
+        text = kinds != [bool] and all(
+            part is str or getattr(part, "__name__", "") == "Path" or _all_text(part) for part in kinds
+        )
         words = " ".join((field.description or "").split())
         allowed = allowed_values(field)
         yield SettingField(
@@ -114,8 +123,12 @@ def _fields(model: type[Section], prefix: str, heading: str = "", within: str = 
             heading=heading,
             label=within + name.replace("_", " "),
             kind=kind,
-            choices=choices,
-            text=text or kind == "choice",
-            nullable=len(kinds) < len(parts),
+            choices=(NULL, *choices) if choices and nullable else choices,
+            text=text,
+            nullable=nullable,
             documentation=f"{words} [{allowed}]" if allowed else words,
         )
+
+
+def _all_text(part: Any) -> bool:
+    return get_origin(part) is Literal and all(isinstance(choice, str) for choice in get_args(part))

@@ -75,7 +75,7 @@ def run_reporting(
                 break
             try:
                 values = json.loads(line)
-            except json.JSONDecodeError:
+            except (ValueError, RecursionError):
                 continue  # native code prints too
             if not isinstance(values, dict):
                 continue

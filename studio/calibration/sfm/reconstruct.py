@@ -99,7 +99,7 @@ def calibrate_from_images(
     sizes, sync_frames = write_pictures(folder, names, images, masks or {}, progress)
     job = sfm_job(names, sizes, sync_frames, bool(masks), known or {}, focal_lengths or {}, settings, poses)
     path = folder / "job.json"
-    path.write_text(job.model_dump_json())
+    path.write_text(job.model_dump_json(), encoding="utf-8")
 
     at = {"done": 5}
 
@@ -140,7 +140,7 @@ def _read(
     folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int]], allow_unregistered: bool
 ) -> CalibrationResult:
     """The worker's solution in COLMAP's gauge."""
-    solution = SfmSolution.model_validate_json((folder / "solution.json").read_text())
+    solution = SfmSolution.model_validate_json((folder / "solution.json").read_text(encoding="utf-8"))
     with np.load(folder / "points.npz") as arrays:
         points, colors, seen = arrays["points"], arrays["colors"], arrays["observations"]
     features = {name: solution.features[number] for number, name in enumerate(names)}

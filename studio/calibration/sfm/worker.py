@@ -21,6 +21,7 @@ from studio.calibration.sfm.features import find_matches, say
 from studio.calibration.sfm.job import SfmJob, SfmSolution, SharedIntrinsicsTest, SolvedCamera
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.verdict import match_inlier_ratio
+from studio.standard_output import claim_stdout
 
 
 class Worker:
@@ -99,7 +100,7 @@ class Worker:
                 test.model_copy(update={"images": tuple(image - 1 for image in test.images)}) for test in sharing
             ),
         )
-        (self.folder / "solution.json").write_text(solution.model_dump_json())
+        (self.folder / "solution.json").write_text(solution.model_dump_json(), encoding="utf-8")
 
     def _pairs(self, database_path: Path) -> list[tuple[int, int, int]]:
         """Camera numbers and number of verified matches of each pair that has any."""
@@ -132,7 +133,7 @@ def main() -> int:
     _die_with_parent()
     path = Path(sys.argv[1])
     try:
-        Worker(path.parent, SfmJob.model_validate_json(path.read_text())).run()
+        Worker(path.parent, SfmJob.model_validate_json(path.read_text(encoding="utf-8"))).run()
     except Exception as error:
         say(error=f"{type(error).__name__}: {error}")
         return 1
@@ -141,7 +142,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.stdout.flush()
+    claim_stdout()  # COLMAP may print there
     code = main()
     sys.stdout.flush()
     os._exit(code)  # a thread is still blocked on standard input

@@ -10,6 +10,8 @@ import signal
 import socket
 import threading
 import time
+import urllib.parse
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -85,6 +87,31 @@ def test_files_with_their_types_and_lengths(port, stream):
         assert headers["accept-ranges"] == "bytes"
         status, head, body = ask(port, f"/{path}", method="HEAD")
         assert (status, head["content-length"], body) == (200, str(len(data)), b"")
+
+
+def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_path, cli, start):
+    names = ["prise é 影 1", "a #1 50% ?&'x", "plain"]
+    for name in names:
+        shutil.copytree(stream, tmp_path / name, symlinks=True)
+    process = start("serve", tmp_path, "--port", "0")
+    lines = [process.stdout.readline() for _ in range(len(names) + 1)]
+    addresses = {line.split(" is served at ")[0]: line.split(" is served at ")[1].strip() for line in lines[:-1]}
+    assert set(addresses) == {str(tmp_path / name) for name in names}
+    host = addresses[str(tmp_path / "plain")].removesuffix("/plain")
+    with urllib.request.urlopen(f"{host}/") as answer:
+        listed = answer.read().decode().splitlines()[1:]
+    assert sorted(listed) == sorted(f"{address}/manifest.json" for address in addresses.values())
+    for address in listed:
+        assert urllib.parse.urlsplit(address).geturl() == address.encode("ascii").decode()
+        with urllib.request.urlopen(address) as answer:
+            assert answer.read() == (stream / "manifest.json").read_bytes()
+    report = json.loads(
+        cli("play", addresses[str(tmp_path / names[1])], "--headless", "--frames", "2", "--json").stdout
+    )
+    assert len(report["frames"]) == 2
+    as_typed = cli("play", f"{host}/{names[0]}", "--headless", "--frames", "2")
+    assert as_typed.returncode == 0, as_typed.stderr
+    process.send_signal(signal.SIGINT)
 
 
 def test_ranges(port, stream):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipelines import events
-from pipelines.events import Event, Metrics, Progress, RunStarted, parse_event
+from pipelines.events import MAX_TEXT, Event, Metrics, Progress, RunStarted, parse_event, read_line
 from studio.errors import StudioError
 
 EXAMPLES = [
@@ -47,7 +47,43 @@ def test_fields_of_a_later_version_are_passed_over():
     assert parse_event(json.dumps(values)) == EXAMPLES[5]
 
 
-@pytest.mark.parametrize("line", ["", "hello", "{}", "[]", '{"event": "unheard_of"}', '{"event": "log"}', "null"])
+@pytest.mark.parametrize(
+    "line", ["", "hello", "{}", "[]", '{"event": "unheard_of"}', '{"event": "log"}', "null", "[" * 100_000]
+)
 def test_other_lines_are_refused(line):
     with pytest.raises(StudioError, match="Not an event"):
         parse_event(line)
+
+
+def test_a_path_that_is_not_utf8_survives_in_a_line_that_is():
+    event = events.Warned(message="/footage/pris\udce9/影")
+    assert parse_event(event.to_json().encode("utf-8").decode("utf-8")) == event
+
+
+HELLO = EXAMPLES[5]
+LINE = HELLO.to_json()
+
+
+@pytest.mark.parametrize(
+    ("line", "event", "text"),
+    [
+        (LINE, HELLO, ""),
+        (LINE.encode() + b"\n", HELLO, ""),
+        ("Warning: " + LINE, HELLO, "Warning:"),
+        (LINE + "Warning:\n", HELLO, "Warning:"),
+        ("Warning:", None, "Warning:"),
+        (LINE[: len(LINE) // 2], None, LINE[: len(LINE) // 2]),
+        (b"\xff\xfe caf\xe9\n", None, "\ufffd\ufffd caf\ufffd"),
+        ('{"event": "unheard_of", "x": 1}', None, '{"event": "unheard_of", "x": 1}'),
+        ('{"event": [], "x": 1}', None, '{"event": [], "x": 1}'),
+        ('{"event":' * 100_000, None, ('{"event":' * 100)[:MAX_TEXT] + " ..."),
+        ('{"event":' + "[" * 100_000, None, ('{"event":' + "[" * 1000)[:MAX_TEXT] + " ..."),
+        ("x" * 3_000_000, None, "x" * MAX_TEXT + " ..."),
+        (b"\x1b[31m\tred\x00\n", None, "[31m red"),
+        ("", None, ""),
+        (b"\r\n", None, ""),
+    ],
+    ids=range(15),
+)
+def test_events_are_found_among_what_libraries_print(line, event, text):
+    assert read_line(line) == (event, text)

@@ -91,7 +91,7 @@ def test_it_is_measured_as_psnr_is_and_stands_everywhere(
 
 def test_without_it_nothing_is_loaded_and_nothing_becomes_stale(take: Take, capsys: pytest.CaptureFixture[str]) -> None:
     record = json.loads(take.record("evaluate").read_text())
-    del record["ingredients"]["evaluate.lpips"]  # as written by a version that did not know the setting
+    del record["params"]["evaluate.lpips"]  # as written by a version that did not know the setting
     take.record("evaluate").write_text(json.dumps(record))
     assert status(take, load_config(take.root.parent / "ball.yaml"))["evaluate"].state == "done"
     measured(take, stages=("evaluate",), force=True)

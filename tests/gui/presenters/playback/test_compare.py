@@ -55,7 +55,7 @@ def camera() -> Camera:
     return Camera("c", 64, 48, np.array([[70.0, 0, 31.0], [0, 70, 25.5], [0, 0, 1]]), pose)
 
 
-@pytest.mark.parametrize("lens", [ImageZoom(), ImageZoom(0.6, 0.4, 2.5), ImageZoom(0.3, 0.7, 6.0)])
+@pytest.mark.parametrize("image_zoom", [ImageZoom(), ImageZoom(0.6, 0.4, 2.5), ImageZoom(0.3, 0.7, 6.0)])
 @pytest.mark.parametrize("size", [(64, 48), (300, 200), (40, 90)])
 def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZoom, size: tuple[int, int]) -> None:
     """A spot is drawn where the camera sees a point; the lens' camera must see the point where the picture has it."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from gui.presenters.run.settings import SECTIONS, fields_of, matching
+from gui.presenters.run.settings import SECTIONS, SettingField, fields_of, matching
 from pipelines.config import load_config
 
 
@@ -29,6 +30,93 @@ def test_the_filter_looks_at_names_headings_and_documentation() -> None:
     assert [field.name for field in rates] == [field.name for field in fields if field.name.startswith("train.rates.")]
     assert [field.name for field in matching(fields, "Quaternion")] == ["train.rates.rotation"]
     assert matching(fields, "quaternion nonsense") == []
+
+
+OPTIONAL = [field for stage in SECTIONS for field in fields_of(stage) if field.nullable]
+VALUES = {
+    "evaluate.lpips": "vgg",  # Literal | None
+    "calibrate.shared_intrinsics": False,  # bool | None
+    "calibrate.frame": 3,  # int | None
+    "calibrate.scale_distance": 0.5,  # float | None
+    "bake.target_psnr": 31.5,  # the same with bounds inside
+    "capture.rig": "off",  # str | None, a word that YAML reads as false
+}
+
+
+def test_optional_settings_of_all_kinds_are_tried() -> None:
+    assert {field.name for field in OPTIONAL} > set(VALUES)
+    assert {field.kind for field in OPTIONAL} == {"choice", "text"}, "a checkbox has no third state"
+
+
+@pytest.mark.parametrize("field", OPTIONAL, ids=lambda field: field.name)
+def test_a_setting_without_a_value_shows_null_and_can_be_set_to_null_again(field: SettingField) -> None:
+    empty = load_config(None, [(field.name, None)])
+    shown = field.shown(empty)
+    assert shown == "null"
+    if field.kind == "choice":
+        assert field.choices.count(shown) == 1, "else the combobox shows its first choice"
+    for text in (shown, "", " null "):
+        assert field.parsed(text) is None
+    assert load_config(None, [(field.name, field.parsed(shown))]) == empty
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_a_value_of_an_optional_setting_survives_its_editor(name: str) -> None:
+    field = next(field for field in OPTIONAL if field.name == name)
+    config = load_config(None, [(name, VALUES[name])])
+    shown = field.shown(config)
+    assert field.kind == "text" or shown in field.choices
+    assert field.parsed(shown) == VALUES[name]
+    assert type(field.parsed(shown)) is type(VALUES[name])
+
+
+CHOSEN = [field for stage in SECTIONS for field in fields_of(stage) if field.kind != "text"]
+
+
+@pytest.mark.parametrize("field", CHOSEN, ids=lambda field: field.name)
+def test_every_choice_is_a_value_that_is_shown_as_itself(field: SettingField) -> None:
+    for word in field.choices or ("true", "false"):
+        assert field.shown(load_config(None, [(field.name, field.parsed(word))])) == word
+
+
+def test_letters_beyond_ascii_are_shown_as_they_are() -> None:
+    held_out = next(field for field in fields_of("capture") if field.name == "capture.held_out")
+    config = load_config(None, [("capture.held_out", ["caméra 1", "影"])])
+    assert held_out.shown(config) == "[caméra 1, 影]"
+    assert held_out.parsed(held_out.shown(config)) == ["caméra 1", "影"]
+
+
+def test_the_window_shows_that_nothing_is_chosen_and_lets_it_be_chosen_again(
+    open_window: Callable, take_copy: Path, artifacts: Path
+) -> None:
+    window = open_window(str(take_copy))
+    window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done")
+    window.press_until("space", "paused", lambda s: not s["playing"])
+    window.stage("review")
+    window.click("settings filter")
+    window.type("lpips")
+    name = "setting evaluate.lpips"
+    window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == [name])
+
+    def choose(row: int) -> None:
+        """The toolkit draws a list of choices right below its box; measured at its default font size."""
+        window.click(name)
+        time.sleep(1.0)
+        window.screenshot(artifacts / f"optional_setting_{row}.png")
+        left, bottom = window.point(name, 0.3, 1.0)
+        window.press(left, bottom + 9 + 20 * row)
+
+    def lpips() -> str | None:
+        return load_config(take_copy / "config.yaml").evaluate.lpips
+
+    assert lpips() is None
+    choose(1)
+    window.wait_for("a stale evaluation", lambda s: s["stages"]["review"][0] != "done")
+    assert lpips() == "alex"
+    choose(0)
+    window.wait_for("an evaluation that is up to date", lambda s: s["stages"]["review"][0] == "done")
+    assert lpips() is None
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 
 def test_a_setting_is_found_and_changed_through_the_filter(

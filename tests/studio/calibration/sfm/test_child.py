@@ -42,6 +42,18 @@ def test_lines_arrive_and_noise_does_not(module: Any) -> None:
     assert [line for line in lines if line] == [{"step": "a", "done": 1, "total": 2}]
 
 
+def test_lines_arrive_although_native_code_prints_without_newlines(module: Any) -> None:
+    """With `claim_stdout`, as in the worker; otherwise they would share a line with native output and be lost."""
+    work = module(
+        "import ctypes, os\nfrom studio.standard_output import claim_stdout\nclaim_stdout()\n"
+        "os.write(1, b'Warning: ')\nctypes.CDLL(None).printf(b'x' * 100000)\n"
+        'print(\'{"step": "a"}\', flush=True)\nos.write(1, b"Warning: ")\nprint(\'{"finished": true}\')'
+    )
+    lines: list[dict[str, Any]] = []
+    run_reporting(work, [], lines.append, what="The work")
+    assert [line for line in lines if line] == [{"step": "a"}]
+
+
 def test_errors_are_reported(module: Any) -> None:
     work = module('print(\'{"error": "ValueError: no"}\'); raise SystemExit(1)')
     with refuses("calibration.worker_failed", value="ValueError: no"):

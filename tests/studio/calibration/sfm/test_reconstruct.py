@@ -246,3 +246,20 @@ def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> 
         SfmSettings(camera_model="BENT")
     with refuses("calibration.setting", value="x", setting="calibrate.mapper"):
         SfmSettings(mapper="x")
+
+
+@pytest.mark.parametrize("locale", ["C", "C.UTF-8"])
+def test_letters_beyond_ascii_in_the_work_folder_and_in_names(
+    scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, locale: str
+) -> None:
+    """COLMAP reads and writes its files in C++, by the locale of the worker's process."""
+    monkeypatch.setenv("LC_ALL", locale)
+    names = {name: f"caméra 影 {name}" for name in scene[0]}
+    result = calibrate_from_images(
+        {names[name]: image for name, image in scene[0].items()},
+        masks={names[name]: np.full(image.shape[:2], 255, np.uint8) for name, image in scene[0].items()},
+        workdir=tmp_path / "prise é 影 1",
+        settings=SfmSettings(max_features=1500, threads=1, seed=7, shared_intrinsics=True),
+    )
+    assert result.rig.names == tuple(names.values())
+    assert result.report.unregistered == {}

@@ -299,7 +299,7 @@ def test_bad_input(tmp_path: Path) -> None:
     assert str(caught.value) == (
         "the squares of the target are 60 m wide, expected between 0 and 10 m. Specify meters; example: 0.06 for 60 mm."
     )
-    with refuses("target.too_large", value=[350.0, 250.0], paper="a4"):
+    with refuses("target.too_large", value=pytest.approx([350, 250]), paper="a4"):
         write_target_pdf(CHARUCO, tmp_path / "x.pdf", paper="a4")
     assert not (tmp_path / "x.pdf").exists()
     rig = rig_of(2)

@@ -1,0 +1,74 @@
+"""Pages of the Python reference: one per public module, filled by mkdocstrings."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+MODULES = {
+    "v3studio": "The public interface",
+    "studio.gaussians": "Gaussians",
+    "studio.cameras": "Cameras",
+    "studio.capture": "Footage and mattes",
+    "studio.calibration": "Calibration",
+    "studio.camera_files": "Camera files",
+    "studio.meshing": "Visual hull and starting points",
+    "studio.training": "Training",
+    "studio.rasterizer": "Rasterizer",
+    "studio.stream": "Stream",
+    "studio.playback": "Playback",
+    "studio.export": "Export",
+    "studio.imports": "Import",
+    "studio.splat_files": "PLY, SPZ and GLB files",
+    "studio.metrics": "Metrics",
+    "studio.errors": "Errors",
+}
+
+INTRODUCTION = """# Python API
+
+{promise}
+
+Every function says in its documentation which shapes, units and ranges it takes and what it raises. Conventions hold
+everywhere: OpenCV camera axes (x right, y down, z forward), pixel coordinates from the outer corner of the top-left
+pixel, quaternions with w first, images as (H, W, C).
+
+"""
+PROMISE_PUBLIC = """The package `v3studio` is what scripts may rely on: it is versioned, and the changelog names every
+change. The packages under `studio` are the library that it is made of. Use them where you need more; they may change
+between versions."""
+PROMISE_LIBRARY = "The packages under `studio` are the library. They may change between versions."
+
+
+def api_pages(root: Path) -> dict[str, str]:
+    """{file name: Markdown} of the overview and of every module that exists."""
+    modules = {name: title for name, title in MODULES.items() if _file(root, name) is not None}
+    promise = PROMISE_PUBLIC if "v3studio" in modules else PROMISE_LIBRARY
+    rows = "".join(f"- [`{name}`]({name}.md): {title}\n" for name, title in modules.items())
+    pages = {"index.md": INTRODUCTION.format(promise=promise) + rows}
+    for name, title in modules.items():
+        pages[f"{name}.md"] = f"# {title}\n\n::: {name}\n{_members(root, name)}"
+    return pages
+
+
+def _members(root: Path, name: str) -> str:
+    names = _exported(_file(root, name))
+    if not names:
+        return ""
+    listed = "".join(f"        - {member}\n" for member in names)
+    return f"    options:\n      members:\n{listed}"
+
+
+def _file(root: Path, name: str) -> Path | None:
+    path = root.joinpath(*name.split("."))
+    files = (path / "__init__.py", path.with_suffix(".py"))
+    return next((file for file in files if file.is_file()), None)
+
+
+def _exported(file: Path | None) -> list[str]:
+    """The names in a module's `__all__`; empty where it has none."""
+    if file is None:
+        return []
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return [str(name) for name in ast.literal_eval(node.value)]
+    return []

@@ -1,0 +1,81 @@
+"""The command-line reference: every command's usage, arguments and notes, from its argparse parser."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import os
+
+from generate.markdown import code, escaped, table
+
+INTRODUCTION = """# Commands
+
+Generated from the parsers of the command line. All commands take `--help`. Where a command takes a configuration, any
+[setting](settings.md) can be overridden as `--SECTION.NAME VALUE` or `--set SECTION.NAME=VALUE`.
+
+Exit codes: 0 done, 1 bad input or a failure (one sentence on standard error), 2 wrong usage, 130 stopped.
+"""
+_WIDTH = "100"  # argparse wraps usage lines at the terminal's width
+
+
+def commands_page() -> str:
+    """Markdown of `v3studio` with all its commands, and of `v3studio-gui`."""
+    from pipelines.cli import _parser
+
+    os.environ["COLUMNS"] = _WIDTH
+    parser, commands = _parser()
+    summaries = {
+        action.dest: action.help or ""
+        for group in parser._actions
+        if isinstance(group, argparse._SubParsersAction)
+        for action in group._choices_actions
+    }
+    rows = [(f"[`{name}`](#{name})", escaped(summaries.get(name, ""))) for name in commands]
+    lines = [INTRODUCTION, *table(("Command", "What it does"), *rows), ""]
+    for name, command in commands.items():
+        lines += _command(name, command, summaries.get(name, ""))
+    lines += ["## v3studio-gui", "", "```text", _gui_help(), "```", ""]
+    return "\n".join(lines)
+
+
+def _command(name: str, parser: argparse.ArgumentParser, summary: str) -> list[str]:
+    description = parser.description or summary
+    usage = parser.format_usage().removeprefix("usage: ").rstrip()
+    lines = [f"## {name} {{ #{name} }}", "", escaped(_sentence(description)), "", "```text", usage, "```", ""]
+    formatter = parser._get_formatter()
+    rows = []
+    for action in parser._actions:
+        if action.help is argparse.SUPPRESS or isinstance(action, argparse._HelpAction):
+            continue
+        said = formatter._expand_help(action) if action.help else ""
+        choices = f" One of {', '.join(map(str, action.choices))}." if action.choices and not action.metavar else ""
+        rows.append((_invocation(action), escaped(_sentence(said) + choices)))
+    lines += [*table(("Argument", "Meaning"), *rows), ""]
+    if parser.epilog and not parser.epilog.startswith("settings:"):
+        lines += ["```text", parser.epilog.rstrip(), "```", ""]
+    return lines
+
+
+def _invocation(action: argparse.Action) -> str:
+    value = action.metavar if isinstance(action.metavar, str) else None
+    if not action.option_strings:
+        return code(value or action.dest)
+    if action.nargs == 0:
+        return ", ".join(map(code, action.option_strings))
+    value = value or (action.dest.upper() if not action.choices else "{" + ",".join(map(str, action.choices)) + "}")
+    return ", ".join(code(f"{option} {value}") for option in action.option_strings)
+
+
+def _sentence(text: str) -> str:
+    text = " ".join(text.split())
+    return text and text[0].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else ".")
+
+
+def _gui_help() -> str:
+    from gui.app import main
+
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
+        main(["--help"])
+    return output.getvalue().rstrip()

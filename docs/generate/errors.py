@@ -1,0 +1,96 @@
+"""The table of error and warning codes: every place in the source that names one, found in the syntax tree."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from generate.markdown import code, escaped, table
+
+INTRODUCTION = """# Error codes
+
+Everything that V3 Studio refuses or warns about has a stable code. Codes never change their meaning; the text may.
+Programs should act on the code and its fields, people on the sentence.
+
+In Python, a refusal is a `studio.errors.StudioError` with the attributes `code`, `problem`, `file`, `value`, `fix` and
+`fields`. With `--json`, the same fields are in the event that the command prints.
+
+This page is generated from the source: it lists every place that names a code. Words in *italics* are filled in when
+the message is made.
+"""
+_CODE = re.compile(r"[a-z][a-z0-9_]*(\.[a-z0-9_]+)+")
+
+MAKERS = ("Error", "Message", "Warned", "warn")
+"""Ends of the names of what takes a code and a problem: error classes, `Message`, and what reports a warning."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """One place in the source that makes a message."""
+
+    code: str
+    problem: str
+    fix: str
+
+
+def errors_page(root: Path, packages: tuple[str, ...]) -> str:
+    """Markdown of all codes that the packages under `root` name, by area."""
+    found: dict[str, list[Site]] = defaultdict(list)
+    for package in packages:
+        for file in sorted((root / package).rglob("*.py")):
+            for site in sites(file.read_text(encoding="utf-8")):
+                found[site.code].append(site)
+    areas: dict[str, list[str]] = defaultdict(list)
+    for name in sorted(found):
+        areas[name.split(".")[0]].append(name)
+    lines = [INTRODUCTION, f"{len(found)} codes in {len(areas)} areas.", ""]
+    for area, names in areas.items():
+        lines += [f"## {area} {{ #{area} }}", ""]
+        rows = [
+            (f'<a id="{name}"></a>{code(name)}', "<br>".join(dict.fromkeys(_words(site) for site in found[name])))
+            for name in names
+        ]
+        lines += [*table(("Code", "Message and fix"), *rows), ""]
+    return "\n".join(lines)
+
+
+def _words(site: Site) -> str:
+    fix = f" **Fix:** {site.fix}" if site.fix else ""
+    return f"{site.problem}{fix}"
+
+
+def sites(source: str) -> Iterator[Site]:
+    """Every call in a module's source that makes a message with a code."""
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.Call) or not node.args:
+            continue
+        first = node.args[0]
+        if not isinstance(first, ast.Constant) or not isinstance(first.value, str) or not _CODE.fullmatch(first.value):
+            continue
+        keywords = {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
+        problem = node.args[1] if len(node.args) > 1 else keywords.get("problem")
+        if problem is not None and ast.unparse(node.func).endswith(MAKERS):
+            yield Site(first.value, _text(problem), _text(keywords["fix"]) if "fix" in keywords else "")
+
+
+def _text(node: ast.expr) -> str:
+    """A string expression as Markdown; what is only known at run time in italics."""
+    if isinstance(node, ast.Constant):
+        return escaped(str(node.value))
+    if isinstance(node, ast.JoinedStr):
+        return "".join(_text(part) for part in node.values)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return _text(node.left) + _text(node.right)
+    if isinstance(node, ast.IfExp):
+        return f"{_text(node.body)} / {_text(node.orelse)}"
+    value = node.value if isinstance(node, ast.FormattedValue) else node
+    names = [part.attr if isinstance(part, ast.Attribute) else part.id for part in ast.walk(value) if _named(part)]
+    return f"*{escaped(names[0].strip('_').replace('_', ' '))}*" if names else "*...*"
+
+
+def _named(node: ast.AST) -> bool:
+    return isinstance(node, (ast.Attribute, ast.Name))

@@ -1,0 +1,130 @@
+"""The settings reference: every field of the settings models, with its documentation, bounds and default."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import yaml
+from generate.markdown import code, escaped, table
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+INTRODUCTION = """# Settings
+
+Every setting of a run. This page is generated from the settings models that validate a run, so it lists exactly what
+the installed version accepts. `v3studio config` prints the same list as a YAML file that can be edited and run.
+
+Set a value in a YAML file:
+
+```yaml
+train:
+  max_splats: 36000
+```
+
+or on the command line, as `--train.max-splats 36000` or `--set train.max_splats=36000`. Settings that you leave out
+have their defaults. Unknown names are refused.
+"""
+
+
+def settings_page() -> str:
+    """Markdown of all settings."""
+    from pipelines.config import Config
+
+    lines = [INTRODUCTION]
+    for name, field in Config.model_fields.items():
+        lines += [f"## {name} {{ #{name} }}", "", escaped(field.annotation.__doc__ or ""), ""]
+        lines += _section(name, getattr(Config(), name))
+    return "\n".join(lines)
+
+
+def setting_names() -> set[str]:
+    """All dotted names: sections, settings, and settings of nested sections."""
+    from pipelines.config import Config
+
+    return set(_names("", Config()))
+
+
+def old_names() -> str:
+    """Markdown table of what settings, values and stages were called before."""
+    from pipelines.config import renamed
+
+    rows = [(code(f"{old}.*"), code(f"{new}.*")) for old, new in renamed.STAGES.items()]
+    rows += [(code(old), code(new)) for old, new in renamed.SETTINGS.items()]
+    for name, values in renamed.VALUES.items():
+        rows += [(code(f"{name}: {old}"), code(f"{name}: {new}")) for old, new in values.items()]
+    return "\n".join(table(("Old setting", "Setting"), *rows))
+
+
+def _names(prefix: str, model: BaseModel) -> Iterator[str]:
+    for name in type(model).model_fields:
+        yield prefix + name
+        value = getattr(model, name)
+        if isinstance(value, BaseModel):
+            yield from _names(f"{prefix}{name}.", value)
+
+
+def _section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> Iterator[str]:
+    affects = _results(getattr(type(model), "affects", None)) or affects
+    rows: list[tuple[str, ...]] = []
+    nested: list[tuple[str, BaseModel, tuple[str, ...]]] = []
+    for name, field in type(model).model_fields.items():
+        heading = getattr(type(model), "headings", {}).get(name) or _marker(field, "Heading", "text")
+        if heading:
+            yield from _table(rows)
+            rows = []
+            yield from (f"### {heading} {{ #{prefix}-{_slug(heading)} }}", "")
+        changed = _results(_marker(field, "Affects")) or affects
+        value = getattr(model, name)
+        dotted = f"{prefix}.{name}"
+        if isinstance(value, BaseModel):
+            nested.append((dotted, value, changed))
+            description = f"{_words(field)} [Its settings](#{dotted.replace('.', '-')})."
+            rows.append((_anchor(dotted, name), "", description))
+        else:
+            rows.append((_anchor(dotted, name), code(_default(model, name)), _words(field) + _stale(changed)))
+    yield from _table(rows)
+    for dotted, value, changed in nested:
+        yield from (f"### {dotted} {{ #{dotted.replace('.', '-')} }}", "", escaped(type(value).__doc__ or ""), "")
+        yield from _section(dotted, value, changed)
+
+
+def _table(rows: list[tuple[str, ...]]) -> Iterator[str]:
+    if rows:
+        yield from [*table(("Setting", "Default", "Description"), *rows), ""]
+
+
+def _anchor(dotted: str, name: str) -> str:
+    return f'<a id="{dotted}"></a>`{name}`'
+
+
+def _words(field: FieldInfo) -> str:
+    from pipelines.config.description import allowed_values
+
+    text = escaped(field.description or "")
+    allowed = allowed_values(field)
+    return f"{text}<br>*{escaped(allowed[0].upper() + allowed[1:])}.*" if allowed else text
+
+
+def _marker(field: FieldInfo, kind: str, attribute: str | None = None) -> Any:
+    """The field's marker of that class in `Annotated` (see `studio.settings`), or one of its attributes; else None."""
+    found = next((item for item in field.metadata if type(item).__name__ == kind), None)
+    return getattr(found, attribute) if found is not None and attribute else found
+
+
+def _results(affects: Any) -> tuple[str, ...]:
+    return tuple(affects.results) if affects is not None else ()
+
+
+def _stale(results: tuple[str, ...]) -> str:
+    names = ", ".join(escaped(name.replace("_", " ")) for name in results)
+    return f"<br>Changing it makes stale: {names}." if names else ""
+
+
+def _default(model: BaseModel, name: str) -> str:
+    value: Any = model.model_dump(mode="json", include={name})[name]
+    return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+
+
+def _slug(text: str) -> str:
+    return "-".join("".join(letter if letter.isalnum() else " " for letter in text.lower()).split())

@@ -1,0 +1,432 @@
+"""Installs the pinned requirements and this package into .venv: for `make setup`, and with --dev for tests and linters.
+
+It runs before .venv exists, so it uses the standard library only. It may be stopped at any moment: what was finished is
+kept in RECORD, and the next call goes on from there. docs/INSTALL.md says what is installed and why.
+"""
+
+import argparse
+import codecs
+import fcntl
+import hashlib
+import json
+import os
+import platform
+import pty
+import re
+import shutil
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+PYTHON = VENV / "bin" / "python"
+RECORD = VENV / "v3studio-setup.json"  # {part: what it was installed from}, written after each part
+LOCK = ROOT / "requirements.lock"
+DEV_LOCK = ROOT / "requirements-dev.lock"
+
+CPU_INDEX = "https://download.pytorch.org/whl/cpu"  # PyTorch's own; PyPI has only the CUDA build for Linux
+CUDA_ONLY = ("nvidia-", "cuda-", "triton")  # what torch's CUDA build depends on, and nothing else does
+OPEN3D = ("open3d", "open3d-cpu")  # the same modules, with and without CUDA kernels; only one can be installed
+# Few retries: with pip's five, a machine without a network waits 38 s before the first message.
+PIP_NETWORK = ("--disable-pip-version-check", "--retries", "2")
+BAR = "━"  # what pip draws its progress bars with
+SHOW_CURSOR = "\x1b[?25h"  # which it hides while it draws them
+
+
+class Failure(Exception):
+    """One sentence for the user."""
+
+
+def has_nvidia_gpu() -> bool:
+    """Whether the NVIDIA driver shows a GPU on this machine."""
+    if any(Path("/dev").glob("nvidia[0-9]*")) or any(Path("/proc/driver/nvidia/gpus").glob("*")):
+        return True
+    try:  # WSL has neither of them, but has this
+        listing = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True, timeout=20)
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return listing.returncode == 0 and "GPU " in listing.stdout
+
+
+def choose_torch(environment: Mapping[str, str], recorded: str | None, gpu: Callable[[], bool] = has_nvidia_gpu) -> str:
+    """The build of PyTorch to install, "cpu" or "cuda".
+
+    V3STUDIO_TORCH decides; without it, the build stays what it was; the first time, the machine decides.
+    """
+    asked = environment.get("V3STUDIO_TORCH", "")
+    if asked in ("cpu", "cuda"):
+        return asked
+    if asked:
+        raise Failure(f"V3STUDIO_TORCH is {asked!r}; it must be cpu or cuda, or unset to go by the machine's GPU.")
+    return recorded or ("cuda" if gpu() else "cpu")
+
+
+def pins(lock: Path) -> dict[str, str]:
+    """{package: version} of a lock file."""
+    lines = (line.partition("#")[0].strip() for line in lock.read_text(encoding="utf-8").splitlines())
+    return dict(line.split("==", 1) for line in lines if line)
+
+
+def digest(*files: Path) -> str:
+    """SHA-256 over the names and contents of `files`."""
+    found = hashlib.sha256()
+    for file in files:
+        content = file.read_bytes()
+        found.update(f"{file.relative_to(ROOT)} {len(content)}\n".encode() + content)
+    return found.hexdigest()
+
+
+def read_record() -> dict[str, str]:
+    """What earlier calls finished; empty where there is no record or it cannot be read."""
+    try:
+        record = json.loads(RECORD.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def write_record(record: dict[str, str]) -> None:
+    """Replaces the record, whole or not at all."""
+    new = RECORD.with_suffix(".new")
+    new.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    new.replace(RECORD)
+
+
+# .venv
+
+
+def site_packages() -> Path:
+    """The folder that packages are installed into."""
+    return next(iter(VENV.glob("lib/python3*/site-packages")), VENV / "lib" / "none")
+
+
+def is_complete(dist_info: Path) -> bool:
+    """Whether an installation ran to its end: pip writes RECORD last, and INSTALLER is named in that one only."""
+    try:
+        return f"{dist_info.name}/INSTALLER," in (dist_info / "RECORD").read_text(encoding="utf-8")
+    except OSError:
+        return False
+
+
+def why_unusable(python_asked_for: bool) -> str | None:
+    """Why .venv has to be made anew; None if it is usable."""
+    try:
+        answer = subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True, text=True)
+    except OSError:
+        return "its Python is gone"
+    found = re.search(r"\(python (\d+)\.(\d+)\)", answer.stdout)
+    if answer.returncode != 0 or found is None:
+        return "its pip does not answer"
+    version = (int(found[1]), int(found[2]))
+    if version < (3, 11):
+        return f"its Python is {version[0]}.{version[1]}, and 3.11 is needed"
+    if python_asked_for and version != sys.version_info[:2]:
+        return f"its Python is {version[0]}.{version[1]}, and PYTHON is {sys.version_info[0]}.{sys.version_info[1]}"
+    if not any(is_complete(info) for info in site_packages().glob("pip-*.dist-info")):
+        return "making it was interrupted"
+    try:
+        launcher = (VENV / "bin" / "pip").read_text(encoding="utf-8")
+    except OSError:
+        return "its pip is gone"
+    return None if f"{VENV}/bin/" in launcher else "it was moved here from another folder"
+
+
+def ensure_venv() -> None:
+    """Makes .venv where there is none or the one that is there is unusable."""
+    if VENV.exists() or VENV.is_symlink():
+        reason = why_unusable(bool(os.environ.get("PYTHON")))
+        if reason is None:
+            return
+        print(f"Making .venv anew: {reason}.", flush=True)
+    # Not sys.executable: that is inside .venv where it is activated, and about to be removed.
+    base = getattr(sys, "_base_executable", None) or sys.executable
+    made = subprocess.run([base, "-m", "venv", "--clear", VENV], capture_output=True, text=True)
+    if made.returncode != 0:
+        last = (made.stdout + made.stderr).strip().splitlines()[-1:] or ["no message"]
+        raise Failure(f"{base} -m venv could not make {VENV}: {last[0]}")
+
+
+def remove_unfinished() -> None:
+    """Removes what an interrupted pip left, which it would take for installed packages."""
+    for left in [*site_packages().glob("~*"), *site_packages().glob("*.dist-info")]:
+        if left.name.startswith("~") or not is_complete(left):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def is_installed(package: str) -> bool:
+    """Whether .venv holds `package` (a name in normalized form)."""
+    return any(site_packages().glob(f"{package.replace('-', '_')}-*.dist-info"))
+
+
+def installed_torch() -> tuple[str, str] | None:
+    """(version, "cpu" or "cuda") of the PyTorch in .venv, read without importing it; None where there is none."""
+    try:
+        text = (site_packages() / "torch" / "version.py").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    values = dict(re.findall(r"^(__version__|cuda)\b.*?= *(\S+)", text, re.MULTILINE))
+    return values.get("__version__", "?").strip("'\""), "cpu" if values.get("cuda") == "None" else "cuda"
+
+
+# pip
+
+
+class Progress:
+    """Passes on what a user wants to read of pip's output and keeps all of it."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.packages = 0
+        self.megabytes = 0.0  # of their files
+        self.downloaded = 0.0  # of these, neither from pip's cache nor from local files
+
+    def line(self, line: str) -> None:
+        self.lines.append(line)
+        if line.startswith("ERROR:"):
+            return  # pip's last word; `why_pip_failed` words it
+        if match := re.match(r"Installing collected packages: (.*)", line):
+            print(f"  installing {len(match[1].split(','))} packages", flush=True)
+        match = re.match(
+            r"\s*(Downloading|Using cached|Processing) (\S.*?)(?: \(([\d.]+) ([kMG]?B)\)| \(from .*)?$", line
+        )
+        if match is None or not match[2].endswith((".whl", ".tar.gz")):
+            return
+        megabytes = 0.0
+        if match[3]:
+            megabytes = float(match[3]) * {"B": 1e-6, "kB": 1e-3, "MB": 1.0, "GB": 1e3}[match[4]]
+        elif Path(match[2]).is_file():
+            megabytes = Path(match[2]).stat().st_size / 1e6
+        self.packages += 1
+        self.megabytes += megabytes
+        if match[1] == "Downloading":
+            self.downloaded += megabytes
+        source = {"Downloading": "downloading", "Using cached": "from pip's cache:", "Processing": "from a local file:"}
+        name = "-".join(match[2].rsplit("/", 1)[-1].replace("%2B", "+").split("-")[:2])
+        print(f"  {source[match[1]]} {name} ({megabytes:.{1 if megabytes >= 1 else 2}f} MB)", flush=True)
+
+
+def pip(*arguments: str | Path, progress: Progress | None = None, path: str | None = None) -> tuple[int, list[str]]:
+    """Runs .venv's pip; returns its exit status and its lines, which also go to `progress`.
+
+    On a terminal pip gets a terminal too, so that it draws its progress bars, and these pass through as they are.
+    """
+    # Settings of the user's environment that would install elsewhere, or import from elsewhere.
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    environment |= {"PIP_USER": "0", "PATH": path or os.environ.get("PATH", os.defpath)}
+    bars = progress is not None and sys.stdout.isatty()
+    ours, theirs = pty.openpty() if bars else os.pipe()
+    if bars:
+        termios.tcsetwinsize(theirs, termios.tcgetwinsize(sys.stdout.fileno()))  # type: ignore[attr-defined]
+    lines: list[str] = []
+    decoder, waiting, in_bar = codecs.getincrementaldecoder("utf-8")("replace"), "", False
+    command = [PYTHON, "-m", "pip", *arguments]
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=theirs, stderr=theirs, env=environment) as process:
+        os.close(theirs)
+        while True:
+            try:
+                chunk = os.read(ours, 65536)
+            except OSError:  # how a terminal ends
+                chunk = b""
+            if not chunk:
+                break
+            *complete, waiting = (waiting + decoder.decode(chunk)).split("\n")
+            for line in complete:
+                if in_bar or BAR in line:
+                    if bars:
+                        print(line, flush=True)
+                else:
+                    lines.append(re.sub(r"\x1b\[[?\d;]*[A-Za-z]|\r$", "", line))
+                    if progress is not None:
+                        progress.line(lines[-1])
+                in_bar = False
+            if bars and (in_bar or BAR in waiting):
+                print(waiting, end="", flush=True)
+                waiting, in_bar = "", True
+        os.close(ours)
+    if bars:
+        print(SHOW_CURSOR, end="", flush=True)
+    return process.returncode, lines
+
+
+def network_trouble(lines: list[str]) -> str | None:
+    """ "host: reason" where pip's messages speak of a host that it could not reach; None where they do not."""
+    for line in lines:
+        if re.search(r"connection (broken|error)|NewConnectionError|Timeout|Max retries|ProxyError|SSLError", line):
+            host = re.search(r"(?:host='|https?://)([^'/:]+)", line)
+            reasons = re.findall(r"\[Errno -?\d+\] ([^'\")]+)|(timed out|[A-Za-z]*(?:Proxy|SSL|Timeout)Error)", line)
+            reason = next((first or second for first, second in reasons), "no connection")
+            return f"{host[1]}: {reason.strip()}" if host else reason.strip()
+    return None
+
+
+def why_pip_failed(lines: list[str]) -> Failure:
+    """pip's failure in a sentence."""
+    if trouble := network_trouble(lines):
+        return Failure(
+            f"Packages cannot be downloaded ({trouble}); connect this machine to the network, or set pip's proxy or "
+            "index-url (pip config set global.index-url URL), and run this again: it goes on from here."
+        )
+    errors = [line.removeprefix("ERROR: ").strip() for line in lines if line.startswith("ERROR:")]
+    return Failure("pip failed: " + (" ".join(errors[:2]) or "\n".join(lines[-20:])))
+
+
+def install(*arguments: str | Path, progress: Progress) -> None:
+    """pip install, with progress; raises Failure."""
+    # Without byte code: Python writes it at the first import, of what is imported; for all it doubles the time.
+    status, lines = pip("install", "--no-compile", *PIP_NETWORK, *arguments, progress=progress)
+    if status != 0:
+        raise why_pip_failed(lines)
+
+
+def uninstall(packages: list[str]) -> None:
+    """Removes those of `packages` that are installed."""
+    packages = [package for package in packages if is_installed(package)]
+    if packages:
+        status, lines = pip("uninstall", "--yes", "--disable-pip-version-check", *packages)
+        if status != 0:
+            raise why_pip_failed(lines)
+
+
+# The parts
+
+
+def torch_requirement(build: str, version: str) -> list[str]:
+    """pip's arguments for `build` of PyTorch `version`.
+
+    CPU builds carry the local version "+cpu" on PyTorch's own index; PyPI's build without one is CUDA. A user's own pip
+    configuration may offer either. Raises Failure where pip finds no PyTorch at all.
+    """
+    if build == "cuda":
+        return [f"torch==={version}"]  # === takes no local version: "+cpu" would satisfy ==, and be preferred
+    # `pip index` goes by pip's own proxies and certificates. One try of 5 s: this is only a question.
+    question = ("--extra-index-url", CPU_INDEX, "--timeout", "5", "--retries", "0", "--disable-pip-version-check")
+    _, lines = pip("-vv", "index", "versions", "torch", *question)
+    offered = re.search(r"Available versions: (.*)", "\n".join(lines))
+    if offered is None and network_trouble(lines):
+        raise why_pip_failed(lines)
+    trouble = network_trouble([line for line in lines if "download.pytorch.org" in line])
+    if offered and f"{version}+cpu" in offered[1].split(", "):
+        index = [] if trouble else ["--extra-index-url", CPU_INDEX]  # pip would retry it for each package
+        return [*index, f"torch=={version}+cpu"]
+    reason = f"cannot be reached ({trouble})" if trouble else f"has no build of {version} for this machine"
+    print(f"PyTorch's CPU builds: {CPU_INDEX} {reason}; installing the build that pip finds elsewhere.", flush=True)
+    return [f"torch=={version}"]
+
+
+def torch_message(build: str) -> str:
+    """Which build of PyTorch is installed where `build` was wanted, and how to change that."""
+    version, installed = installed_torch() or ("?", "?")
+    other = {"cpu": "cuda", "cuda": "cpu"}[build] if installed == build else build
+    again = "" if installed == build else " try again to"
+    return (
+        f"PyTorch {version} is the {installed.upper()} build. "
+        f"To{again} install the {other.upper()} build: V3STUDIO_TORCH={other} make setup"
+    )
+
+
+def install_requirements(build: str, progress: Progress) -> None:
+    """The run-time set: PyTorch with what it needs, then all pins, each exactly and without its dependencies."""
+    versions = pins(LOCK)
+    install("-c", LOCK, *torch_requirement(build, versions["torch"]), progress=progress)
+    torch = installed_torch()
+    if torch is not None and torch[1] == "cpu":
+        names = [info.name.split("-")[0].replace("_", "-") for info in site_packages().glob("*.dist-info")]
+        uninstall([name for name in names if name.startswith(CUDA_ONLY)])
+
+    has_cpu_wheels = platform.machine() == "x86_64"
+    wanted = OPEN3D[1] if build == "cpu" and has_cpu_wheels else OPEN3D[0]
+    if any(is_installed(name) for name in OPEN3D if name != wanted):
+        uninstall(list(OPEN3D))  # both: they share their files
+    versions[wanted] = versions.pop(OPEN3D[0])
+    install("--no-deps", *(f"{name}=={version}" for name, version in versions.items()), progress=progress)
+
+
+def package_sources() -> list[Path]:
+    """What the installed package is built from; Python modules are used where they lie."""
+    sources = [path for path in (ROOT / "studio" / "rasterizer").rglob("*") if path.suffix in (".cpp", ".h", ".hpp")]
+    return [path for path in (ROOT / "pyproject.toml", ROOT / "CMakeLists.txt", *sorted(sources)) if path.exists()]
+
+
+def install_package() -> None:
+    """This package, editable. Without isolation and dependencies: the lock has both already, build tools included."""
+    path = f"{VENV / 'bin'}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
+    options = ("--disable-pip-version-check", "--no-build-isolation", "--no-deps")
+    status, lines = pip("install", *options, "--editable", ROOT, path=path)
+    if status != 0:
+        raise Failure("\n".join([*lines[-40:], "The package could not be built; the messages are above."]))
+
+
+def setup(dev: bool, package: bool) -> None:
+    """Brings .venv to what the locks and the sources say; quick where it is there already."""
+    started = time.monotonic()
+    build = choose_torch(os.environ, read_record().get("torch"))
+    ensure_venv()
+    record = read_record()
+    progress = Progress()
+
+    requirements = digest(LOCK)
+    torch = installed_torch()
+    other_build = os.environ.get("V3STUDIO_TORCH") and torch is not None and torch[1] != build
+    if record.get("requirements") != requirements or record.get("torch") != build or other_build:
+        print("Installing the pinned requirements into .venv", flush=True)
+        remove_unfinished()
+        install_requirements(build, progress)
+        record |= {"requirements": requirements, "torch": build}
+        write_record(record)
+    if dev and record.get("dev") != digest(DEV_LOCK):
+        print("Installing what tests and linters need into .venv", flush=True)
+        remove_unfinished()
+        install("--no-deps", "-r", DEV_LOCK, progress=progress)
+        record["dev"] = digest(DEV_LOCK)
+        write_record(record)
+    if package and record.get("package") != digest(*package_sources()):
+        print("Building and installing v3studio into .venv (editable)", flush=True)
+        remove_unfinished()
+        install_package()
+        record["package"] = digest(*package_sources())
+        write_record(record)
+
+    if progress.packages:
+        seconds = round(time.monotonic() - started)
+        print(
+            f"Installed {progress.packages} packages of {progress.megabytes:.0f} MB in {seconds} s; "
+            f"{progress.downloaded:.0f} MB were downloaded."
+        )
+        print(torch_message(build))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; returns the exit status."""
+    parser = argparse.ArgumentParser(description="Install the pinned requirements and this package into .venv.")
+    parser.add_argument("--dev", action="store_true", help="also what tests and linters need")
+    parser.add_argument(
+        "--requirements-only", action="store_true", help="not this package (a Dockerfile's first layers)"
+    )
+    options = parser.parse_args(arguments)
+    folder = os.open(ROOT, os.O_RDONLY)  # closed, and so unlocked, when this process ends, however it does
+    try:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            print("Another set-up of this folder is running; waiting for it.", flush=True)
+            with suppress(OSError):  # a file system without locks: go on
+                fcntl.flock(folder, fcntl.LOCK_EX)
+        setup(options.dev, not options.requirements_only)
+    except Failure as failure:
+        print(failure, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print((SHOW_CURSOR if sys.stderr.isatty() else "") + "\nInterrupted; run it again to go on.", file=sys.stderr)
+        return 130
+    finally:
+        os.close(folder)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

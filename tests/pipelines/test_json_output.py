@@ -1,0 +1,149 @@
+"""With --json, standard output holds JSON only, whatever libraries print in between, at exit or in child processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipelines.events import RunFinished, StageFinished, parse_event
+
+ROOT = Path(__file__).parents[2]
+
+NOISE = """
+import argparse, atexit, ctypes, os, subprocess, sys
+from pipelines import cli
+
+def noise():
+    os.write(1, b"Warning: no newline, and a byte that is not UTF-8 \\xff")
+    ctypes.CDLL(None).puts(b"C library: buffered until exit")
+    subprocess.run(["echo", "child process"], check=True)
+    print("Python library")
+
+atexit.register(lambda: print("Python library at exit"))
+"""
+
+NOISY_STAGE = """
+from pipelines.stages import stage_named
+stage, quiet = type(stage_named("bake")), type(stage_named("bake")).run
+
+def run(self, context, reporter):
+    noise()
+    summary = quiet(self, context, reporter)
+    noise()
+    return summary
+
+stage.run = run
+"""
+
+NOISY_COMMAND = """
+read = argparse.ArgumentParser.parse_known_args
+
+def parse(self, *given):
+    known, unknown = read(self, *given)
+    if hasattr(known, "command"):
+        quiet = known.command
+        known.command = lambda arguments: (noise(), quiet(arguments), noise())[1]
+    return known, unknown
+
+argparse.ArgumentParser.parse_known_args = parse
+"""
+WORDS = ("Warning: no newline", "C library: buffered", "child process", "Python library\n", "Python library at exit")
+
+
+def noisy(code: str, *arguments: object) -> subprocess.CompletedProcess[bytes]:
+    """The command line with libraries that print."""
+    return subprocess.run(
+        [sys.executable, "-c", f"{NOISE}{code}\nsys.exit(cli.main())", *map(str, arguments)],
+        capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, cwd=ROOT, timeout=120, check=False,
+    )  # fmt: skip
+
+
+def test_a_run_whose_stage_prints_gives_events_only(take_of: Callable[[], Path]) -> None:
+    done = noisy(NOISY_STAGE, "bake", take_of(), "--force", "--json")
+    assert done.returncode == 0, done.stderr
+    events = [parse_event(line) for line in done.stdout.decode().splitlines()]
+    assert any(isinstance(event, StageFinished) for event in events)
+    assert isinstance(events[-1], RunFinished)
+    for words in WORDS:
+        assert words in done.stderr.decode("utf-8", "replace"), "shown, not lost"
+
+
+def test_a_failure_still_ends_in_its_sentence_and_its_event(take_of: Callable[[], Path]) -> None:
+    done = noisy(NOISY_STAGE, "bake", take_of(), "--force", "--json", "--train.group_size", "2")
+    assert done.returncode == 1
+    events = [parse_event(line) for line in done.stdout.decode().splitlines()]
+    assert isinstance(events[-1], RunFinished)
+    assert events[-1].outcome == "failed"
+    assert b"error: The stage bake needs train" in done.stderr
+
+
+COMMANDS = {
+    "status": ("status", "{take}", "--json"),
+    "play": ("play", "{take}", "--headless", "--json"),
+    "export": ("export", "{take}", "--format", "ply", "--of", "trained", "--out", "{out}", "--json"),
+    "import": ("import", "{frame}", "--out", "{out}", "--json"),
+    "sync": ("sync", "{long}", "--method", "motion", "--json"),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_with_json_prints_json_only(
+    name: str, take_of: Callable[[], Path], tmp_path: Path, long_footage: Path, cli: Callable
+) -> None:
+    take, frame = take_of(), tmp_path / "frame.ply"
+    if name == "import":
+        made = cli("export", take, "--format", "ply", "--of", "trained", "--frames", "0:1", "--out", frame)
+        assert made.returncode == 0, made.stderr
+    places = {"take": take, "out": tmp_path / "out", "frame": frame, "long": long_footage}
+    done = noisy(NOISY_COMMAND, *(word.format(**places) for word in COMMANDS[name]))
+    assert done.returncode == 0, done.stderr
+    text = done.stdout.decode()
+    if name in ("export", "import"):
+        lines = [json.loads(line) for line in text.splitlines()]
+        assert {line["kind"] for line in lines} == {"progress"}
+    else:
+        assert isinstance(json.loads(text), dict)
+    for words in WORDS:
+        assert words in done.stderr.decode("utf-8", "replace")
+
+
+def test_every_command_that_knows_json_is_tried_above(cli: Callable) -> None:
+    from pipelines.cli import _parser
+
+    parsers = _parser()[1]
+    knowing = {name for name, parser in parsers.items() if "--json" in parser.format_help()}
+    stages = {"run", "calibrate", "initialize", "train", "bake", "evaluate"}  # one function, tried with bake
+    assert knowing == stages | set(COMMANDS)
+
+
+def test_settings_printed_as_yaml_are_free_of_native_output(project: Path) -> None:
+    done = noisy(NOISY_COMMAND.replace("noise()", "os.write(1, b'native')"), "config", project / "ball.yaml")
+    assert done.returncode == 0
+    assert done.stdout.startswith(b"# All settings")
+    assert b"native" not in done.stdout
+
+
+def test_a_reader_that_leaves_early_is_no_error() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pipelines.cli", "config"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert process.stderr.read() == b""
+    assert process.wait(60) == 1
+    process.stderr.close()
+
+
+@pytest.fixture
+def take_of(finished: Path, tmp_path: Path) -> Callable[[], Path]:
+    """A copy of the finished take."""
+    import shutil
+
+    return lambda: Path(shutil.copytree(finished / "take", tmp_path / "take"))

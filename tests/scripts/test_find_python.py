@@ -1,0 +1,63 @@
+"""Which Python scripts/find_python.sh chooses, and what it says to a wrong PYTHON."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def write_program(file: Path, text: str) -> Path:
+    file.unlink(missing_ok=True)
+    file.write_text(text, encoding="utf-8")
+    file.chmod(0o755)
+    return file
+
+
+def find(clone: Path, programs: Path, python: str | None = None) -> subprocess.CompletedProcess[str]:
+    environment = {"PATH": str(programs)} | ({} if python is None else {"PYTHON": python})
+    script = clone / "scripts" / "find_python.sh"
+    return subprocess.run(["bash", script], env=environment, capture_output=True, text=True)
+
+
+def an_old_python(file: Path) -> Path:
+    """This Python, but it says that it is 3.9.2."""
+    return write_program(
+        file,
+        f'#!/bin/sh\nexec "{sys.executable}" -c \'import sys; sys.version_info = (3, 9, 2); exec(sys.argv[1])\' "$2"\n',
+    )
+
+
+def test_an_older_python3_is_passed_over(clone: Path, programs: Path) -> None:
+    an_old_python(programs / "python3")
+    newer = write_program(programs / "python3.12", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    answer = find(clone, programs)
+    assert (answer.returncode, answer.stdout.strip()) == (0, str(newer))
+
+
+def test_python_decides_where_it_is_set(clone: Path, programs: Path) -> None:
+    write_program(programs / "python3", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    mine = write_program(clone / "my python", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    answer = find(clone, programs, str(mine))
+    assert (answer.returncode, answer.stdout.strip()) == (0, str(mine))
+
+
+@pytest.mark.parametrize(
+    ("python", "reason"),
+    [("no-such-python", "is not a program"), ("false", "does not run as Python"), ("old", "is Python 3.9.2;")],
+)
+def test_a_wrong_python_is_refused_by_name(clone: Path, programs: Path, python: str, reason: str) -> None:
+    write_program(programs / "python3", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    an_old_python(programs / "old")
+    answer = find(clone, programs, python)
+    assert answer.returncode == 1
+    assert answer.stdout == ""
+    assert f"PYTHON is '{python}'" in answer.stderr
+    assert reason in answer.stderr
+    assert len(answer.stderr.splitlines()) == 1
+
+
+def test_none_at_all_is_said(clone: Path, programs: Path) -> None:
+    answer = find(clone, programs)
+    assert answer.returncode == 1
+    assert "found none" in answer.stderr

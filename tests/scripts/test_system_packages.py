@@ -1,0 +1,70 @@
+"""What scripts/system_packages.sh says and does where packages are missing. Every program that it asks is replaced."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture
+def bare(programs: Path) -> Path:
+    """The programs of a system without any of the libraries, whose user is not root and has no sudo."""
+    replace(programs, "python3", f'exec "{sys.executable}" "$@"')
+    replace(programs, "ldconfig", "exit 0")
+    replace(programs, "id", "echo 1000")
+    (programs / "sudo").unlink(missing_ok=True)
+    replace(programs, "apt-get", "echo unexpected; exit 1")
+    return programs
+
+
+def replace(programs: Path, name: str, script: str) -> None:
+    (programs / name).unlink(missing_ok=True)
+    (programs / name).write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
+    (programs / name).chmod(0o755)
+
+
+def look(clone: Path, programs: Path) -> subprocess.CompletedProcess[str]:
+    script = clone / "scripts" / "system_packages.sh"
+    return subprocess.run(["bash", script], env={"PATH": str(programs)}, capture_output=True, text=True)
+
+
+def test_a_user_without_root_gets_one_command_to_paste(clone: Path, bare: Path) -> None:
+    answer = look(clone, bare)
+    assert answer.returncode == 1
+    command = answer.stderr.splitlines()[1].strip()
+    assert command.startswith("su -c 'apt-get update && apt-get install -y --no-install-recommends ")
+    assert {"libegl1", "libgl1", "libvulkan1"} <= set(command.rstrip("'").split())
+
+
+def test_with_sudo_where_there_is_one(clone: Path, bare: Path) -> None:
+    replace(bare, "sudo", "exit 1")  # it asks for a password
+    command = look(clone, bare).stderr.splitlines()[1].strip()
+    assert command.startswith("sudo apt-get update && sudo apt-get install -y --no-install-recommends ")
+
+
+def test_root_installs(clone: Path, bare: Path, tmp_path: Path) -> None:
+    replace(bare, "id", "echo 0")
+    replace(bare, "apt-get", f'echo "$@" >>"{tmp_path}/calls"')
+    answer = look(clone, bare)
+    assert answer.returncode == 0, answer.stderr
+    update, install = (tmp_path / "calls").read_text().splitlines()
+    assert update.endswith(" update")
+    assert " install -y --no-install-recommends " in install
+    assert install.split().count("libegl1") == 1
+
+
+@pytest.mark.parametrize(
+    ("messages", "sentence"),
+    [
+        ("W: Temporary failure resolving 'deb.example.org'\nE: Unable to fetch some archives", "cannot be reached"),
+        ("E: Unable to locate package libegl1", "E: Unable to locate package libegl1"),
+    ],
+)
+def test_a_failure_of_apt_is_one_sentence(clone: Path, bare: Path, messages: str, sentence: str) -> None:
+    replace(bare, "id", "echo 0")
+    replace(bare, "apt-get", f'printf "%s\\n" "{messages}"\nexit 100')
+    answer = look(clone, bare)
+    assert answer.returncode == 1
+    assert len(answer.stderr.splitlines()) == 1
+    assert sentence in answer.stderr

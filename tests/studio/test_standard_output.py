@@ -1,0 +1,105 @@
+"""Standard output is the program's own, whatever native code writes to descriptor 1."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from studio.standard_output import NativeLines, as_utf8, claim_stdout, discard
+
+ROOT = Path(__file__).parents[2]
+
+NOISY = """
+import atexit, ctypes, os, subprocess, sys
+from studio.standard_output import claim_stdout
+claim_stdout()
+os.write(1, b"raw\\n")
+ctypes.CDLL(None).printf(b"buffered until exit\\n")
+subprocess.run([sys.executable, "-c", "print('a child')"], check=True)
+print("ours: prise \\u00e9 \\u5f71")
+"""
+
+
+def run(code: str, **options: object) -> subprocess.CompletedProcess[bytes]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}  # type: ignore[dict-item]
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, env=environment, timeout=60, check=False, **options
+    )  # type: ignore[call-overload,no-any-return]
+
+
+def test_native_output_and_that_of_children_goes_to_standard_error() -> None:
+    done = run(NOISY)
+    assert (done.returncode, done.stdout.decode()) == (0, "ours: prise é 影\n")
+    assert sorted(done.stderr.decode().splitlines()) == ["a child", "buffered until exit", "raw"]
+
+
+def test_without_the_claim_the_same_program_mixes_them() -> None:
+    """The test above can fail."""
+    mixed = run(NOISY.replace("claim_stdout()\n", "\n", 1).replace("claim_stdout()", "pass")).stdout
+    assert b"raw" in mixed
+    assert b"buffered until exit" in mixed
+    assert b"a child" in mixed
+
+
+@pytest.mark.parametrize("locale", ["C", "POSIX", "C.UTF-8"])
+def test_names_beyond_ascii_are_written_as_utf8_in_every_locale_of_a_minimal_system(locale: str) -> None:
+    done = run(NOISY, env={"LC_ALL": locale, "LANG": locale})
+    assert done.stdout.decode() == "ours: prise é 影\n", done.stderr
+
+
+def test_an_encoding_without_the_letters_gets_escapes_and_json_utf8() -> None:
+    code = (
+        "import sys\nfrom studio.standard_output import as_utf8, claim_stdout\nclaim_stdout()\n"
+        "print('\\u5f71', flush=True)\nas_utf8(sys.stdout)\nprint('\\u5f71 \\udce9')"
+    )
+    done = run(code, env={"PYTHONIOENCODING": "ascii"})
+    assert done.stdout == "\\u5f71\n影 \\udce9\n".encode(), done.stderr
+
+
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_closed_descriptor_is_no_error(closed: int) -> None:
+    done = subprocess.run(
+        ["bash", "-c", f'exec "$0" -c "$1" {closed}>&-', sys.executable, NOISY],
+        capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.decode() == ("" if closed == 1 else "ours: prise é 影\n")
+
+
+def test_a_stream_without_descriptor_1_is_left_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    before = sys.stdout
+    claim_stdout()
+    assert sys.stdout is before
+    as_utf8(sys.stdout)
+    print("é")
+    assert capsys.readouterr().out == "é\n"
+
+
+def test_what_is_written_after_the_reader_left_is_dropped() -> None:
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    with os.fdopen(write_end, "w") as stream:
+        discard(stream)
+        stream.write("nobody reads this")
+
+
+def test_native_lines_are_collected_and_the_descriptor_is_given_back(capfd: pytest.CaptureFixture[str]) -> None:
+    lines = NativeLines()
+    try:
+        os.write(1, b"one\ntw")
+        assert lines.take() == ["one"]
+        os.write(1, b"o\xff\n")
+        assert lines.take() == ["two\ufffd"]
+        assert lines.take() == []
+        ctypes.CDLL(None).printf(b"buffered")
+    finally:
+        rest = lines.close()
+    assert rest == ["buffered"]
+    assert lines.close() == lines.take() == []
+    os.write(1, b"back\n")
+    assert capfd.readouterr().out == "back\n"
