@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from pipelines.config import Config
 from pipelines.config.renamed import first_name, first_names
 from pipelines.takes.atomic_files import digest_of
+from studio.settings import affected
 
 Params = dict[str, Any]
 """What a result is made from: settings by dotted name, digests of inputs and of other stages' results."""
@@ -31,6 +33,16 @@ def settings_of(config: Config, *names: str) -> Params:
             value = value[part]
         collect(name, value)
     return found
+
+
+@cache
+def _affected() -> dict[str, tuple[str, ...]]:
+    return affected(Config)
+
+
+def settings_affecting(config: Config, *results: str) -> Params:
+    """Settings by dotted name that affect one of the results (`studio.settings.RESULTS`), as said at their fields."""
+    return settings_of(config, *(name for name, own in _affected().items() if not set(results).isdisjoint(own)))
 
 
 def without(params: Params, *names: str) -> Params:

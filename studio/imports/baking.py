@@ -41,7 +41,12 @@ def cut(video: SplatVideo, group_size: int) -> list[range]:
 
 
 def bake_video(
-    video: SplatVideo, folder: Path, settings: BakeSettings, group_size: int = 20, progress: ProgressFn = no_progress
+    video: SplatVideo,
+    folder: Path,
+    settings: BakeSettings,
+    group_size: int = 20,
+    progress: ProgressFn = no_progress,
+    threads: int = 0,
 ) -> Manifest:
     """Bake all frames to a stream that appears at `folder` when it is complete.
 
@@ -51,6 +56,7 @@ def bake_video(
         settings: as for every bake.
         group_size: frames a group at most.
         progress: called with frames baked, of all.
+        threads: CPU threads; 0: one per core.
 
     Raises:
         StudioError: a frame cannot be read or baked, or the folder exists or cannot be written.
@@ -67,5 +73,7 @@ def bake_video(
             def told(done: int, total: int, start: int = group.start, **figures: Any) -> None:
                 progress(start + done, video.frame_count, **figures)
 
-            entries.append(bake_group(_Frames(video, group), temporary, number, group.start, settings, told))
+            entries.append(
+                bake_group(_Frames(video, group), temporary, number, group.start, settings, told, threads=threads)
+            )
         return write_manifest(temporary, entries, video.fps, settings, metadata)

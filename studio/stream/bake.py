@@ -32,6 +32,7 @@ def bake_group(
     settings: BakeSettings,
     progress: ProgressFn = no_progress,
     quality: QualityFn | None = None,
+    threads: int = 0,
 ) -> GroupEntry:
     """Bake one group into `directory/group_<nnn>/`.
 
@@ -46,6 +47,7 @@ def bake_group(
         first_frame: 0-based index *in the stream* of its first frame (not the footage's frame number).
         settings: profile, QPs, targets and so on.
         progress: called with frames encoded, of all.
+        threads: CPU threads; 0: one per core. Does not change the bytes.
         quality: draws a decoded frame and says how far it is from the frame as trained; needed for `target_psnr`.
 
     Returns:
@@ -71,7 +73,7 @@ def bake_group(
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         written.clear()  # one set of files is on the disk at a time
-        written[qp] = prepared.write(partial, folder.name, group, first_frame, settings.at_qp(qp), progress)
+        written[qp] = prepared.write(partial, folder.name, group, first_frame, settings.at_qp(qp), progress, threads)
         return written[qp]
 
     def kilobytes(qp: int) -> float:

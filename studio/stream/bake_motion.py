@@ -113,14 +113,21 @@ class MotionBake:
         return np.concatenate([scales, values[:, -8:-7], colors], axis=1), quats
 
     def write(
-        self, folder: Path, name: str, group: int, first_frame: int, settings: BakeSettings, progress: ProgressFn
+        self,
+        folder: Path,
+        name: str,
+        group: int,
+        first_frame: int,
+        settings: BakeSettings,
+        progress: ProgressFn,
+        threads: int = 0,
     ) -> MotionGroup:
         """Write side file and video into `folder`, which the manifest will call `name`."""
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # QPs double the codec's steps every 6
         bits = MAX_BITS if settings.qp == 0 else keyframe_bits(self._extent, _KEYFRAME_STEP * coarse * self._step)
         lattice = Lattice(bits=bits, min=_point(self._origin), step=max(self._extent, 1e-9) / (1 << bits))
         codes = self._codes >> np.uint64(3 * (MAX_BITS - bits))
-        table, affine = self._motions(codes, lattice, settings.threads)
+        table, affine = self._motions(codes, lattice, threads)
         turns = self._turns(table)
         empty = np.zeros(0, dtype=np.int64)
         side = Side(
@@ -270,7 +277,7 @@ def _steps(sh_degree: int, position_step: float, settings: BakeSettings) -> list
     """Step of each channel, before its range is looked at."""
 
     def step(base: float, attribute: str) -> float:
-        qp = settings.attribute_qps.get(attribute, settings.qp)
+        qp = settings.qp_overrides.get(attribute, settings.qp)
         return base * 2.0 ** ((qp - settings.qp) / 6)
 
     result = [step(position_step / 2, "means_low")] * 3  # class 0; most splats have class 1

@@ -51,12 +51,21 @@ class PlanesBake:
         self._low[-7:-4] = np.minimum(np.maximum(self._low[-7:-4], floor), self._high[-7:-4])
 
     def write(
-        self, folder: Path, name: str, group: int, first_frame: int, settings: BakeSettings, progress: ProgressFn
+        self,
+        folder: Path,
+        name: str,
+        group: int,
+        first_frame: int,
+        settings: BakeSettings,
+        progress: ProgressFn,
+        threads: int = 0,
     ) -> PlanesGroup:
         """Write the videos into `folder`, which the manifest will call `name`."""
         frames, low, high = self._frames, self._low, self._high
         planes = _planes(frames[0].sh_degree, settings)
-        _encode(component_frames(frames, self._order), folder, planes, low, high, settings, len(frames), progress)
+        _encode(
+            component_frames(frames, self._order), folder, planes, low, high, settings, len(frames), progress, threads
+        )
         return _entry(folder, name, planes, low, high, group, first_frame, frames, self._box)
 
 
@@ -115,6 +124,7 @@ def _encode(
     settings: BakeSettings,
     frame_count: int,
     progress: ProgressFn,
+    threads: int,
 ) -> None:
     encoders: list[PlaneEncoder] = []
 
@@ -126,7 +136,7 @@ def _encode(
         encoders[index].add(to_plane(codes, plane_side(frame.shape[1])))
 
     try:
-        with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1, thread_name_prefix="bake") as pool:
+        with ThreadPoolExecutor(threads or os.cpu_count() or 1, thread_name_prefix="bake") as pool:
             for number, frame in enumerate(values):
                 if not encoders:
                     side = plane_side(frame.shape[1])

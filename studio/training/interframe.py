@@ -59,6 +59,7 @@ def train_interframe(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
+    snapshot_every: int = 500,
 ) -> InterframeResult:
     """From the splats of frame t-1 to those of frame t; their number and order stay.
 
@@ -71,7 +72,7 @@ def train_interframe(
         warm_start: `InterframeResult.motion` of frame t-1; used when `settings.motion_warm_start` is on.
         seed: the same seed and input give the same splats.
         progress: told steps done and total, with `phase` ("motion" or "fine-tune"), `loss`, `psnr` and `splats`.
-        snapshot: given the splats every `settings.snapshot_every` steps.
+        snapshot: called with the splats every `snapshot_every` steps.
 
     Raises:
         StudioError: training diverged.
@@ -93,7 +94,16 @@ def train_interframe(
     else:
         warm_start = None
     warped, motion = _move(
-        previous, before_previous, warm_start, views, settings, motion_steps, generator, tell(0, "motion"), snapshot
+        previous,
+        before_previous,
+        warm_start,
+        views,
+        settings,
+        motion_steps,
+        generator,
+        tell(0, "motion"),
+        snapshot,
+        snapshot_every,
     )
 
     def snapshot_after_motion(step: int, gaussians: Gaussians) -> None:
@@ -101,7 +111,14 @@ def train_interframe(
             snapshot(motion_steps + step, gaussians)
 
     tuned = _fine_tune(
-        previous, warped, views, settings, generator, tell(motion_steps, "fine-tune"), snapshot_after_motion
+        previous,
+        warped,
+        views,
+        settings,
+        generator,
+        tell(motion_steps, "fine-tune"),
+        snapshot_after_motion,
+        snapshot_every,
     )
     return InterframeResult(tuned, warped, motion)
 
@@ -116,6 +133,7 @@ def _move(
     generator: torch.Generator,
     progress: ProgressFn,
     snapshot: SnapshotFn | None,
+    snapshot_every: int,
 ) -> tuple[Gaussians, dict[str, Tensor]]:
     """Stage 1: only the motion field learns; scale, opacity and color stay as they were, rotations follow it.
 
@@ -156,7 +174,7 @@ def _move(
         schedule.step()
         optimizer.zero_grad(set_to_none=True)
         _report(iteration, step, len(previous), "Motion", progress)
-        if snapshot is not None and iteration % settings.snapshot_every == 0:
+        if snapshot is not None and iteration % snapshot_every == 0:
             snapshot(iteration, moved.detach())
     with torch.no_grad():
         means = start + field(corners)
@@ -177,10 +195,11 @@ def _fine_tune(
     generator: torch.Generator,
     progress: ProgressFn,
     snapshot: SnapshotFn,
+    snapshot_every: int,
 ) -> Gaussians:
     """Stage 2, equation 13: the other attributes learn, held to frame t-1 by entropy and temporal losses."""
     extent = scene_extent(torch.stack(performer_box(warped.means)))
-    rates = replace(settings.rates, means=settings.rates.means_finetune)
+    rates = settings.rates.replace(means=settings.rates.means_finetune)
     optimizer = SplatOptimizer(warped, rates, extent, train_means=settings.finetune_means)
     stepper = Stepper(views, settings, generator)
     reference = previous.unit_quats
@@ -213,7 +232,7 @@ def _fine_tune(
         entropy_adam.step()
         entropy_adam.zero_grad(set_to_none=True)
         _report(iteration, step, len(previous), "Fine-tuning", progress, **figures)
-        if iteration % settings.snapshot_every == 0:
+        if iteration % snapshot_every == 0:
             snapshot(iteration, optimizer.gaussians.detach())
     return optimizer.gaussians.clone()
 

@@ -87,6 +87,7 @@ def train_keyframe(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
+    snapshot_every: int = 500,
     checkpoint: CheckpointFn | None = None,
     resume: Checkpoint | None = None,
 ) -> Gaussians:
@@ -99,7 +100,7 @@ def train_keyframe(
         settings: see `TrainSettings`.
         seed: the same seed and input give the same splats.
         progress: told steps done and total, with `loss`, `psnr` (dB, of the last training crop) and `splats`.
-        snapshot: given the splats every `settings.snapshot_every` steps.
+        snapshot: called with the splats every `snapshot_every` steps.
         checkpoint: given all that training knows every `settings.checkpoint_every` steps.
         resume: such a checkpoint, of the same input, settings and seed: training goes on from there and ends with the
             same splats as one that never stopped.
@@ -116,7 +117,7 @@ def train_keyframe(
         run.restore(resume)
     while not run.finished:
         run.step()
-        if snapshot is not None and run.done % settings.snapshot_every == 0:
+        if snapshot is not None and run.done % snapshot_every == 0:
             snapshot(run.done, run.optimizer.gaussians.detach())
         if checkpoint is not None and settings.checkpoint_every and run.done % settings.checkpoint_every == 0:
             checkpoint(run.done, run.state())

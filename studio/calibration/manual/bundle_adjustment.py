@@ -27,8 +27,8 @@ class Accuracy:
         world: of measured positions, meters.
     """
 
-    mark: float = 1.0
-    world: float = 0.01
+    mark: float
+    world: float
 
 
 def adjust(

@@ -7,7 +7,7 @@ mat, a bolt, a marker on the performer in one frame. If a few of the points are 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from studio.calibration.manual.covariance import check_plausible, spread_of_posi
 from studio.calibration.manual.file import TiePoint
 from studio.calibration.report import RejectedMark, TiePointReport
 from studio.calibration.result import CalibrationResult, reprojection_report
+from studio.calibration.settings import CalibrateSettings
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
@@ -37,24 +38,6 @@ _VAGUE = 0.2
 """Largest accepted position uncertainty of a camera, as a share of the distance to the points."""
 
 
-@dataclass(frozen=True)
-class TieSettings:
-    """Settings of the calibration from tie points.
-
-    Attributes:
-        accuracy: of the marks and measured positions.
-        shared_intrinsics: cameras of one image size with unknown intrinsics share them. None means True, because a few
-            marks do not determine them per camera.
-        radial: estimate a radial distortion term of unknown lenses.
-        seed: random seed.
-    """
-
-    accuracy: Accuracy = field(default_factory=Accuracy)
-    shared_intrinsics: bool | None = None
-    radial: bool = True
-    seed: int = 0
-
-
 def calibrate_from_tie_points(
     points: Sequence[TiePoint],
     sizes: Mapping[str, tuple[int, int]],
@@ -62,7 +45,8 @@ def calibrate_from_tie_points(
     known: Mapping[str, Camera] | None = None,
     focal_lengths: Mapping[str, float] | None = None,
     distance: tuple[str, str, float] | None = None,
-    settings: TieSettings | None = None,
+    settings: CalibrateSettings | None = None,
+    seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> CalibrationResult:
     """Estimate the cameras from marks.
@@ -74,6 +58,7 @@ def calibrate_from_tie_points(
         focal_lengths: initial focal lengths in pixels, for example from EXIF.
         distance: two camera names and the distance of their centers, used if no positions are measured.
         settings: how to solve.
+        seed: random seed.
         progress: called per attempt.
 
     Returns:
@@ -86,7 +71,8 @@ def calibrate_from_tie_points(
             cannot be registered (tie_points.unregistered), nothing is consistent (tie_points.contradiction,
             tie_points.behind, tie_points.inconsistent), or positions are undetermined (tie_points.degenerate).
     """
-    settings, known = settings or TieSettings(), dict(known or {})
+    settings, known = settings or CalibrateSettings(), dict(known or {})
+    accuracy = _accuracy(settings)
     observations = _observations(points, sizes)
     free = [name for name in sizes if name not in known]
     groups = _groups(free, sizes, settings.shared_intrinsics)
@@ -96,15 +82,15 @@ def calibrate_from_tie_points(
         for number, guess in enumerate(guesses):
             progress(number, len(guesses) + 1)
             lenses = _lenses(sizes, known, focal_lengths or {}, guess)
-            for start in initial_rigs(lenses, observations, settings.seed):
+            for start in initial_rigs(lenses, observations, seed):
                 if len(start.cameras) >= 2:
-                    yield adjust(start, observations, groups, settings.accuracy, radial=False, steps=_ROUGH)
+                    yield adjust(start, observations, groups, accuracy, radial=False, steps=_ROUGH)
 
-    best = _best(attempts(), observations, _GOOD * settings.accuracy.mark)
+    best = _best(attempts(), observations, _GOOD * accuracy.mark)
     if best is None or len(best.cameras) < len(sizes):
         raise _unregistered(observations, sizes, best)
     best, left_out = _adjust_without_outliers(best, observations, groups, settings)
-    uncertain = uncertainty(best, observations, groups, settings.accuracy, radial=settings.radial)
+    uncertain = uncertainty(best, observations, groups, accuracy, radial=settings.has_distortion)
     vague = [name for name in sizes if uncertain[name] > _VAGUE]
     if vague:
         raise StudioError(
@@ -120,7 +106,7 @@ def calibrate_from_tie_points(
     update = {
         "known_lenses": [name for name in sizes if name in known],
         "uncertain": {name: round(uncertain[name], 4) for name in sizes},
-        "world_accuracy": settings.accuracy.world,
+        "world_accuracy": accuracy.world,
     }
     return replace(result, report=result.report.model_copy(update=update))
 
@@ -196,13 +182,17 @@ def _misfit(rig: TieRig, observations: Observations) -> float:
     return float(every.mean()) if len(every) else np.inf
 
 
+def _accuracy(settings: CalibrateSettings) -> Accuracy:
+    return Accuracy(mark=settings.tie_accuracy, world=settings.tie_world_accuracy)
+
+
 def _adjust_without_outliers(
-    rig: TieRig, observations: Observations, groups: list[list[str]], settings: TieSettings
+    rig: TieRig, observations: Observations, groups: list[list[str]], settings: CalibrateSettings
 ) -> tuple[TieRig, list[RejectedMark]]:
     """Bundle adjustment with rejection of outliers, one mark at a time, the worst first."""
     left_out: list[RejectedMark] = []
     while True:
-        rig = adjust(rig, observations, groups, settings.accuracy, radial=settings.radial)
+        rig = adjust(rig, observations, groups, _accuracy(settings), radial=settings.has_distortion)
         errors = rig.errors(observations)
         check_plausible(rig, observations)
         usual = float(np.nanmedian(np.concatenate(list(errors.values()))))

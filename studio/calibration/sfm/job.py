@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from studio.calibration.checks import check_intrinsics_size
+from studio.calibration.settings import CalibrateSettings
 from studio.camera_files.colmap_model import lens_model
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -24,102 +24,6 @@ _START = {  # initial parameters from focal length and principal point
 }
 _SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
 """Camera models used during mapping; the remaining terms are estimated afterwards."""
-
-
-@dataclass(frozen=True)
-class SfmSettings:
-    """Settings of structure from motion.
-
-    Attributes:
-        camera_model: COLMAP camera model of unknown lenses: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL (one focal length,
-            one radial term), RADIAL, OPENCV or FULL_OPENCV.
-        shared_intrinsics: True: all cameras of one image size share their intrinsics (one camera carried around, or
-            lenses locked alike); False: every camera has its own; None: decided from the footage, see
-            `sfm.shared_intrinsics`.
-        focal_factor: initial value of unknown focal lengths, as a multiple of the longer image side.
-        refine_principal_point: estimate the principal point too; needs many well-distributed points.
-        intrinsics_groups: groups of camera names that share their intrinsics; other cameras have their own.
-        fix_intrinsics: keep given intrinsics; otherwise they are initial values.
-        fix_poses: keep given poses; otherwise they are initial values.
-        max_features: most features per image, at least 100.
-        max_image_size: longer side in pixels above which features are detected in a downscaled image, at least 64.
-        guided: match again along the epipolar lines: more matches, slower.
-        mapper: "incremental", "global", or "auto": incremental, then incremental with lower thresholds, then global,
-            until all cameras are registered.
-        threads: number of threads, 0 = all cores. With one thread the same seed gives bit-identical results.
-        seed: seed of everything random.
-
-    Raises:
-        StudioError: a value is unknown or out of range (calibration.setting).
-    """
-
-    camera_model: str = "SIMPLE_RADIAL"
-    shared_intrinsics: bool | None = None
-    intrinsics_groups: tuple[tuple[str, ...], ...] = ()
-    focal_factor: float = 1.2
-    refine_principal_point: bool = False
-    fix_intrinsics: bool = True
-    fix_poses: bool = False
-    max_features: int = 8192
-    max_image_size: int = 2400
-    guided: bool = False
-    mapper: str = "auto"
-    threads: int = 0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name, value, expected in (
-            ("camera_model", self.camera_model, tuple(_START)),
-            ("mapper", self.mapper, ("auto", "incremental", "global")),
-        ):
-            if value not in expected:
-                raise StudioError(
-                    "calibration.setting",
-                    f"{name} is '{value}', expected one of {', '.join(expected)}",
-                    value=value,
-                    setting=f"calibrate.{name}",
-                    expected=list(expected),
-                )
-        for name, number, least in (
-            ("threads", self.threads, 0),
-            ("max_features", self.max_features, 100),
-            ("max_image_size", self.max_image_size, 64),
-        ):
-            if number < least:
-                raise StudioError(
-                    "calibration.setting",
-                    f"{name} is {number}, expected at least {least}",
-                    value=number,
-                    setting="run.threads" if name == "threads" else f"calibrate.{name}",
-                    expected=least,
-                )
-        if not self.focal_factor > 0:
-            raise StudioError(
-                "calibration.setting",
-                f"focal_factor is {self.focal_factor}, expected more than 0",
-                value=self.focal_factor,
-                setting="calibrate.focal_factor",
-            )
-        grouped = [name for group in self.intrinsics_groups for name in group]
-        twice = [name for name in grouped if grouped.count(name) > 1]
-        if twice:
-            raise StudioError(
-                "calibration.intrinsics_groups",
-                f"camera '{twice[0]}' is listed twice in intrinsics_groups",
-                value=twice[0],
-                fix="List every camera at most once.",
-                setting="calibrate.intrinsics_groups",
-                camera=twice[0],
-            )
-        small = [group for group in self.intrinsics_groups if len(group) < 2]
-        if small:
-            raise StudioError(
-                "calibration.intrinsics_groups",
-                "a group in intrinsics_groups has fewer than two cameras",
-                value=list(small[0]),
-                fix="List all cameras that share the intrinsics, or remove the group.",
-                setting="calibrate.intrinsics_groups",
-            )
 
 
 class _Model(BaseModel):
@@ -217,8 +121,10 @@ def sfm_job(
     masks: bool,
     known: Mapping[str, Camera],
     focal_lengths: Mapping[str, float],
-    settings: SfmSettings,
+    settings: CalibrateSettings,
     poses: Rig | None,
+    threads: int,
+    seed: int,
 ) -> SfmJob:
     """The job for `sfm.worker`.
 
@@ -231,6 +137,8 @@ def sfm_job(
         focal_lengths: camera name to an initial focal length in pixels.
         settings: how to solve.
         poses: an earlier solution with all the cameras, or None.
+        threads: number of threads, 0 = all cores.
+        seed: random seed.
 
     Raises:
         StudioError: intrinsics_groups names a camera without images (calibration.intrinsics_groups), or known
@@ -289,8 +197,8 @@ def sfm_job(
         max_image_size=settings.max_image_size,
         guided=settings.guided,
         mapper=settings.mapper,
-        seed=settings.seed,
-        threads=settings.threads or os.cpu_count() or 1,
+        seed=seed,
+        threads=threads or os.cpu_count() or 1,
         fix_intrinsics=settings.fix_intrinsics,
         refine_principal_point=settings.refine_principal_point,
         find_shared=settings.shared_intrinsics is None and not settings.intrinsics_groups,

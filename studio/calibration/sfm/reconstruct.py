@@ -13,9 +13,10 @@ import numpy as np
 from studio.calibration.alignment import Similarity, align_rigs, compare_rigs, scale_to_distance, upright
 from studio.calibration.report import CalibrationReport, CameraMotion, SharedIntrinsicsReport
 from studio.calibration.result import CalibrationResult, reprojection_report
+from studio.calibration.settings import CalibrateSettings
 from studio.calibration.sfm.child import run_reporting
 from studio.calibration.sfm.images import Pictures, write_pictures
-from studio.calibration.sfm.job import SfmSettings, SfmSolution, sfm_job
+from studio.calibration.sfm.job import SfmSolution, sfm_job
 from studio.calibration.sfm.verdict import TRUSTED
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
@@ -43,7 +44,9 @@ def calibrate_from_images(
     known: Mapping[str, Camera] | None = None,
     poses: Rig | None = None,
     focal_lengths: Mapping[str, float] | None = None,
-    settings: SfmSettings | None = None,
+    settings: CalibrateSettings | None = None,
+    threads: int = 0,
+    seed: int = 0,
     allow_unregistered: bool = False,
     reference: Rig | None = None,
     distance: tuple[str, str, float] | None = None,
@@ -63,6 +66,8 @@ def calibrate_from_images(
             used for cameras that are not in `known`.
         focal_lengths: initial focal lengths in pixels, for example from EXIF.
         settings: how to solve.
+        threads: number of threads, 0 = all cores. With one thread, the same seed gives bit-identical results.
+        seed: random seed.
         allow_unregistered: report cameras that cannot be registered instead of raising.
         reference: align the result with this rig, by at least three common camera centers.
         distance: two camera names and the distance of their centers, to set the scale.
@@ -78,7 +83,7 @@ def calibrate_from_images(
             camera name to reason).
         Cancelled: from `progress`.
     """
-    settings = settings or SfmSettings()
+    settings = settings or CalibrateSettings()
     started = time.monotonic()
     names = list(images)
     if len(names) < 2:
@@ -97,7 +102,9 @@ def calibrate_from_images(
         poses = poses.subset(names)
         known = {**{camera.name: camera for camera in poses}, **(known or {})}
     sizes, sync_frames = write_pictures(folder, names, images, masks or {}, progress)
-    job = sfm_job(names, sizes, sync_frames, bool(masks), known or {}, focal_lengths or {}, settings, poses)
+    job = sfm_job(
+        names, sizes, sync_frames, bool(masks), known or {}, focal_lengths or {}, settings, poses, threads, seed
+    )
     path = folder / "job.json"
     path.write_text(job.model_dump_json(), encoding="utf-8")
 
@@ -125,7 +132,7 @@ def calibrate_from_images(
     )
 
 
-def _moved(result: CalibrationResult, before: Rig, settings: SfmSettings) -> dict[str, CameraMotion]:
+def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) -> dict[str, CameraMotion]:
     """Difference of each camera from the earlier solution."""
     if settings.fix_poses or len(result.rig) < 3:
         return {}

@@ -14,7 +14,6 @@ from studio.errors import StudioError
 MOST_VIEWS = 40
 """Observations used for the initial estimate; bundle adjustment uses all."""
 LEAST_VIEWS = 3
-LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 
 
 def lens_from_views(
@@ -33,7 +32,7 @@ def lens_from_views(
         size: (width, height) of its images.
         board: the target.
         views: observations at several positions and tilts.
-        model: COLMAP camera model, as in `SfmSettings.camera_model`.
+        model: COLMAP camera model, as in `CalibrateSettings.camera_model`.
         principal_point: estimate it; otherwise it is the image center.
 
     Raises:

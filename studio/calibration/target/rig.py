@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from studio.calibration.alignment import Similarity, upright
 from studio.calibration.checks import check_intrinsics_size
 from studio.calibration.report import IntrinsicsReport, TargetReport
 from studio.calibration.result import CalibrationResult, error_statistics, image_coverage, reprojection_report
+from studio.calibration.settings import CalibrateSettings
 from studio.calibration.target.bundle_adjustment import TargetRig
-from studio.calibration.target.intrinsics import LENSES, lens_from_views
+from studio.calibration.target.intrinsics import lens_from_views
 from studio.calibration.target.outlier_rejection import refine_without_outliers
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.calibration.target.pose_graph import chain_poses
@@ -22,64 +23,21 @@ from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 
+_OUTLIER = 4.0
+"""Views whose error is this many times that against a target pose of their own, and above half a pixel, are left out:
+the target moved, and the cameras are not exactly synchronized."""
 
-@dataclass(frozen=True)
-class TargetSettings:
-    """Settings of the calibration from a target.
+_COVERED = 0.6
+"""Fraction of the image that views must cover for the principal point to be estimated: with less, a shifted principal
+point cannot be told from a rotated camera."""
 
-    Attributes:
-        camera_model: COLMAP camera model of unknown lenses, as in `SfmSettings`.
-        principal_point: "refine" (estimate it), "center" (the image center), or "auto": estimated if the observations
-            cover 60 % of the image, since otherwise it cannot be separated from the rotation.
-        origin: sync frame whose target gives the world origin (its center), x axis (along its columns) and up
-            direction; None: the origin is where the cameras look, and up is that of the cameras. Units are meters.
-        upright: the target of `origin` is upright (up is from its last row to its first); otherwise it is lying flat
-            (up is out of its face).
-        outlier: reject observations with errors over this multiple of their error with a separate target pose, and
-            over 0.5 pixels: the target was moving and the cameras were not exactly synchronized.
-        threads: number of threads, 0 = all cores.
 
-    Raises:
-        StudioError: a value is unknown or out of range (calibration.setting).
-    """
-
-    camera_model: str = "RADIAL"
-    principal_point: str = "auto"
-    origin: int | None = None
-    upright: bool = False
-    outlier: float = 4.0
-    threads: int = 0
-
-    def __post_init__(self) -> None:
-        for name, setting, value, expected in (
-            ("camera_model", "camera_model", self.camera_model, LENSES),
-            ("principal_point", "refine_principal_point", self.principal_point, ("auto", "refine", "center")),
-        ):
-            if value not in expected:
-                raise StudioError(
-                    "calibration.setting",
-                    f"{name} is '{value}', expected one of {', '.join(expected)}",
-                    value=value,
-                    setting=f"calibrate.{setting}",
-                    expected=list(expected),
-                )
-        if self.threads < 0:
-            raise StudioError(
-                "calibration.setting",
-                f"threads is {self.threads}, expected at least 0",
-                value=self.threads,
-                setting="run.threads",
-            )
-        if not self.outlier > 0:
-            raise StudioError(
-                "calibration.setting", f"outlier is {self.outlier}, expected more than 0", value=self.outlier
-            )
-
-    def estimates_principal_point(self, views: Sequence[TargetObservation], size: tuple[int, int]) -> bool:
-        """Whether to estimate the principal point of a camera with these observations."""
-        if self.principal_point == "auto":
-            return image_coverage(np.concatenate([view.pixels for view in views]), size) >= 0.6
-        return self.principal_point == "refine"
+def _estimates_principal_point(
+    settings: CalibrateSettings, views: Sequence[TargetObservation], size: tuple[int, int]
+) -> bool:
+    if settings.refine_principal_point:
+        return True
+    return image_coverage(np.concatenate([view.pixels for view in views]), size) >= _COVERED
 
 
 def detect_target(
@@ -133,7 +91,8 @@ def calibrate_lenses(
     board: CalibrationTarget,
     views: Mapping[str, Sequence[TargetObservation]],
     sizes: Mapping[str, tuple[int, int]],
-    settings: TargetSettings | None = None,
+    settings: CalibrateSettings | None = None,
+    threads: int = 0,
 ) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
     """Intrinsics only, of each camera from its own images of the target, which need not be synchronized.
 
@@ -144,10 +103,10 @@ def calibrate_lenses(
         StudioError: a camera has too few observations (target.too_few_views), or they determine no intrinsics
             (target.focal_length, target.no_fit).
     """
-    settings = settings or TargetSettings()
+    settings = settings or CalibrateSettings()
     cameras, figures = {}, {}
     for name, seen in views.items():
-        principal_point = bool(seen) and settings.estimates_principal_point(seen, sizes[name])
+        principal_point = bool(seen) and _estimates_principal_point(settings, seen, sizes[name])
         start = lens_from_views(name, sizes[name], board, seen, settings.camera_model, principal_point=principal_point)
         state = chain_poses({name: start}, board, {(number, name): view for number, view in enumerate(seen)})
         if not state.views:
@@ -159,7 +118,7 @@ def calibrate_lenses(
                 camera=name,
                 setting="calibrate.board",
             )
-        state, _ = _refine(state, board, settings, {}, principal_point)
+        state, _ = _refine(state, board, settings, {}, principal_point, threads)
         cameras[name] = state.cameras[name]
         errors = np.concatenate(list(state.errors(board).values()))
         figures[name] = IntrinsicsReport(**error_statistics(errors).model_dump(), views=len(state.views))
@@ -172,7 +131,8 @@ def calibrate_from_target(
     sizes: Mapping[str, tuple[int, int]],
     *,
     known: Mapping[str, Camera] | None = None,
-    settings: TargetSettings | None = None,
+    settings: CalibrateSettings | None = None,
+    threads: int = 0,
     progress: ProgressFn = no_progress,
 ) -> CalibrationResult:
     """Intrinsics and poses of all cameras.
@@ -183,6 +143,7 @@ def calibrate_from_target(
         sizes: (width, height) of each camera's images; has all cameras.
         known: cameras with fixed intrinsics; their poses are not used.
         settings: how to solve.
+        threads: number of threads, 0 = all cores.
         progress: called per step.
 
     Returns:
@@ -193,7 +154,7 @@ def calibrate_from_target(
             together with another camera (target.not_connected), or no camera sees it in the origin frame
             (target.origin).
     """
-    settings = settings or TargetSettings()
+    settings = settings or CalibrateSettings()
     known = dict(known or {})
     if board.is_symmetric:
         raise StudioError(
@@ -221,14 +182,14 @@ def calibrate_from_target(
             check_intrinsics_size(known[name], size)
             lenses[name] = known[name]
         else:
-            estimated[name] = settings.estimates_principal_point(own, size)
+            estimated[name] = _estimates_principal_point(settings, own, size)
             lenses[name] = lens_from_views(
                 name, size, board, own, settings.camera_model, principal_point=estimated[name]
             )
     progress(len(sizes), 2 * len(sizes) + 3)
     state = chain_poses(lenses, board, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
-    state, dropped = _refine(state, board, settings, known, all(estimated.values()))
+    state, dropped = _refine(state, board, settings, known, all(estimated.values()), threads)
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
     result = _result(state, board, settings)
     figures = TargetReport(
@@ -251,22 +212,23 @@ def calibrate_from_target(
 def _refine(
     state: TargetRig,
     board: CalibrationTarget,
-    settings: TargetSettings,
+    settings: CalibrateSettings,
     known: Mapping[str, Camera],
     principal_point: bool,
+    threads: int,
 ) -> tuple[TargetRig, int]:
     return refine_without_outliers(
         state,
         board,
         settings.camera_model,
-        settings.outlier,
+        _OUTLIER,
         known=known,
         principal_point=principal_point,
-        threads=settings.threads or os.cpu_count() or 1,
+        threads=threads or os.cpu_count() or 1,
     )
 
 
-def _result(state: TargetRig, board: CalibrationTarget, settings: TargetSettings) -> CalibrationResult:
+def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSettings) -> CalibrationResult:
     """The result in world coordinates."""
     order = {sync_frame: number for number, sync_frame in enumerate(state.boards)}
     count = len(board.corners)
@@ -280,18 +242,18 @@ def _result(state: TargetRig, board: CalibrationTarget, settings: TargetSettings
         ]
         observations[name] = np.concatenate(seen_by)
     rig = Rig(tuple(state.cameras.values()))
-    if settings.origin is not None:
-        if settings.origin not in state.boards:
-            near = min(state.boards, key=lambda sync_frame: abs(sync_frame - int(settings.origin or 0)))
+    if settings.board_origin is not None:
+        if settings.board_origin not in state.boards:
+            near = min(state.boards, key=lambda sync_frame: abs(sync_frame - int(settings.board_origin or 0)))
             raise StudioError(
                 "target.origin",
-                f"no camera sees the target in frame {settings.origin}, which defines the origin",
-                value=settings.origin,
+                f"no camera sees the target in frame {settings.board_origin}, which defines the origin",
+                value=settings.board_origin,
                 fix=f"Set calibrate.board_origin to another frame; the nearest is {near}.",
                 setting="calibrate.board_origin",
                 expected=near,
             )
-        world = target_world(board, state.boards[settings.origin], upright=settings.upright)
+        world = target_world(board, state.boards[settings.board_origin], upright=settings.board_upright)
     else:
         world = upright(rig, points, keep_scale=True)
     rig, points = world.rig(rig), world.points(points)
@@ -310,7 +272,7 @@ def target_world(board: CalibrationTarget, place: np.ndarray, *, upright: bool) 
     Args:
         board: the target.
         place: (4, 4) target to current coordinates.
-        upright: see `TargetSettings`.
+        upright: see `CalibrateSettings.board_upright`.
     """
     x, y, z = place[:3, :3].T
     rotation = np.stack([x, z, -y]) if upright else np.stack([x, -y, -z])

@@ -9,7 +9,7 @@ import pytest
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config import renamed as table
 from pipelines.config.loading import all_names, digest_text
-from studio.errors import StudioError
+from tests.support.errors import refuses
 
 EXAMPLES = {
     "calibrate.lens": ("OPENCV", "OPENCV"),
@@ -48,7 +48,7 @@ def test_old_names_in_files_and_on_the_command_line(
     section, setting = old.split(".")
     path = tmp_path / "old.yaml"
     path.write_text(f"{section}: {{{setting}: {given!r}}}\n".replace("True", "true").replace("False", "false"))
-    monkeypatch.setattr(table, "_told", set())
+    monkeypatch.setattr(table, "_noted", set())
     assert value_of(load_config(path), new) == wanted
     told = capsys.readouterr().err
     assert told.count("\n") == 1
@@ -83,5 +83,5 @@ def test_names_go_there_and_back() -> None:
 def test_both_names_at_once_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "both.yaml"
     path.write_text("calibrate: {lens: OPENCV, camera_model: PINHOLE}\n")
-    with pytest.raises(StudioError, match=r"calibrate\.lens is now called calibrate\.camera_model"):
+    with refuses("settings.both_names", file=path, setting="calibrate.camera_model"):
         load_config(path)

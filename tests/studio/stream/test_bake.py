@@ -16,9 +16,9 @@ def contents(folder):
     return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
 
 
-def bake(folder, frames, **settings):
+def bake(folder, frames, threads=0, **settings):
     settings = BakeSettings(profile="planes", **settings)
-    entry = bake_group(frames, folder, 0, 0, settings)
+    entry = bake_group(frames, folder, 0, 0, settings, threads=threads)
     return write_manifest(folder, [entry], 30, settings)
 
 

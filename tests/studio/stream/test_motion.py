@@ -15,9 +15,9 @@ from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 AXIS_NAMES = Rotation.create_group("O")  # the 24 rotations of the cube
 
 
-def bake(folder, frames, **settings):
+def bake(folder, frames, threads=0, **settings):
     settings = BakeSettings(**{"preset": "veryfast", **settings})
-    entry = bake_group(frames, folder, 0, 0, settings)
+    entry = bake_group(frames, folder, 0, 0, settings, threads=threads)
     write_manifest(folder, [entry], 30, settings)
     with StreamReader.open(folder) as reader:
         return entry, list(reader.iterate())

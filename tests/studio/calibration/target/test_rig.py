@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from studio.calibration import (
+    CalibrateSettings,
     CalibrationTarget,
     TargetObservation,
-    TargetSettings,
     calibrate_from_target,
     calibrate_lenses,
     detect_target,
@@ -27,8 +27,10 @@ from studio.cameras import Camera, Rig
 from studio.errors import Cancelled
 from tests.support.errors import refuses
 from tests.support.rigs import pose
+from tests.support.settings import refuses_setting
 
 CHARUCO = CalibrationTarget(columns=7, rows=5, square=0.05, marker=0.037)
+RADIAL = CalibrateSettings(camera_model="RADIAL")
 CHESS = CalibrationTarget(kind="chessboard", columns=8, rows=5, square=0.05)
 SIZE = (640, 480)
 
@@ -94,7 +96,7 @@ def picture(board: CalibrationTarget, camera: Camera, place: np.ndarray) -> np.n
 
 
 @pytest.mark.parametrize(
-    "board", [CHARUCO, replace(CHARUCO, inverted=True), replace(CHARUCO, rows=6, legacy=True), CHESS]
+    "board", [CHARUCO, CHARUCO.replace(inverted=True), CHARUCO.replace(rows=6, legacy=True), CHESS]
 )
 @pytest.mark.parametrize("turn", [0.2, 2.0, -2.9])
 def test_corners_are_where_the_camera_puts_them(board: CalibrationTarget, turn: float) -> None:
@@ -117,11 +119,11 @@ def test_no_target_no_observation() -> None:
     assert CHESS.detect(noise) is None
 
 
-@pytest.mark.parametrize("board", [CHARUCO, replace(CHARUCO, rows=6, legacy=True, dictionary="DICT_5X5_100")])
+@pytest.mark.parametrize("board", [CHARUCO, CHARUCO.replace(rows=6, legacy=True, dictionary="DICT_5X5_100")])
 def test_the_pattern_is_opencvs(board: CalibrationTarget) -> None:
     cells = 6 if "4X4" in board.dictionary else 7
     side = 10 * cells * 4
-    board = replace(board, marker=board.square * 0.75)
+    board = board.replace(marker=board.square * 0.75)
     theirs = board.charuco.generateImage((board.columns * side, board.rows * side))
     ours = np.full_like(theirs, 255)
     for x, y, w, h in dark(board):
@@ -178,7 +180,8 @@ def test_rig_from_a_board() -> None:
         CHARUCO,
         views,
         dict.fromkeys(rig.names, SIZE),
-        settings=TargetSettings(camera_model="RADIAL", origin=3, upright=True, threads=1),
+        settings=CalibrateSettings(camera_model="RADIAL", board_origin=3, board_upright=True),
+        threads=1,
         progress=lambda done, total, **figures: said.append(done),
     )
     assert result.rig.names == rig.names
@@ -217,9 +220,7 @@ def test_observations_out_of_sync_are_rejected() -> None:
             views[sync_frame, "cam1"] = TargetObservation(
                 ids, camera.project(CHARUCO.corners[ids] @ later[:3, :3].T + later[:3, 3])[0]
             )
-    result = calibrate_from_target(
-        CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=TargetSettings(camera_model="RADIAL", threads=1)
-    )
+    result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=RADIAL, threads=1)
     assert result.report.boards.views_left_out == pytest.approx(8, abs=1)
     from studio.calibration import compare_rigs
 
@@ -238,7 +239,7 @@ def test_known_intrinsics_are_kept_and_chains_reach_all_cameras() -> None:
         if not (key[1] == "cam0" and key[0] % 2) and not (key[1] == "cam2" and key[0] % 2 == 0)
     }
     known = {camera.name: camera for camera in rig}
-    result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), known=known)
+    result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), known=known, settings=RADIAL)
     for camera in rig:
         np.testing.assert_allclose(result.rig[camera.name].K, camera.K, atol=1e-9)
     distance = np.linalg.norm(result.rig["cam0"].center - result.rig["cam2"].center)
@@ -258,7 +259,8 @@ def test_intrinsics_alone_agree_with_opencv() -> None:
         CHESS,
         {"cam0": seen},
         {"cam0": SIZE},
-        TargetSettings(camera_model="OPENCV", principal_point="refine", threads=1),
+        CalibrateSettings(camera_model="OPENCV", refine_principal_point=True),
+        threads=1,
     )
     world = [CHESS.corners[view.ids].astype(np.float32) for view in seen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in seen]
@@ -288,28 +290,27 @@ def test_detection_reads_every_image_and_can_be_stopped() -> None:
 
 
 def test_bad_input(tmp_path: Path) -> None:
-    with refuses("target.dictionary", value="DICT_9X9", setting="calibrate.board.dictionary"):
+    with refuses_setting("dictionary"):
         CalibrationTarget(dictionary="DICT_9X9")
-    with refuses("target.marker_count", value=50, expected=60):
+    with refuses_setting("dictionary", "columns", "rows"):
         CalibrationTarget(columns=12, rows=10)
-    with refuses("target.marker_size", value=0.06, expected=0.06):
+    with refuses_setting("marker", "square"):
         CalibrationTarget(marker=0.06)
-    with refuses("target.square_size", value=60, setting="calibrate.board.square") as caught:
+    with refuses_setting("square"):
         CalibrationTarget(square=60)
-    assert str(caught.value) == (
-        "the squares of the target are 60 m wide, expected between 0 and 10 m. Specify meters; example: 0.06 for 60 mm."
-    )
     with refuses("target.too_large", value=pytest.approx([350, 250]), paper="a4"):
         write_target_pdf(CHARUCO, tmp_path / "x.pdf", paper="a4")
     assert not (tmp_path / "x.pdf").exists()
     rig = rig_of(2)
     views, _ = filmed(rig, CHARUCO, 6, noise=0.1)
     with refuses("target.symmetric", value=[7, 5]):
-        calibrate_from_target(replace(CHESS, columns=7), views, dict.fromkeys(rig.names, SIZE))
+        calibrate_from_target(CHESS.replace(columns=7), views, dict.fromkeys(rig.names, SIZE))
     with refuses("target.not_seen", camera="other"):
         calibrate_from_target(CHARUCO, views, {**dict.fromkeys(rig.names, SIZE), "other": SIZE})
     with refuses("target.origin", value=99, expected=5, setting="calibrate.board_origin"):
-        calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=TargetSettings(origin=99))
+        calibrate_from_target(
+            CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=CalibrateSettings(board_origin=99)
+        )
     few = {key: view for key, view in views.items() if key[0] < 2}
     with refuses("target.too_few_views", value=2, camera="cam0", expected=3):
         calibrate_from_target(CHARUCO, few, dict.fromkeys(rig.names, SIZE))
