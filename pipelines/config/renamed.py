@@ -33,6 +33,9 @@ SETTINGS = {
 VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
 """Values of settings, old to new, by the setting's new name."""
 
+ADDED = {"train.regularize": "planes"}
+"""Settings added after takes of format 2 were first written, each with the value that changes nothing."""
+
 REPORT_KEYS = {"explained": "match_inlier_ratio", "neighbours": "neighbors"}
 """Keys of calibrate/report.json, old to new."""
 
@@ -79,14 +82,13 @@ def first_names(params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def first_tree(tree: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """All sections, in their order, under the original names and values."""
-    return {
-        first_name(section): {
-            key.partition(".")[2]: value
-            for key, value in first_names({f"{section}.{name}": value for name, value in values.items()}).items()
-        }
-        for section, values in tree.items()
-    }
+    """All sections, in their order, under the original names and values, without `ADDED` settings at their default."""
+    found: dict[str, dict[str, Any]] = {}
+    for section, values in tree.items():
+        kept = {f"{section}.{name}": value for name, value in values.items()}
+        kept = {name: value for name, value in kept.items() if name not in ADDED or ADDED[name] != value}
+        found[first_name(section)] = {key.partition(".")[2]: value for key, value in first_names(kept).items()}
+    return found
 
 
 def current_path(path: str) -> str:

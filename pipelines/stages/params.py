@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any
 
 from pipelines.config import Config
-from pipelines.config.renamed import first_name, first_names
+from pipelines.config.renamed import ADDED, first_name, first_names
 from pipelines.takes.atomic_files import digest_of
 from studio.settings import affected
 
@@ -16,7 +16,11 @@ Params = dict[str, Any]
 
 def settings_of(config: Config, *names: str) -> Params:
     """Settings by dotted name; a section stands for all settings in it (`capture.root` never counts: a capture may
-    move, its files' digest tells whether it is the same)."""
+    move, its files' digest tells whether it is the same).
+
+    A setting of `ADDED` is left out at the value that keeps the behavior from before it existed, so that results made
+    then stay valid.
+    """
     tree = config.model_dump(mode="json")
     found: Params = {}
 
@@ -24,7 +28,7 @@ def settings_of(config: Config, *names: str) -> Params:
         if isinstance(value, dict):
             for key, item in value.items():
                 collect(f"{prefix}.{key}", item)
-        else:
+        elif prefix not in ADDED or ADDED[prefix] != value:
             found[prefix] = value
 
     for name in names:

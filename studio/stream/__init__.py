@@ -1,4 +1,4 @@
-"""The stream: Gaussians baked into videos with a manifest, and read back. `docs/STREAM.md` is its description."""
+"""The stream: Gaussians baked into videos with a manifest, and read back. Specified in `docs/STREAM.md`."""
 
 from typing import TYPE_CHECKING
 

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
-from studio.stream.layout import plane_side
+from studio.stream.profiles import coding_of
 from studio.torch_rotations import quat_multiply
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
-from studio.training.regularizers import ResidualEntropy, as_baked, baked_values, quantization_steps, temporal_loss
+from studio.training.regularizers import ResidualEntropy, simulate_quantization, temporal_loss
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.splat_rotation import local_median, local_rotations, neighbors
@@ -202,19 +202,21 @@ def _fine_tune(
     rates = settings.rates.replace(means=settings.rates.means_finetune)
     optimizer = SplatOptimizer(warped, rates, extent, train_means=settings.finetune_means)
     stepper = Stepper(views, settings, generator)
-    reference = previous.unit_quats
-    before = baked_values(previous, reference).detach()
-    steps, low = quantization_steps(before), before.amin(0)
-    entropy = ResidualEntropy(before, steps, previous.sh_degree)
+    coding = coding_of(settings.regularize, previous)
+    before = coding.coded_values(previous).detach()
+    quantizer = coding.quantizer(before)
+    steps = quantizer[1]
+    entropy = ResidualEntropy(before, steps, coding.attributes)
     entropy_adam = torch.optim.Adam(entropy.parameters(), lr=_ENTROPY_RATE, fused=True)
-    plane = plane_side(len(previous)) ** 2
     regularized = bool(settings.entropy_weight or settings.temporal_weight or settings.simulate_quantization)
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians
         figures: dict[str, float] = {}
         if regularized:
-            now = baked_values(gaussians, reference)
-        drawn = as_baked(gaussians, now, low, steps) if settings.simulate_quantization else gaussians
+            now = coding.coded_values(gaussians)
+        drawn = gaussians
+        if settings.simulate_quantization:
+            drawn = simulate_quantization(coding, gaussians, now, quantizer)
         step = stepper(drawn, dropout=True)
         loss = step.loss
         if regularized:
@@ -225,7 +227,7 @@ def _fine_tune(
                     figures["bits_per_splat"] = float(bits.detach())
             if settings.temporal_weight:
                 loss = loss + settings.temporal_weight * temporal_loss(
-                    now, before, plane, steps, settings.temporal_huber
+                    now, before, coding.pixels, steps, settings.temporal_huber
                 )
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()

@@ -184,6 +184,10 @@ class TrainSettings(Settings):
     """Threshold of a Huber loss in place of the temporal L1, in quantization steps: quadratic below it. 0: L1, as in
     the paper's equation 12."""
 
+    regularize: Annotated[Literal["planes", "motion"], _LATER] = "planes"
+    """Profile whose coded values the entropy and temporal losses and simulate_quantization act on, independent of the
+    profile that is baked. planes: as in the paper."""
+
     simulate_quantization: Annotated[bool, _LATER] = False
     """Fine-tuning renders attributes as rounded by the baker (straight-through estimator)."""
 

@@ -9,6 +9,8 @@ import pytest
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config import renamed as table
 from pipelines.config.loading import all_names, digest_text
+from pipelines.config.renamed import first_tree
+from pipelines.stages.params import settings_of
 from tests.support.errors import refuses
 
 EXAMPLES = {
@@ -70,6 +72,19 @@ def test_digests_are_those_of_the_first_names(tmp_path: Path) -> None:
     again = load_config(tmp_path / "first.yaml")
     assert again.model_dump(exclude={"capture"}) == config.model_dump(exclude={"capture"})
     assert digest_text(Config()) != dump_config(Config())
+
+
+def test_a_setting_added_later_makes_nothing_stale() -> None:
+    for name, value in table.ADDED.items():
+        section = name.partition(".")[0]
+        before = Config()
+        assert value_of(before, name) == value, "the default keeps the old behavior"
+        assert name not in settings_of(before, section)
+        assert name.partition(".")[2] not in first_tree(before.model_dump(mode="json"))[section]
+    changed = load_config(None, [("train.regularize", "motion")])
+    assert settings_of(changed, "train")["train.regularize"] == "motion"
+    assert "regularize: motion" in digest_text(changed)
+    assert "regularize" not in digest_text(Config())
 
 
 def test_names_go_there_and_back() -> None:

@@ -305,8 +305,10 @@ def test_a_warm_network_knows_the_motion_of_the_frame_before(after: list[Trainin
         )
 
 
-def test_fine_tuning_for_rounded_attributes_runs(after: list[TrainingView]) -> None:
-    settings = TrainSettings(**{**vars(SETTINGS), "simulate_quantization": True, "temporal_huber": 1.0})
+@pytest.mark.parametrize("profile", ["planes", "motion"])
+def test_fine_tuning_for_rounded_attributes_runs(after: list[TrainingView], profile: str) -> None:
+    changed = {"simulate_quantization": True, "temporal_huber": 1.0, "regularize": profile}
+    settings = TrainSettings(**{**vars(SETTINGS), **changed})
     truth = ball(SHIFT)
     result = train_interframe(truth, after, settings, seed=3)
     assert loss_of(result.gaussians, after) < 1.5 * loss_of(truth, after) + 0.01
