@@ -135,7 +135,7 @@ def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None
     stage_view.path.write_text(text)
     picture(stage_view)
     assert [point.name for point in stage_view.marks.points] == ["point 1"]
-    assert "this is no YAML" not in stage_view.status
+    assert "invalid YAML" not in stage_view.status
 
 
 def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:
