@@ -156,8 +156,9 @@ def main() -> int:
     print(f"\r{len(result.rig)} of {options.cameras} cameras, {options.size}, {seconds:.0f} s: features "
           f"{at[25] - at[5]:.0f}, matches {at[60] - at[25]:.0f}, mapping {at[90] - at[60]:.0f}, adjusting "
           f"{seconds - at[90]:.0f}; COLMAP's process held {memory:.1f} GiB at most")  # fmt: skip
-    print(f"  reprojection {result.report['reprojection']['mean']:.3f} px, explained {result.report['explained']:.2f}, "
-          f"sharing {[(each['shared'], each['misfit']) for each in result.report['sharing']]}")  # fmt: skip
+    print(f"  reprojection {result.report.reprojection.mean:.3f} px, match inlier ratio "
+          f"{result.report.match_inlier_ratio:.2f}, sharing "
+          f"{[(each.shared, each.misfit) for each in result.report.sharing]}")  # fmt: skip
     print(f"  centers {centers.mean():.4f} % of the radius off in the mean, {centers.max():.4f} at most; rotations "
           f"{difference.rotation_degrees:.4f} degrees at most")  # fmt: skip
     return 0

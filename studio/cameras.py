@@ -1,12 +1,12 @@
 """Camera and Rig: intrinsics and poses of a capture.
 
-Conventions, everywhere in V3 Studio:
+Conventions throughout V3 Studio:
 - OpenCV axes: x right, y down, z forward. `world_to_camera` maps homogeneous world points to camera points.
-- Pixels: the origin is the outer corner of the top-left pixel, so pixel (row i, column j) has its center at
-  (j + 0.5, i + 0.5). That is the convention of COLMAP, 3DGS and gsplat. OpenCV's own functions put the origin at
-  the *center* of the top-left pixel: subtract 0.5 from `cx`, `cy` before handing K to cv2 and add it on the way back
-  (`Camera.cv2_K`). Readers and writers of files convert.
-- World units are whatever the calibration gives (meters where it knows them).
+- Pixels: the origin is the outer corner of the top-left pixel, so the center of pixel (row i, column j) is at
+  (j + 0.5, i + 0.5), as in COLMAP, 3DGS and gsplat. OpenCV puts the origin at the *center* of the top-left pixel:
+  subtract 0.5 from `cx`, `cy` before passing K to cv2, and add it to what cv2 returns (`Camera.cv2_K`). File readers
+  and writers convert.
+- World units are those of the calibration: meters if its scale is metric.
 """
 
 from __future__ import annotations
@@ -19,24 +19,26 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.rays import nearest_point_to_rays
-from studio.validation import array, whole
+from studio.validation import array, check_finite, missing_key, whole
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """One view: pinhole intrinsics, OpenCV lens distortion and a pose.
+    """Pinhole intrinsics, OpenCV lens distortion and pose of one camera.
 
     Attributes:
         name: unique within its rig.
         width, height: image size in pixels.
         K: (3, 3) float64, pixels, origin at the outer corner of the top-left pixel.
         world_to_camera: (4, 4) float64 rigid transform, OpenCV axes.
-        distortion: OpenCV coefficients (k1 k2 p1 p2 [k3 [k4 k5 k6 ...]]); empty means a perfect pinhole.
+        distortion: OpenCV coefficients (k1 k2 p1 p2 [k3 [k4 k5 k6 ...]]); empty for a pinhole camera.
 
     Raises:
-        StudioError: a value is not finite, the focal length is not positive, the pose is not rigid.
+        StudioError: a matrix has the wrong shape (camera.wrong_shape), a value is not finite (camera.not_finite), the
+            image size (camera.image_size) or focal length (camera.focal_length) is not positive, the pose is not
+            rigid (camera.rotation), or the number of distortion coefficients is wrong (camera.distortion).
     """
 
     name: str
@@ -54,29 +56,41 @@ class Camera:
             pose = np.vstack([pose, [0.0, 0.0, 0.0, 1.0]])
         if K.shape != (3, 3) or pose.shape != (4, 4):
             raise StudioError(
-                f"Camera '{self.name}': K must be 3x3 and world_to_camera 4x4, found {K.shape} and {pose.shape}."
+                "camera.wrong_shape",
+                f"Camera '{self.name}': K is {K.shape} and world_to_camera {pose.shape}, expected (3, 3) and (4, 4)",
+                value=[list(K.shape), list(pose.shape)],
+                camera=self.name,
+                expected=[[3, 3], [4, 4]],
             )
-        for what, value in (("K", K), ("world_to_camera", pose), ("distortion", distortion)):
-            broken = np.argwhere(~np.isfinite(value))
-            if len(broken):
-                place = "".join(f"[{index}]" for index in broken[0])
-                raise StudioError(
-                    f"Camera '{self.name}': {what}{place} is {value[tuple(broken[0])]}, which is not a finite number; "
-                    "mend the calibration file."
-                )
+        for key, value in (("K", K), ("world_to_camera", pose), ("distortion", distortion)):
+            check_finite(value, key, self.name)
         if self.width < 1 or self.height < 1:
-            raise StudioError(f"Camera '{self.name}': image size {self.width}x{self.height} must be at least 1x1.")
-        if K[0, 0] <= 0 or K[1, 1] <= 0:
             raise StudioError(
-                f"Camera '{self.name}': focal lengths must be positive, found {K[0, 0]:g} and {K[1, 1]:g}."
+                "camera.image_size",
+                f"Camera '{self.name}': the image size is {self.width}x{self.height}, expected at least 1x1",
+                value=[self.width, self.height],
+                fix="Correct the width and height in the camera file.",
+                camera=self.name,
             )
+        if K[0, 0] <= 0 or K[1, 1] <= 0:
+            raise focal_length_error(self.name, min(K[0, 0], K[1, 1]))
         rotation = pose[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-            raise StudioError(f"Camera '{self.name}': the rotation in world_to_camera is not orthonormal.")
+            raise StudioError(
+                "camera.rotation",
+                f"Camera '{self.name}': the rotation in world_to_camera is not orthonormal with determinant 1",
+                fix="Export the cameras again, without scale or mirroring in the poses.",
+                camera=self.name,
+            )
         if distortion.size not in _DISTORTION_LENGTHS:
             raise StudioError(
-                f"Camera '{self.name}': {distortion.size} distortion coefficients given; "
-                f"OpenCV's model takes one of {_DISTORTION_LENGTHS}."
+                "camera.distortion",
+                f"Camera '{self.name}': found {distortion.size} distortion coefficients, expected one of "
+                f"{_DISTORTION_LENGTHS} as in OpenCV",
+                value=distortion.size,
+                fix="Add zeros up to the next of these counts.",
+                camera=self.name,
+                expected=list(_DISTORTION_LENGTHS),
             )
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "world_to_camera", pose)
@@ -106,17 +120,17 @@ class Camera:
 
     @property
     def rotation(self) -> np.ndarray:
-        """(3, 3): world to camera."""
+        """(3, 3): world-to-camera rotation."""
         return self.world_to_camera[:3, :3]
 
     @property
     def translation(self) -> np.ndarray:
-        """(3,): world to camera."""
+        """(3,): world-to-camera translation."""
         return self.world_to_camera[:3, 3]
 
     @property
     def center(self) -> np.ndarray:
-        """(3,): the optical center in world coordinates."""
+        """(3,): optical center in world coordinates."""
         return -self.rotation.T @ self.translation
 
     @property
@@ -126,7 +140,7 @@ class Camera:
 
     @property
     def is_pinhole(self) -> bool:
-        """True where no lens distortion is left."""
+        """True if there is no lens distortion."""
         return not np.any(self.distortion)
 
     @property
@@ -137,14 +151,14 @@ class Camera:
         return K
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project world points, with lens distortion where there is any.
+        """Project world points, with lens distortion.
 
         Args:
             points: (N, 3) world coordinates.
 
         Returns:
             pixels (N, 2), origin at the image corner, and depths (N,) along the viewing axis. Points with depth <= 0
-            lie behind the camera and their pixels mean nothing.
+            are behind the camera; their pixels are undefined.
         """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         local = points @ self.rotation.T + self.translation
@@ -207,11 +221,11 @@ class Camera:
         return result
 
     def undistorted(self) -> Camera:
-        """The pinhole camera that undistorted images belong to: same K, pose and size, no distortion."""
+        """The camera of the undistorted images: same K, pose and size, no distortion."""
         return replace(self, distortion=np.zeros(0))
 
     def resized(self, width: int, height: int) -> Camera:
-        """The same view at another image size; K follows each axis exactly."""
+        """The same view at another image size; K is scaled per axis."""
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, width=width, height=height, K=scale @ self.K)
 
@@ -220,7 +234,7 @@ class Camera:
         return self.resized(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
-        """The part of the image that starts at column `left`, row `top`; pinhole cameras only render there."""
+        """The window of the image that starts at column `left`, row `top`. Exact for pinhole cameras only."""
         K = self.K.copy()
         K[0, 2] -= left
         K[1, 2] -= top
@@ -242,12 +256,12 @@ class Camera:
         """Inverse of `to_dict`.
 
         Raises:
-            StudioError: a key is missing or a value is not usable.
+            StudioError: a key is missing (camera.missing_key) or a value is invalid (see `Camera`).
         """
-        who = f"Camera '{values.get('name', '?')}'"
+        who = str(values.get("name", "?"))
         for key in ("name", "K", "world_to_camera"):
             if key not in values:
-                raise StudioError(f"{who}: the key '{key}' is missing.")
+                raise missing_key(key, who)
         return cls(
             name=str(values["name"]),
             width=whole(values, "width", who),
@@ -260,7 +274,11 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """The cameras of a capture, in a fixed order, with unique names."""
+    """The cameras of a capture, in a fixed order, with unique names.
+
+    Raises:
+        StudioError: two cameras have the same name (camera.duplicate_name).
+    """
 
     cameras: tuple[Camera, ...]
 
@@ -269,7 +287,13 @@ class Rig:
         seen: set[str] = set()
         for camera in self.cameras:
             if camera.name in seen:
-                raise StudioError(f"Two cameras are named '{camera.name}'; give each camera a name of its own.")
+                raise StudioError(
+                    "camera.duplicate_name",
+                    f"two cameras are named '{camera.name}'",
+                    value=camera.name,
+                    fix="Give every camera its own name.",
+                    camera=camera.name,
+                )
             seen.add(camera.name)
 
     def __len__(self) -> int:
@@ -285,7 +309,13 @@ class Rig:
         for camera in self.cameras:
             if camera.name == name:
                 return camera
-        raise StudioError(f"There is no camera '{name}'; the rig has {', '.join(self.names)}.")
+        raise StudioError(
+            "camera.unknown",
+            f"no camera named '{name}'; the rig has {', '.join(self.names)}",
+            value=name,
+            camera=name,
+            expected=list(self.names),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -294,24 +324,35 @@ class Rig:
 
     @property
     def centers(self) -> np.ndarray:
-        """(C, 3): optical centers in world coordinates."""
+        """(C, 3): optical centers in world coordinates, in rig order."""
         return np.array([camera.center for camera in self.cameras]).reshape(-1, 3)
 
     @property
     def up(self) -> np.ndarray:
-        """(3,): unit mean of the cameras' up directions (minus their y axes)."""
+        """(3,): normalized mean of the cameras' up directions (their negative y axes)."""
         mean = -np.mean([camera.rotation[1] for camera in self.cameras], axis=0)
         return mean / max(np.linalg.norm(mean), 1e-12)
 
     @property
     def focus(self) -> np.ndarray:
-        """(3,): the point nearest, in least squares, to all viewing axes."""
+        """(3,): the point with the least squared distance to all viewing axes."""
         directions = np.array([camera.forward for camera in self.cameras])
         return nearest_point_to_rays(self.centers, directions)
 
     def subset(self, names: Sequence[str]) -> Rig:
-        """The named cameras only, in the given order."""
+        """The named cameras, in the given order. Raises StudioError for an unknown name (camera.unknown)."""
         return Rig(tuple(self[name] for name in names))
+
+
+def focal_length_error(camera: str, value: float) -> StudioError:
+    """The error for a focal length that is not positive (camera.focal_length)."""
+    return StudioError(
+        "camera.focal_length",
+        f"Camera '{camera}': the focal length is {value:g}, expected more than 0",
+        value=float(value),
+        fix="Correct it in the camera file.",
+        camera=camera,
+    )
 
 
 def look_at_pose(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
-"""Gaussians: the splats of one frame. The same object travels from training to the viewport.
+"""Gaussians: the splats of one frame, from training to display.
 
-Stored values are what is optimized; activations turn them into what is drawn (3DGS, Kerbl et al. 2023, section 5):
+The stored values are optimized; activations give the values that are rendered (3DGS, Kerbl et al. 2023, section 5):
 scale = exp(log_scales), opacity = sigmoid(logit_opacities), rotation = quats / |quats|. Quaternions are wxyz.
 Color is spherical harmonics, coefficient-major: color = 0.5 + sum_k Y_k(direction) sh[:, k], clamped below at 0.
 """
@@ -24,17 +24,18 @@ ATTRIBUTES = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
 @dataclass(eq=False)
 class Gaussians:
-    """N splats. All tensors share a device and a floating dtype.
+    """N splats. All tensors share one device and one floating dtype.
 
     Attributes:
         means: (N, 3) world positions.
-        quats: (N, 4) rotations, wxyz, of any length above 0.
-        log_scales: (N, 3) natural logarithm of the standard deviations along the splat's own axes, world units.
+        quats: (N, 4) rotations as quaternions wxyz of any length above 0.
+        log_scales: (N, 3) natural logarithm of the standard deviations along the splat's axes, world units.
         logit_opacities: (N,) logit of the opacity.
         sh: (N, K, 3) spherical harmonics, K = (degree + 1)^2, coefficient-major, RGB last.
 
     Raises:
-        StudioError: shapes do not fit together.
+        StudioError: a tensor has the wrong shape (gaussians.wrong_shape), or the number of SH coefficients is not that
+            of a degree from 0 to 3 (gaussians.sh_degree).
     """
 
     means: Tensor
@@ -55,10 +56,19 @@ class Gaussians:
         for name, shape in expected.items():
             found = tuple(getattr(self, name).shape)
             if found != shape:
-                raise StudioError(f"Gaussians: {name} has the shape {found}, expected {shape}.")
+                raise StudioError(
+                    "gaussians.wrong_shape",
+                    f"{name} of the Gaussians has shape {found}, expected {shape}",
+                    value=list(found),
+                    attribute=name,
+                    expected=list(shape),
+                )
         if self.sh.shape[1] not in (1, 4, 9, 16):
             raise StudioError(
-                f"Gaussians: {self.sh.shape[1]} SH coefficients a color given; degrees 0 to 3 have 1, 4, 9 or 16."
+                "gaussians.sh_degree",
+                f"found {self.sh.shape[1]} SH coefficients per color channel, expected 1, 4, 9 or 16 (degrees 0 to 3)",
+                value=self.sh.shape[1],
+                expected=[1, 4, 9, 16],
             )
 
     def __len__(self) -> int:
@@ -66,27 +76,27 @@ class Gaussians:
 
     @property
     def sh_degree(self) -> int:
-        """0 to 3."""
+        """Degree of the spherical harmonics, 0 to 3."""
         return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
 
     @property
     def device(self) -> torch.device:
-        """Where all tensors live."""
+        """Device of the tensors."""
         return self.means.device
 
     @property
     def scales(self) -> Tensor:
-        """(N, 3): standard deviations, world units."""
+        """(N, 3): standard deviations along the splat's axes, world units."""
         return self.log_scales.exp()
 
     @property
     def opacities(self) -> Tensor:
-        """(N,): in 0 to 1."""
+        """(N,): opacities, 0 to 1."""
         return self.logit_opacities.sigmoid()
 
     @property
     def unit_quats(self) -> Tensor:
-        """(N, 4): wxyz, length 1."""
+        """(N, 4): unit quaternions wxyz."""
         return torch.nn.functional.normalize(self.quats, dim=-1)
 
     def items(self) -> Iterator[tuple[str, Tensor]]:
@@ -95,7 +105,7 @@ class Gaussians:
             yield field_.name, getattr(self, field_.name)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Name to tensor, detached, contiguous, on the CPU: what safetensors stores."""
+        """Attribute name to tensor, detached, contiguous and on the CPU, as safetensors stores them."""
         return {name: tensor.detach().cpu().contiguous() for name, tensor in self.items()}
 
     @classmethod
@@ -103,29 +113,34 @@ class Gaussians:
         """Inverse of `state_dict`; other keys are ignored.
 
         Raises:
-            StudioError: an attribute is missing or its shape is wrong.
+            StudioError: an attribute is missing (gaussians.missing_attribute) or has the wrong shape.
         """
         missing = [name for name in ATTRIBUTES if name not in tensors]
         if missing:
-            raise StudioError(f"Gaussians: the attributes {', '.join(missing)} are missing.")
+            raise StudioError(
+                "gaussians.missing_attribute",
+                f"these attributes of the Gaussians are missing: {', '.join(missing)}",
+                value=missing,
+                expected=list(ATTRIBUTES),
+            )
         return cls(**{name: tensors[name] for name in ATTRIBUTES})
 
     def map(self, function: Any) -> Gaussians:
-        """A new Gaussians with `function` applied to each tensor."""
+        """New Gaussians with `function` applied to each tensor."""
         return Gaussians(**{name: function(tensor) for name, tensor in self.items()})
 
     def __getitem__(self, index: Any) -> Gaussians:
-        """Splats selected by a slice, an index tensor or a boolean mask."""
+        """The splats selected by an index, a slice, an index tensor or a boolean mask; always a set of splats."""
         if isinstance(index, int):
             index = slice(index, index + 1 if index != -1 else None)
         return self.map(lambda tensor: tensor[index])
 
     def to(self, *args: Any, **kwargs: Any) -> Gaussians:
-        """As `Tensor.to`, for all attributes."""
+        """`Tensor.to` for all attributes."""
         return self.map(lambda tensor: tensor.to(*args, **kwargs))
 
     def detach(self) -> Gaussians:
-        """Cut from the autograd graph; shares memory."""
+        """Detached from the autograd graph; shares memory."""
         return self.map(Tensor.detach)
 
     def clone(self) -> Gaussians:
@@ -133,7 +148,7 @@ class Gaussians:
         return self.map(lambda tensor: tensor.detach().clone())
 
     def with_sh_degree(self, degree: int) -> Gaussians:
-        """The same splats at another SH degree: higher coefficients are cut off or filled with zeros."""
+        """The same splats at another SH degree, 0 to 3: coefficients are dropped or filled with zeros."""
         wanted = (degree + 1) ** 2
         have = self.sh.shape[1]
         if wanted <= have:
@@ -144,12 +159,12 @@ class Gaussians:
 
     @classmethod
     def cat(cls, *parts: Gaussians) -> Gaussians:
-        """All splats of the parts, in order."""
+        """The splats of all parts, concatenated in order."""
         return cls(**{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES})
 
     @classmethod
     def from_activated(cls, means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, sh: Tensor) -> Gaussians:
-        """From linear scales (> 0) and opacities in 0 to 1 (both clamped just inside their range)."""
+        """From linear scales and opacities; scales are clamped to at least 1e-12, opacities to 1e-6 from 0 and 1."""
         return cls(
             means=means,
             quats=quats,

@@ -1,4 +1,4 @@
-"""SplatVideo: frames of Gaussians that play at a rate, wherever they come from. What exports take and imports give."""
+"""SplatVideo: a sequence of Gaussians with a frame rate, from any source. Exports read it, imports return it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ class SplatVideo:
     """A Gaussian video.
 
     Attributes:
-        name: of the folder, file or address, for messages.
-        fps: frames a second to play at.
+        name: name of the folder, file or URL, for messages.
+        fps: playback rate, frames per second.
         frame_count: at least 1.
-        group_starts: ascending, the first is 0; from one to the next each frame has the same splats in the same order.
-        read: gives the frame of an index from 0 to frame_count - 1, float32; called on one thread at a time.
-        up: (3,) unit vector that points up in the world; None where nothing tells.
-        view: a camera that sees the subject well; None where none is known.
-        background: RGB, 0 to 1, to draw over.
+        group_starts: first frame of each group, ascending from 0. Within a group all frames have the same splats in
+            the same order.
+        read: returns the frame of an index from 0 to frame_count - 1, float32; called from one thread at a time.
+        up: (3,) unit vector that points up in the world; None if unknown.
+        view: a camera with a good view of the performer; None if unknown.
+        background: RGB, 0 to 1, drawn behind the splats.
+
+    Raises:
+        StudioError: there are no frames (splat_video.no_frames).
     """
 
     name: str
@@ -36,42 +40,46 @@ class SplatVideo:
     view: Camera | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     numbers: tuple[int, ...] = field(default=())
-    """What each frame is called where it is not its index: after `part`, its index in the whole."""
+    """Frame numbers if they differ from the indices: after `part`, the indices in the whole video."""
 
     def __post_init__(self) -> None:
         if self.frame_count < 1 or not self.group_starts or self.group_starts[0] != 0:
-            raise StudioError(f"{self.name}: there are no frames.")
+            raise StudioError("splat_video.no_frames", "the Gaussian video has no frames", file=self.name)
 
     def __iter__(self) -> Iterator[Gaussians]:
         for index in range(self.frame_count):
             yield self.read(index)
 
     def number(self, index: int) -> int:
-        """What the frame is called."""
+        """Frame number of an index."""
         return self.numbers[index] if self.numbers else index
 
     @property
     def groups(self) -> tuple[range, ...]:
-        """Indices of each group's frames."""
+        """Frame indices of each group."""
         ends = (*self.group_starts[1:], self.frame_count)
         return tuple(range(start, end) for start, end in zip(self.group_starts, ends, strict=True))
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration in seconds."""
         return self.frame_count / self.fps
 
     def part(self, start: int = 0, stop: int | None = None, step: int = 1) -> SplatVideo:
-        """Frames start, start + step, ... below `stop` (all by default). The rate is divided by the step.
+        """Frames start, start + step, ... below `stop` (default: to the end). The frame rate is divided by the step.
 
         Raises:
-            StudioError: there are no such frames.
+            StudioError: the range is empty or out of bounds (splat_video.frame_range).
         """
         end = self.frame_count if stop is None else stop
         if not 0 <= start < end <= self.frame_count or step < 1:
             raise StudioError(
-                f"{self.name}: frames {start}:{end}:{step} were asked for; it has the frames 0 to "
-                f"{self.frame_count - 1}, written 0:{self.frame_count}."
+                "splat_video.frame_range",
+                f"no frames {start}:{end}:{step} in a video of {self.frame_count} frames",
+                file=self.name,
+                value=[start, end, step],
+                fix=f"Choose a range within 0:{self.frame_count}.",
+                frame_count=self.frame_count,
             )
         chosen = range(start, end, step)
         read = self.read

@@ -1,4 +1,4 @@
-"""Numbers out of files, checked: whatever is wrong with them is one sentence that names the value."""
+"""Checked numbers from camera files: a bad value is reported with its camera, key and value."""
 
 from __future__ import annotations
 
@@ -9,78 +9,128 @@ import numpy as np
 
 from studio.errors import StudioError
 
-_MEND = "mend the calibration file"
 
+def number(values: Mapping[str, Any], key: str, camera: str, default: float | None = None) -> float:
+    """A finite number from a mapping. Text that spells a number is accepted: CSV and XML have nothing else.
 
-def number(values: Mapping[str, Any], key: str, who: str, default: float | None = None) -> float:
-    """A finite number of a mapping; text that says a number counts (CSV and XML have nothing else).
+    Args:
+        values: keys and values of one camera.
+        key: the key to read.
+        camera: name of the camera, for the message.
+        default: value of a missing key; None makes the key required.
 
     Raises:
-        StudioError: it is missing (and has no default), no number, or not finite.
+        StudioError: the value is missing and has no default (camera.missing_key), is not a number
+            (camera.not_a_number) or not finite (camera.not_finite).
     """
     value = values.get(key, default)
     if value is None:
-        raise StudioError(f"{who}: the key '{key}' is missing.")
+        raise missing_key(key, camera)
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise StudioError(f"{who}: '{key}' is {_shown(value)}, which is not a number; {_MEND}.") from None
+        raise _not_a_number(f"'{key}'", value, camera, key) from None
     if not np.isfinite(result):
-        raise StudioError(f"{who}: '{key}' is {result}, which is not a finite number; {_MEND}.")
+        raise _not_finite(f"'{key}'", result, camera, key)
     return result
 
 
-def whole(values: Mapping[str, Any], key: str, who: str) -> int:
-    """A whole number of a mapping; 640.0 is one.
+def whole(values: Mapping[str, Any], key: str, camera: str) -> int:
+    """An integer from a mapping; 640.0 counts as one.
 
     Raises:
-        StudioError: as of `number`, or there is a fraction.
+        StudioError: as `number`, or the value has a fraction (camera.not_an_integer).
     """
-    result = number(values, key, who)
+    result = number(values, key, camera)
     if result != round(result):
-        raise StudioError(f"{who}: '{key}' is {result:g}, which is not a whole number; {_MEND}.")
+        raise StudioError(
+            "camera.not_an_integer",
+            f"Camera '{camera}': '{key}' is {result:g}, not an integer",
+            value=result,
+            fix="Correct it in the camera file.",
+            camera=camera,
+            key=key,
+        )
     return int(result)
 
 
-def array(value: Any, what: str, who: str) -> np.ndarray:
-    """Nested lists of numbers (or of text that says numbers) as float64, of whatever shape. May hold NaN.
+def array(value: Any, key: str, camera: str) -> np.ndarray:
+    """Nested lists of numbers, or of text that spells numbers, as float64 of any shape. May contain NaN.
 
     Raises:
-        StudioError: an entry is no number, or the rows are not of one length.
+        StudioError: an entry is not a number (camera.not_a_number), or rows differ in length (camera.ragged).
     """
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        place, wrong = _first_that_is_none(value)
-        if not place and isinstance(value, list):
-            raise StudioError(f"{who}: the rows of '{what}' are not of one length; {_MEND}.") from None
-        raise StudioError(f"{who}: {what}{place} is {_shown(wrong)}, which is not a number; {_MEND}.") from None
+        index, wrong = _first_non_number(value)
+        if not index and isinstance(value, list):
+            raise StudioError(
+                "camera.ragged",
+                f"Camera '{camera}': the rows of '{key}' differ in length",
+                fix="Correct the matrix in the camera file.",
+                camera=camera,
+                key=key,
+            ) from None
+        raise _not_a_number(f"{key}{index}", wrong, camera, key, index) from None
 
 
-def check_finite(value: np.ndarray, what: str, who: str) -> None:
-    """Refuse an array with NaN or infinity, naming the first such entry.
+def check_finite(value: np.ndarray, key: str, camera: str) -> None:
+    """Refuse an array with NaN or infinity; the message names the first such entry.
 
     Raises:
-        StudioError: as said.
+        StudioError: an entry is not finite (camera.not_finite).
     """
     broken = np.argwhere(~np.isfinite(value))
     if len(broken):
-        place = "".join(f"[{index}]" for index in broken[0]) if value.size > 1 else ""
-        raise StudioError(
-            f"{who}: {what}{place} is {value[tuple(broken[0])]}, which is not a finite number; mend the calibration "
-            "file."
-        )
+        index = "".join(f"[{i}]" for i in broken[0]) if value.size > 1 else ""
+        raise _not_finite(f"{key}{index}", float(value[tuple(broken[0])]), camera, key, index)
 
 
-def _first_that_is_none(value: Any) -> tuple[str, Any]:
-    """Place and value of the first entry that is no number; ("", value) where all are."""
+def missing_key(key: str, camera: str) -> StudioError:
+    """The error for a required key that one camera does not have (camera.missing_key)."""
+    return StudioError(
+        "camera.missing_key",
+        f"Camera '{camera}': the key '{key}' is missing",
+        fix="Export the cameras again.",
+        camera=camera,
+        key=key,
+    )
+
+
+def _not_a_number(what: str, value: Any, camera: str, key: str, index: str = "") -> StudioError:
+    return StudioError(
+        "camera.not_a_number",
+        f"Camera '{camera}': {what} is {_shown(value)}, not a number",
+        value=value,
+        fix="Correct it in the camera file.",
+        camera=camera,
+        key=key,
+        index=index,
+    )
+
+
+def _not_finite(what: str, value: float, camera: str, key: str, index: str = "") -> StudioError:
+    return StudioError(
+        "camera.not_finite",
+        f"Camera '{camera}': {what} is {value}, not a finite number",
+        value=value,
+        fix="Correct it in the camera file.",
+        camera=camera,
+        key=key,
+        index=index,
+    )
+
+
+def _first_non_number(value: Any) -> tuple[str, Any]:
+    """Index and value of the first entry that is not a number; ("", value) if there is none."""
     if not isinstance(value, list):
         return "", value
     for index, entry in enumerate(value):
         if isinstance(entry, list):
-            place, wrong = _first_that_is_none(entry)
-            if place:
-                return f"[{index}]{place}", wrong
+            inner, wrong = _first_non_number(entry)
+            if inner:
+                return f"[{index}]{inner}", wrong
             continue
         try:
             float(entry)

@@ -1,4 +1,4 @@
-"""The form in which footage hands out what one camera saw at one moment: any object with these members will do."""
+"""Protocols for one camera's image at one frame, as footage returns it. Any object with these members qualifies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from studio.cameras import Camera
 
 
 class ViewLike(Protocol):
-    """What meshing needs: a pinhole camera, image (H, W, 3) uint8 RGB and matte (H, W) uint8, 255 = foreground."""
+    """Input of meshing: a pinhole camera, image (H, W, 3) uint8 RGB and matte (H, W) uint8, 255 = foreground."""
 
     @property
     def camera(self) -> Camera: ...
@@ -21,7 +21,7 @@ class ViewLike(Protocol):
 
 
 class CapturedView(ViewLike, Protocol):
-    """What training needs: also the empty set, (H, W, 3) uint8 RGB, or None where the capture has no clean plate."""
+    """Input of training: also the clean plate, (H, W, 3) uint8 RGB, or None if the capture has none."""
 
     @property
     def plate(self) -> np.ndarray | None: ...

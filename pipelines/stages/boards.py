@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.calibration import CalibrationResult, TargetObservation
+    from studio.calibration.report import IntrinsicsReport
     from studio.cameras import Camera
     from studio.capture import Footage
 
@@ -61,7 +62,9 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
         threads=context.config.run.threads,
         progress=reporter.part("solving", 0.8, 1.0),
     )
-    left_out, used = result.report["boards"]["views_left_out"], result.report["boards"]["views"]
+    boards = result.report.boards
+    assert boards is not None
+    left_out, used = boards.views_left_out, boards.views
     if left_out > 0.2 * (left_out + used):
         reporter.warn(
             Message(
@@ -78,7 +81,7 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
 
 def lenses_from_boards(
     context: Context, reporter: StageReporter, start: float, stop: float
-) -> tuple[dict[str, Camera], dict[str, Any]]:
+) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
     """Calibrate intrinsics from `calibrate.intrinsics_images`.
 
     Returns:

@@ -156,7 +156,7 @@ class CalibrateStage:
     def _from_board(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
         result = calibrate_with_boards(context, reporter)
         _keep_points(context, result.points, result.colors)
-        return result.rig, {"source": "board", **result.report}
+        return result.rig, {"source": "board", **result.report.to_dict()}
 
     def _from_footage(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
         from studio.calibration import calibrate_from_images, floor_world
@@ -212,9 +212,9 @@ class CalibrateStage:
         if section.floor:
             world, found = floor_world(rig, points)
             rig, points = world.rig(rig), world.points(points)
-            report["floor"] = found
+            report["floor"] = found.model_dump()
         _keep_points(context, points, result.colors)
-        return rig.subset(names), {**report, **result.report}
+        return rig.subset(names), {**report, **result.report.to_dict()}
 
     def _from_tie_points(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
         from studio.calibration import calibrate_from_tie_points, read_tie_points
@@ -245,7 +245,7 @@ class CalibrateStage:
             progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         _keep_points(context, result.points, result.colors)
-        return result.rig, {"source": "tie points", "file": str(tie_file(context)), **report, **result.report}
+        return result.rig, {"source": "tie points", "file": str(tie_file(context)), **report, **result.report.to_dict()}
 
 
 def _given(context: Context) -> Path | None:
@@ -289,7 +289,8 @@ def _known_lenses(context: Context, reporter: StageReporter) -> tuple[dict[str, 
     lenses: dict[str, Camera] = {}
     report: dict[str, Any] = {}
     if context.config.calibrate.intrinsics_images:
-        lenses, report["lenses"] = lenses_from_boards(context, reporter, 0.0, 0.2)
+        lenses, figures = lenses_from_boards(context, reporter, 0.0, 0.2)
+        report["lenses"] = {name: each.model_dump() for name, each in figures.items()}
         lenses = {name: at_footage_size(context, name, camera) for name, camera in lenses.items()}
     before = known_cameras(context)
     if before is not None:

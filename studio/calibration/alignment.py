@@ -1,22 +1,24 @@
-"""Where a solution lies in the world: similarity transforms, alignment to a reference, comparison with it."""
+"""World coordinates of a solution: similarity transforms, alignment with a reference and comparison."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from studio.calibration.report import FloorReport
 from studio.cameras import Rig
 from studio.errors import StudioError
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """x' = scale * rotation @ x + translation.
+    """Similarity transform x' = scale * rotation @ x + translation.
 
     Attributes:
-        scale: positive.
-        rotation: (3, 3).
+        scale: more than 0.
+        rotation: (3, 3) rotation matrix.
         translation: (3,).
     """
 
@@ -29,7 +31,7 @@ class Similarity:
         return self.scale * points @ self.rotation.T + self.translation
 
     def rig(self, rig: Rig) -> Rig:
-        """The same cameras in the new world: every image stays the same."""
+        """The transformed cameras. Images do not change."""
         cameras = []
         for camera in rig:
             pose = np.eye(4)
@@ -40,18 +42,26 @@ class Similarity:
 
 
 def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
-    """The similarity that brings source (N, 3) nearest to target (N, 3) in least squares (Umeyama 1991).
+    """The similarity that maps source (N, 3) to target (N, 3) in least squares (Umeyama 1991).
 
     Raises:
-        StudioError: fewer than three points, or all on one spot.
+        StudioError: there are fewer than 3 points (calibration.too_few_points), or all coincide
+            (calibration.coincident).
     """
     if len(source) < 3:
-        raise StudioError(f"At least 3 common cameras are needed to align two solutions, found {len(source)}.")
+        raise StudioError(
+            "calibration.too_few_points",
+            f"two solutions need at least 3 common cameras or points to be aligned, found {len(source)}",
+            value=len(source),
+            expected=3,
+        )
     middle_source, middle_target = source.mean(0), target.mean(0)
     a, b = source - middle_source, target - middle_target
     spread = (a * a).sum() / len(a)
     if spread < 1e-18:
-        raise StudioError("The cameras all stand on one spot: two solutions cannot be aligned by them.")
+        raise StudioError(
+            "calibration.coincident", "two solutions cannot be aligned: their common cameras or points coincide"
+        )
     u, d, vt = np.linalg.svd(b.T @ a / len(a))
     sign = np.ones(3)
     sign[2] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
@@ -61,26 +71,26 @@ def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
 
 
 def align_rigs(source: Rig, target: Rig) -> Similarity:
-    """The similarity from one solution to another, by the centers of the cameras they share.
+    """The similarity from one solution to another, from the centers of their common cameras.
 
     Raises:
-        StudioError: fewer than three common cameras, or all on one spot.
+        StudioError: as `align_points`.
     """
     names = [name for name in source.names if name in target]
     return align_points(source.subset(names).centers, target.subset(names).centers)
 
 
 def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Similarity:
-    """The world that a rig alone suggests.
+    """World coordinates from a rig alone.
 
-    z up is the mean of the cameras' up directions, the origin is the point that the cameras look at (the middle of the
-    points where the axes do not meet before the cameras), x points from there toward the first camera, and the mean
-    distance of the cameras from the origin is 1.
+    z is the mean of the cameras' up directions, the origin is the point that the cameras look at (the median of the
+    points if the viewing axes do not meet in front of the cameras), x points from there toward the first camera, and
+    the mean distance of the cameras from the origin is 1.
 
     Args:
         rig: the cameras.
         points: (P, 3) sparse points.
-        keep_scale: leave the scale as it is (meters, say).
+        keep_scale: do not change the scale, for example because it is metric.
     """
     centers = rig.centers
     focus = rig.focus
@@ -102,26 +112,32 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
     return Similarity(scale, rotation, -scale * rotation @ focus)
 
 
-def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similarity, dict[str, float]]:
-    """The world in which the floor is level and at height 0; directions and scale stay as they are otherwise.
+def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similarity, FloorReport]:
+    """World coordinates in which the floor is level and at height 0; scale and heading do not change.
 
-    The floor is the plane with the most sparse points of those nearly square to the cameras' common up that have nine
-    tenths of all points above or on them and the cameras above (RANSAC).
+    The floor is the plane with the most sparse points, among those within 25 degrees of level with 90 % of the points
+    on or above them and all cameras above (RANSAC).
 
     Args:
-        rig: the cameras; up is about z (as after `upright`).
+        rig: the cameras, with z approximately up, as after `upright`.
         points: (P, 3) sparse points.
-        seed: of the random choice.
+        seed: random seed.
 
     Returns:
-        the transform, and `tilt` (degrees that up changes), `height` (by which the origin rises), `share` of the points
-        on the floor.
+        the transform, and figures of the floor.
 
     Raises:
-        StudioError: no plane holds a twentieth of the points.
+        StudioError: there are fewer than 50 points, or no such plane has 5 % of them (calibration.no_floor).
     """
     if len(points) < 50:
-        raise StudioError(f"The floor cannot be found among {len(points)} sparse points; switch calibrate.floor off.")
+        raise StudioError(
+            "calibration.no_floor",
+            f"{len(points)} sparse points are too few to find the floor, expected at least 50",
+            value=len(points),
+            fix="Set calibrate.floor to false.",
+            setting="calibrate.floor",
+            expected=50,
+        )
     rng = np.random.default_rng(seed)
     size = float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
     within, up = 0.01 * size, rig.up
@@ -141,8 +157,12 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
             best, found = count, (normal, a)
     if found is None or best < 0.05 * len(points):
         raise StudioError(
-            "No floor was found: no level plane below the cameras holds a twentieth of the sparse points; switch "
-            "calibrate.floor off, or give the floor some texture."
+            "calibration.no_floor",
+            "no floor found: no level plane below the cameras has 5 % of the sparse points",
+            value=round(best / len(points), 3),
+            fix="Set calibrate.floor to false, or put textured mats on the floor.",
+            setting="calibrate.floor",
+            expected=0.05,
         )
     on = points[np.abs((points - found[1]) @ found[0]) < within]
     middle = on.mean(0)
@@ -151,48 +171,49 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
     z = np.array([0.0, 0.0, 1.0])
     axis = np.cross(normal, z)
     angle = float(np.arctan2(np.linalg.norm(axis), normal @ z))
-    rotation = _about(axis, angle)
+    sine = float(np.linalg.norm(axis))
+    rotation = Rotation.from_rotvec(axis * (angle / sine) if sine > 1e-12 else np.zeros(3)).as_matrix()
     height = float((rotation @ middle)[2])
-    figures = {
-        "tilt": round(float(np.degrees(angle)), 3),
-        "height": round(height, 6),
-        "share": round(best / len(points), 3),
-    }
+    figures = FloorReport(
+        tilt=round(float(np.degrees(angle)), 3), height=round(height, 6), share=round(best / len(points), 3)
+    )
     return Similarity(1.0, rotation, np.array([0.0, 0.0, -height])), figures
 
 
-def _about(axis: np.ndarray, angle: float) -> np.ndarray:
-    """(3, 3) rotation about an axis of any length (Rodrigues)."""
-    length = np.linalg.norm(axis)
-    if length < 1e-12:
-        return np.eye(3)
-    x, y, z = axis / length
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
-    """Scaling about the origin that puts two cameras at a known distance.
+    """Scaling about the origin that sets the distance of two cameras.
 
     Raises:
-        StudioError: an unknown camera, a distance that is not positive, cameras on one spot.
+        StudioError: a camera is unknown (camera.unknown), the distance is not positive (calibration.distance), or the
+            cameras coincide (calibration.coincident).
     """
     if not distance > 0:
-        raise StudioError(f"The known distance between '{first}' and '{second}' is {distance}; it must be positive.")
+        raise StudioError(
+            "calibration.distance",
+            f"the distance between '{first}' and '{second}' is {distance}, expected more than 0",
+            value=distance,
+            setting="calibrate.scale_distance",
+        )
     found = float(np.linalg.norm(rig[first].center - rig[second].center))
     if found < 1e-12:
-        raise StudioError(f"'{first}' and '{second}' stand on one spot; name two cameras that are apart.")
+        raise StudioError(
+            "calibration.coincident",
+            f"cameras '{first}' and '{second}' are at the same position",
+            value=[first, second],
+            fix="Set calibrate.scale_between to two cameras that are apart.",
+            setting="calibrate.scale_between",
+        )
     return Similarity(distance / found, np.eye(3), np.zeros(3))
 
 
 @dataclass(frozen=True)
 class RigDifference:
-    """How far a solution is from a reference after alignment.
+    """Difference of a solution from a reference after alignment.
 
     Attributes:
-        centers: a camera each, distance of the centers in the reference's units.
-        rotations: a camera each, degrees.
-        radius: mean distance of the reference's cameras from their middle, to put the centers in relation to.
+        centers: camera name to distance of the centers, units of the reference.
+        rotations: camera name to angle in degrees.
+        radius: mean distance of the reference's camera centers from their mean.
     """
 
     centers: dict[str, float]
@@ -201,20 +222,20 @@ class RigDifference:
 
     @property
     def center_percent(self) -> float:
-        """Largest distance of a center, percent of the rig's radius."""
+        """Largest distance of two centers in percent of the radius."""
         return 100.0 * max(self.centers.values()) / self.radius
 
     @property
     def rotation_degrees(self) -> float:
-        """Largest rotation."""
+        """Largest angle in degrees."""
         return max(self.rotations.values())
 
 
 def compare_rigs(found: Rig, reference: Rig) -> RigDifference:
-    """Align a solution with a reference and measure what differs, over the cameras they share.
+    """Align a solution with a reference and compare their common cameras.
 
     Raises:
-        StudioError: fewer than three common cameras.
+        StudioError: as `align_points`.
     """
     aligned = align_rigs(found, reference).rig(found)
     names = [name for name in found.names if name in reference]
@@ -222,7 +243,7 @@ def compare_rigs(found: Rig, reference: Rig) -> RigDifference:
     for name in names:
         a, b = aligned[name], reference[name]
         centers[name] = float(np.linalg.norm(a.center - b.center))
-        # By the sine of half the angle: exact for small rotations too.
+        # from the sine of half the angle, which is accurate for small angles too
         rotations[name] = float(
             np.degrees(2 * np.arcsin(min(1.0, float(np.linalg.norm(a.rotation - b.rotation)) / 8**0.5)))
         )

@@ -1,4 +1,4 @@
-"""Camera solutions in files: one `read_rig` for all known forms, one `write_rig`."""
+"""Camera files: `read_rig` reads all supported formats, `write_rig` writes them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _USUAL_PATTERNS = ("*.qca.txt", "Calib*.toml")
 
 
 def find_camera_files(folder: Path) -> list[Path]:
-    """Camera files of usual names in a folder; the folder itself stands for a COLMAP model."""
+    """Camera files with common names in a folder; the folder itself if it contains a COLMAP model."""
     found = [folder / name for name in _USUAL_NAMES if (folder / name).is_file()]
     for pattern in _USUAL_PATTERNS:
         found += sorted(folder.glob(pattern))
@@ -45,26 +45,26 @@ def find_camera_files(folder: Path) -> list[Path]:
 
 
 def read_rig(path: Path | str) -> Rig:
-    """Read cameras; the form is told by the content.
+    """Read cameras; the format is detected from the name and content.
 
     Args:
         path: rig.json, a cameras.json with K, R, t, a transforms.json (instant-ngp, nerfstudio, NeuS2, VideoGS), a
             COLMAP model folder (text or binary, or any file in it), intri.yml or extri.yml (EasyMocap), calibration.csv
             (ActorsHQ), RealityScan's CSV, a TOML of Pose2Sim or Caliscope, Metashape's XML, a Qualisys .qca.txt,
-            CamPose.inf (ReRF); or a folder with one of these, or with a folder a frame of which the first has one.
+            CamPose.inf (ReRF); or a folder with exactly one of these, or with one folder per frame (VideoGS).
 
     Returns:
-        the rig, in our conventions (OpenCV axes, pixel origin at the image corner).
+        the rig, in the conventions of `studio.cameras` (OpenCV axes, pixel origin at the image corner).
 
     Raises:
-        StudioError: nothing there, an unknown form, a missing key, a value that is not finite, two cameras of one
-            name, a file cut short: names the file and the value.
+        StudioError: the file is missing, of an unknown format, truncated or otherwise unusable (camera_file.*), or a
+            camera in it is (camera.*). The error has the file.
     """
     path = Path(path)
     if path.is_dir():
         return _read_folder(path)
     if not path.exists():
-        raise StudioError(f"{path}: there is no such camera file.")
+        raise StudioError("camera_file.missing", "camera file not found", file=path, fix="Check the path.")
     if path.name in _COLMAP_FILES:
         return read_colmap(path.parent)
     if path.name in (easymocap.INTRINSICS, easymocap.EXTRINSICS):
@@ -81,25 +81,35 @@ def read_rig(path: Path | str) -> Rig:
     if start == "<":
         return _read_xml(path, text)
     if start not in "{[":
-        raise StudioError(f"{path}: this is no camera file that V3 Studio knows; give {_KNOWN}.")
+        raise _unknown_format("not a camera file of a supported format", path)
     values = read_json(path)
     if isinstance(values.get("cameras"), list):  # cameras.json may say how many "frames" the capture has
         return rig_from_values(path, values)
     if "frames" in values:
         return rig_from_transforms(path, values)
-    raise StudioError(f"{path}: has neither 'cameras' nor 'frames'; give {_KNOWN}.")
+    raise _unknown_format("the JSON object has neither 'cameras' nor 'frames'", path)
+
+
+def _unknown_format(problem: str, path: Path) -> StudioError:
+    return StudioError("camera_file.unknown_format", problem, file=path, fix=f"Supported are {_KNOWN}.")
 
 
 def _read_folder(folder: Path) -> Rig:
     files = find_camera_files(folder)
     if len(files) > 1:
         names = ", ".join(file.name for file in files)
-        raise StudioError(f"{folder}: holds several calibrations ({names}); name one.")
+        raise StudioError(
+            "camera_file.ambiguous",
+            f"several camera files in the folder: {names}",
+            file=folder,
+            value=[file.name for file in files],
+            fix="Specify one of them.",
+        )
     if files and files[0] != folder:
         return read_rig(files[0])
     frames = [part for part in folder.iterdir() if part.is_dir() and part.name.isdecimal()]
     with_cameras = [frame for frame in frames if (frame / "transforms.json").is_file()]
-    if with_cameras and not files:  # VideoGS: a folder a frame, each with the same cameras
+    if with_cameras and not files:  # VideoGS: one folder per frame, all with the same cameras
         return read_rig(min(with_cameras, key=lambda frame: int(frame.name)) / "transforms.json")
     return read_colmap(folder)
 
@@ -110,7 +120,12 @@ def _read_xml(path: Path, text: str) -> Rig:
     except ElementTree.ParseError as error:
         line, column = error.position
         raise StudioError(
-            f"{path}: not whole XML at line {line}, column {column + 1}; the file may be cut short, export it again."
+            "camera_file.syntax",
+            f"invalid XML at line {line}, column {column + 1}",
+            file=path,
+            fix="The file may be truncated: export the cameras again.",
+            line=line,
+            column=column + 1,
         ) from None
     if root.tag in ("document", "chunk"):
         return rig_from_metashape(path, root)
@@ -122,12 +137,13 @@ def write_rig(rig: Rig, path: Path | str) -> None:
 
     Args:
         rig: what to write.
-        path: `transforms*.json` becomes a transforms.json, any other `.json` our rig.json, `.csv` ActorsHQ's
-            calibration.csv, `camera_array*.toml` Caliscope's form, any other `.toml` Pose2Sim's, `intri.yml`
-            EasyMocap's two files, a path without an extension a COLMAP text model folder.
+        path: the name selects the format: `transforms*.json` transforms.json, any other `.json` rig.json, `.csv`
+            ActorsHQ's calibration.csv, `camera_array*.toml` Caliscope, any other `.toml` Pose2Sim, `intri.yml` or
+            `extri.yml` both files of EasyMocap, no extension a folder with a COLMAP text model.
 
     Raises:
-        StudioError: an unknown extension, a camera that the form cannot say, an unwritable place.
+        StudioError: the extension is unknown (camera_file.unknown_extension), the format cannot express a camera
+            (camera_file.not_expressible), or the file cannot be written (camera_file.unwritable).
     """
     path = Path(path)
     if path.suffix == ".json":
@@ -145,6 +161,9 @@ def write_rig(rig: Rig, path: Path | str) -> None:
         write_colmap(rig, path)
     else:
         raise StudioError(
-            f"{path}: cameras are written as .json, .csv, .toml, intri.yml or as a COLMAP folder, not as "
-            f"'{path.suffix}'."
+            "camera_file.unknown_extension",
+            f"cameras cannot be written as '{path.suffix}'",
+            file=path,
+            value=path.suffix,
+            fix="Use .json, .csv, .toml, intri.yml, or a folder for a COLMAP model.",
         )

@@ -1,8 +1,8 @@
 """calibration.csv of ActorsHQ (HumanRF).
 
-A row a camera: name, w, h, rx ry rz (rotation vector, camera to world), tx ty tz (center), fx fy px py in parts of the
-width and the height. OpenCV's axes. The principal point counts from the image corner, as in COLMAP, to which the data
-set's own exporter hands it unchanged. The images are undistorted.
+One row per camera: name, w, h, rx ry rz (rotation vector, camera to world), tx ty tz (center), fx fy px py as fractions
+of the width and height. OpenCV axes. The principal point is relative to the image corner, as in COLMAP: the data set's
+own exporter passes it on unchanged. The images are undistorted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def read_actorshq(path: Path) -> Rig:
     """Read a calibration.csv.
 
     Raises:
-        StudioError: a column is missing, a value is unusable, two cameras have one name.
+        StudioError: the file is unreadable or has no such columns (camera_file.*), or a value is invalid (camera.*).
     """
     rows = read_csv(path, COLUMNS)
     with naming(path):
@@ -33,8 +33,7 @@ def read_actorshq(path: Path) -> Rig:
 def _camera(row: dict[str, str]) -> Camera:
     import cv2
 
-    who = f"Camera '{row['name']}'"
-    value = {key: number(row, key, who) for key in COLUMNS[1:]}
+    value = {key: number(row, key, row["name"]) for key in COLUMNS[1:]}
     width, height = round(value["w"]), round(value["h"])
     pose = np.eye(4)
     pose[:3, :3] = cv2.Rodrigues(np.array([value[key] for key in ("rx", "ry", "rz")]))[0]
@@ -53,7 +52,7 @@ def write_actorshq(rig: Rig, path: Path) -> None:
     """Write a calibration.csv.
 
     Raises:
-        StudioError: a camera with distortion or skew, which the form cannot say.
+        StudioError: a camera has distortion or skew, or a comma in its name (camera_file.not_expressible).
     """
     import cv2
 
@@ -61,10 +60,20 @@ def write_actorshq(rig: Rig, path: Path) -> None:
     for camera in rig:
         if not camera.is_pinhole or abs(camera.K[0, 1]) > 1e-9:
             raise StudioError(
-                f"Camera '{camera.name}': calibration.csv holds neither distortion nor skew; undistort first."
+                "camera_file.not_expressible",
+                f"Camera '{camera.name}': calibration.csv cannot express lens distortion or skew",
+                file=path,
+                fix="Undistort the images first, or write rig.json.",
+                camera=camera.name,
             )
         if "," in camera.name:
-            raise StudioError(f"Camera '{camera.name}': a name in calibration.csv cannot have a comma; rename it.")
+            raise StudioError(
+                "camera_file.not_expressible",
+                f"Camera '{camera.name}': names in calibration.csv cannot contain a comma",
+                file=path,
+                fix="Rename the camera.",
+                camera=camera.name,
+            )
         vector = cv2.Rodrigues(camera.rotation.T)[0].ravel()
         w, h = camera.width, camera.height
         values = [*vector, *camera.center, camera.fx / w, camera.fy / h, camera.cx / w, camera.cy / h]

@@ -1,8 +1,8 @@
 """COLMAP model folders, text and binary: cameras.{txt,bin} and images.{txt,bin}.
 
-Written after the published form (COLMAP's documentation, "Output Format"); only cameras and poses are read, so models
-without points or with millions of them are alike. Poses are world to camera with OpenCV axes and the pixel origin is
-the image corner: COLMAP's conventions are ours. Newer models (rigs, frames) still write each image's own pose.
+Follows COLMAP's documentation, "Output Format". Only cameras and poses are read, so the number of points does not
+matter. Poses are world to camera with OpenCV axes, and the pixel origin is the image corner: the same conventions as in
+`studio.cameras`. Newer models (rigs, frames) still have the pose of each image.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, naming, read_text, write_atomic
+from studio.camera_files.common import camera_names, naming, read_text, unreadable, write_atomic
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.rotations import matrices_to_quats, quats_to_matrices
 
-# name -> (id, number of parameters); the ids are those of the binary form
+# name -> (id in the binary format, number of parameters)
 MODELS = {
     "SIMPLE_PINHOLE": (0, 3),
     "PINHOLE": (1, 4),
@@ -41,14 +41,19 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
     """K (3, 3) and OpenCV distortion of a COLMAP camera.
 
     Raises:
-        StudioError: the model has no OpenCV equivalent, or the number of parameters is wrong.
+        StudioError: the model is not supported (camera_file.lens_model), or the number of parameters is wrong
+            (camera_file.lens_parameters).
     """
     if model not in MODELS:
-        raise StudioError(
-            f"the camera model {model} is not supported (only {', '.join(MODELS)}); undistort the images with COLMAP."
-        )
+        raise _unsupported_model(model)
     if len(parameters) != MODELS[model][1]:
-        raise StudioError(f"the model {model} has {MODELS[model][1]} parameters, found {len(parameters)}.")
+        raise StudioError(
+            "camera_file.lens_parameters",
+            f"found {len(parameters)} parameters of the camera model {model}, expected {MODELS[model][1]}",
+            value=len(parameters),
+            fix="Export the model again.",
+            expected=MODELS[model][1],
+        )
     p = np.array(parameters, np.float64)
     if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):
         p = np.concatenate([p[:1], p])  # one focal length for both axes
@@ -59,16 +64,37 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
     return K, lens
 
 
+def _unsupported_model(model: str, file: Path | None = None) -> StudioError:
+    return StudioError(
+        "camera_file.lens_model",
+        f"the camera model {model} is not supported",
+        file=file,
+        value=model,
+        fix=f"Undistort the images with COLMAP; supported are {', '.join(MODELS)}.",
+    )
+
+
 def lens_model(camera: Camera) -> tuple[str, list[float]]:
-    """COLMAP's model name and parameters for a camera.
+    """COLMAP model name and parameters of a camera.
 
     Raises:
-        StudioError: skew, or distortion beyond FULL_OPENCV.
+        StudioError: the camera has skew or thin-prism distortion (camera_file.not_expressible).
     """
     if abs(camera.K[0, 1]) > 1e-9:
-        raise StudioError(f"Camera '{camera.name}': COLMAP has no model with skew ({camera.K[0, 1]:g}).")
+        raise StudioError(
+            "camera_file.not_expressible",
+            f"Camera '{camera.name}': COLMAP has no camera model with skew",
+            value=float(camera.K[0, 1]),
+            fix="Calibrate without skew, or write rig.json.",
+            camera=camera.name,
+        )
     if np.any(camera.distortion[8:]):
-        raise StudioError(f"Camera '{camera.name}': COLMAP has no model with thin-prism terms; undistort first.")
+        raise StudioError(
+            "camera_file.not_expressible",
+            f"Camera '{camera.name}': COLMAP has no camera model with OpenCV's thin-prism terms",
+            fix="Undistort the images first, or write rig.json.",
+            camera=camera.name,
+        )
     base = [camera.fx, camera.fy, camera.cx, camera.cy]
     if camera.is_pinhole:
         return "PINHOLE", base
@@ -99,14 +125,15 @@ def read_colmap(folder: Path) -> Rig:
     """Read a model folder.
 
     Args:
-        folder: holds cameras and images as .bin or .txt (binary wins, as in COLMAP); `sparse/0` or `sparse` below it
-            are found too.
+        folder: has cameras and images as .bin or .txt (binary is preferred, as in COLMAP), itself or in `sparse/0` or
+            `sparse`.
 
     Returns:
-        a camera for every registered image, sorted by name, named after the image.
+        one camera per registered image, sorted by name and named after the image.
 
     Raises:
-        StudioError: no model there, a file is cut short or unreadable, an unsupported lens model, unusable values.
+        StudioError: there is no model (camera_file.no_model), a file is truncated or unreadable (camera_file.*), or a
+            camera is invalid (camera.*).
     """
     for candidate in (folder, folder / "sparse" / "0", folder / "sparse"):
         for suffix in (".bin", ".txt"):
@@ -116,18 +143,33 @@ def read_colmap(folder: Path) -> Rig:
                 lenses = _lenses_binary(cameras) if binary else _lenses_text(cameras)
                 poses = _poses_binary(images) if binary else _poses_text(images)
                 return _rig(cameras, images, lenses, poses)
-    raise StudioError(f"{folder}: holds no COLMAP model (cameras.bin and images.bin, or cameras.txt and images.txt).")
+    raise StudioError(
+        "camera_file.no_model",
+        "no camera file or COLMAP model in the folder",
+        file=folder,
+        fix="A COLMAP model is cameras.bin and images.bin, or cameras.txt and images.txt.",
+    )
 
 
 def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: list[_Pose]) -> Rig:
     if not poses:
-        raise StudioError(f"{image_path}: holds no registered image; run the reconstruction again.")
+        raise StudioError(
+            "camera_file.no_cameras",
+            "the model has no registered image",
+            file=image_path,
+            fix="Run the reconstruction again.",
+        )
     poses = sorted(poses, key=lambda pose: pose.name)
     result = []
     for name, pose in zip(camera_names([pose.name for pose in poses]), poses, strict=True):
         if pose.lens not in lenses:
             raise StudioError(
-                f"{image_path}: image '{pose.name}' uses camera {pose.lens}, which {camera_path} has not."
+                "camera_file.unknown_lens",
+                f"image '{pose.name}' uses camera {pose.lens}, which is not in {camera_path.name}",
+                file=image_path,
+                value=pose.lens,
+                fix="Copy both files of the model again.",
+                camera=name,
             )
         lens = lenses[pose.lens]
         with naming(camera_path):
@@ -135,7 +177,13 @@ def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: l
         with naming(image_path):
             quat = np.array(pose.quat)
             if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
-                raise StudioError(f"image '{pose.name}' has the unusable rotation {pose.quat}.")
+                raise StudioError(
+                    "camera.rotation",
+                    f"image '{pose.name}' has an invalid rotation quaternion {pose.quat}",
+                    value=pose.quat,
+                    fix="Export the model again.",
+                    camera=name,
+                )
             transform = np.eye(4)
             transform[:3, :3] = quats_to_matrices(quat)
             transform[:3, 3] = pose.translation
@@ -145,11 +193,17 @@ def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: l
 
 
 def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int | str]:
-    """Leading fields of a line by kind: i int, f float, s word, r the rest as one string."""
+    """Leading fields of a line by kind: i int, f float, s word, r the rest of the line."""
     words = line.split()
     if len(words) < len(kinds):
         raise StudioError(
-            f"{path}: line {number} has {len(words)} values where {len(kinds)} are needed; is it cut short?"
+            "camera_file.truncated",
+            f"line {number} has {len(words)} values, expected at least {len(kinds)}",
+            file=path,
+            value=len(words),
+            fix="The file may be truncated: copy it again.",
+            line=number,
+            expected=len(kinds),
         )
     values: list[float | int | str] = []
     for index, kind in enumerate(kinds):
@@ -159,7 +213,14 @@ def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int 
             else:
                 values.append({"i": int, "f": float, "s": str}[kind](words[index]))
         except ValueError:
-            raise StudioError(f"{path}: line {number} has {words[index]!r} where a number is needed.") from None
+            raise StudioError(
+                "camera_file.not_a_number",
+                f"line {number} has {words[index]!r}, expected a number",
+                file=path,
+                value=words[index],
+                fix="Export the model again.",
+                line=number,
+            ) from None
     return values
 
 
@@ -177,7 +238,7 @@ def _lenses_text(path: Path) -> dict[int, _Lens]:
 
 def _poses_text(path: Path) -> list[_Pose]:
     poses = []
-    # Every image has two lines; the second lists its points and may be empty.
+    # Two lines per image; the second lists its points and may be empty.
     lines = [(n, line) for n, line in enumerate(read_text(path).splitlines(), 1) if not line.lstrip().startswith("#")]
     while lines and not lines[0][1].strip():
         lines.pop(0)
@@ -191,14 +252,14 @@ def _poses_text(path: Path) -> list[_Pose]:
 
 
 class _Reader:
-    """Little-endian values from a file that may be cut short."""
+    """Little-endian values from a file that may be truncated."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
             self.data = path.read_bytes()
         except OSError as error:
-            raise StudioError(f"{path}: cannot be read ({error.strerror}).") from None
+            raise unreadable(path, error) from None
         self.at = 0
 
     def take(self, form: str) -> tuple[int | float, ...]:
@@ -209,14 +270,25 @@ class _Reader:
     def skip(self, size: int) -> None:
         if self.at + size > len(self.data):
             raise StudioError(
-                f"{self.path}: is cut short ({len(self.data)} bytes, at least {self.at + size} needed); copy it again."
+                "camera_file.truncated",
+                f"the file is truncated: {len(self.data)} bytes, expected at least {self.at + size}",
+                file=self.path,
+                value=len(self.data),
+                fix="Copy it again.",
+                expected=self.at + size,
             )
         self.at += size
 
     def word(self) -> str:
         end = self.data.find(b"\0", self.at)
         if end < 0:
-            raise StudioError(f"{self.path}: is cut short inside an image name; copy it again.")
+            raise StudioError(
+                "camera_file.truncated",
+                "the file is truncated in an image name",
+                file=self.path,
+                value=len(self.data),
+                fix="Copy it again.",
+            )
         start, self.at = self.at, end + 1
         return self.data[start:end].decode("utf-8", "replace")
 
@@ -227,11 +299,7 @@ def _lenses_binary(path: Path) -> dict[int, _Lens]:
     for _ in range(int(reader.take("Q")[0])):
         key, model, width, height = (int(value) for value in reader.take("iiQQ"))
         if model not in by_id:
-            name = OTHER_MODELS.get(model, f"number {model}")
-            raise StudioError(
-                f"{path}: the camera model {name} is not supported (only {', '.join(MODELS)}); "
-                "undistort the images with COLMAP."
-            )
+            raise _unsupported_model(OTHER_MODELS.get(model, f"number {model}"), path)
         name, count = by_id[model]
         lenses[key] = _Lens(width, height, name, [float(p) for p in reader.take(f"{count}d")])
     return lenses
@@ -252,12 +320,14 @@ def write_colmap(rig: Rig, folder: Path, *, image_pattern: str = "{camera}.png")
     """Write a text model without points: cameras.txt, images.txt, points3D.txt.
 
     Raises:
-        StudioError: a camera that COLMAP's models cannot say, or an unwritable folder.
+        StudioError: COLMAP has no model for a camera (camera_file.not_expressible), or the folder cannot be written
+            (camera_file.unwritable).
     """
     lenses = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
     for key, camera in enumerate(rig, 1):
-        model, parameters = lens_model(camera)
+        with naming(folder):
+            model, parameters = lens_model(camera)
         lenses.append(" ".join([str(key), model, str(camera.width), str(camera.height), *map(repr, parameters)]))
         pose = [*matrices_to_quats(camera.rotation).tolist(), *camera.translation.tolist()]
         images += [" ".join([str(key), *map(repr, pose), str(key), image_pattern.format(camera=camera.name)]), ""]

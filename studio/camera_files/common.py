@@ -1,11 +1,11 @@
-"""What the readers of camera files share: errors that name the file, and camera names from image paths."""
+"""Shared by the camera file readers: reading, errors with the file name, camera names from image paths."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -15,75 +15,121 @@ from studio.errors import StudioError
 from studio.validation import array, check_finite
 
 
-@contextmanager
+@contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Puts the file's name before the message of any StudioError raised inside."""
+    """Adds the file to every StudioError raised inside that has none."""
     try:
         yield
     except StudioError as error:
-        text = str(error)
-        raise StudioError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+        if error.file is not None:
+            raise
+        message = error.message
+        raise type(error)(
+            message.code, message.problem, file=path, value=message.value, fix=message.fix, **message.fields
+        ) from None
 
 
 def read_text(path: Path) -> str:
-    """The file's text (UTF-8).
+    """The text of a UTF-8 file.
 
     Raises:
-        StudioError: it cannot be read, is empty, or is no text.
+        StudioError: the file cannot be read (camera_file.unreadable), is not text (camera_file.not_text) or is empty
+            (camera_file.empty).
     """
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise StudioError(f"{path}: cannot be read ({error.strerror}).") from None
+        raise unreadable(path, error) from None
     except UnicodeDecodeError:
-        raise StudioError(f"{path}: is not a text file; give a camera file in one of the known formats.") from None
+        raise StudioError(
+            "camera_file.not_text",
+            "not a text file",
+            file=path,
+            fix="Specify a camera file in a supported format.",
+        ) from None
     if not text.strip():
-        raise StudioError(f"{path}: the file is empty; export the cameras again.")
+        raise StudioError("camera_file.empty", "the file is empty", file=path, fix="Export the cameras again.")
     return text
+
+
+def unreadable(path: Path, error: OSError) -> StudioError:
+    """The error for a file that the system cannot read (camera_file.unreadable)."""
+    return StudioError(
+        "camera_file.unreadable", f"cannot be read ({error.strerror})", file=path, fix="Check the path and permissions."
+    )
+
+
+def no_cameras(problem: str, file: Path | None = None) -> StudioError:
+    """The error for a file without any camera (camera_file.no_cameras)."""
+    return StudioError("camera_file.no_cameras", problem, file=file, fix="Export the cameras again.")
 
 
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object.
 
     Raises:
-        StudioError: the file is no whole JSON object; says where it breaks off.
+        StudioError: the file is not valid JSON (camera_file.syntax, with line and column) or not an object
+            (camera_file.not_an_object).
     """
     try:
         value = json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise StudioError(
-            f"{path}: not valid JSON at line {error.lineno}, column {error.colno} ({error.msg}); "
-            "the file may be cut short, export the cameras again."
+            "camera_file.syntax",
+            f"invalid JSON at line {error.lineno}, column {error.colno} ({error.msg})",
+            file=path,
+            fix="The file may be truncated: export the cameras again.",
+            line=error.lineno,
+            column=error.colno,
         ) from None
     if not isinstance(value, dict):
-        raise StudioError(f"{path}: holds a JSON {type(value).__name__}, but a camera file is a JSON object.")
+        raise StudioError(
+            "camera_file.not_an_object",
+            f"the file contains a JSON {type(value).__name__}, expected an object",
+            file=path,
+            fix="Export the cameras again.",
+        )
     return value
 
 
 def write_atomic(path: Path, data: bytes) -> None:
-    """Write under a temporary name in the same folder, then rename."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write to a temporary file in the same folder, then rename. Raises StudioError (camera_file.unwritable)."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_bytes(data)
         os.replace(temporary, path)
     except OSError as error:
-        raise StudioError(f"{path}: cannot be written ({error.strerror}).") from None
+        raise StudioError(
+            "camera_file.unwritable",
+            f"cannot be written ({error.strerror})",
+            file=path,
+            fix="Check the free space and permissions.",
+        ) from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """The rows of a CSV file with a heading (which may begin with #), as column to text.
+    """The rows of a CSV file as column to text. The header line may start with #; other lines with # are comments.
 
     Raises:
-        StudioError: a column is missing, a row is too short, no row is there.
+        StudioError: a column is missing (camera_file.missing_column), a row is too short (camera_file.truncated) or
+            has an empty first column (camera_file.empty_cell), or there are no rows (camera_file.no_cameras).
     """
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     heads = [head.strip().lstrip("#").strip() for head in lines[0].split(",")]
     missing = [column for column in columns if column not in heads]
     if missing:
-        raise StudioError(f"{path}: the column '{missing[0]}' is missing (there is {', '.join(heads)}).")
+        raise StudioError(
+            "camera_file.missing_column",
+            f"the column '{missing[0]}' is missing; the columns are {', '.join(heads)}",
+            file=path,
+            value=heads,
+            fix="Export the cameras again.",
+            key=missing[0],
+        )
     rows = []
     for count, line in enumerate(lines[1:], 1):
         cells = [cell.strip() for cell in line.split(",")]
@@ -91,37 +137,73 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             continue
         if len(cells) < len(heads):
             raise StudioError(
-                f"{path}: row {count} ('{cells[0]}') has {len(cells)} values where {len(heads)} are needed; is it cut "
-                "short?"
+                "camera_file.truncated",
+                f"row {count} ('{cells[0]}') has {len(cells)} values, expected {len(heads)}",
+                file=path,
+                value=len(cells),
+                fix="The file may be truncated: export the cameras again.",
+                row=count,
+                expected=len(heads),
             )
         row = dict(zip(heads, cells, strict=False))
         if not row[columns[0]]:
-            raise StudioError(f"{path}: row {count} has no '{columns[0]}'.")
+            raise StudioError(
+                "camera_file.empty_cell",
+                f"row {count} has no '{columns[0]}'",
+                file=path,
+                fix="Export the cameras again.",
+                row=count,
+                key=columns[0],
+            )
         rows.append(row)
     if not rows:
-        raise StudioError(f"{path}: holds no camera; export the cameras again.")
+        raise no_cameras("no camera in the file", path)
     return rows
 
 
-def matrix(value: Any, rows: tuple[int, ...], columns: int, what: str, who: str) -> np.ndarray:
-    """A matrix of numbers with one of the given row counts.
+def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: str) -> np.ndarray:
+    """A finite matrix with one of the given row counts.
 
     Raises:
-        StudioError: the wrong shape, something that is not a number, or not finite.
+        StudioError: it has another shape (camera.wrong_shape), or an entry is not a finite number.
     """
-    result = array(value, what, who)
+    result = array(value, key, camera)
     if result.ndim != 2 or result.shape[0] not in rows or result.shape[1] != columns:
-        wanted = " or ".join(f"{n}x{columns}" for n in rows)
-        raise StudioError(f"{who}: {what} has shape {result.shape}; {wanted} is needed.")
-    check_finite(result, what, who)
+        raise wrong_shape(key, camera, result.shape, tuple((n, columns) for n in rows))
+    check_finite(result, key, camera)
     return result
 
 
-def camera_names(paths: Sequence[str]) -> list[str]:
-    """Short camera names from image paths: file names without extension where these differ, else folders.
+def wrong_shape(key: str, camera: str, found: tuple[int, ...], expected: tuple[tuple[int, ...], ...]) -> StudioError:
+    """The error for an array of the wrong shape (camera.wrong_shape)."""
+    wanted = " or ".join("x".join(map(str, shape)) for shape in expected)
+    return StudioError(
+        "camera.wrong_shape",
+        f"Camera '{camera}': '{key}' is {'x'.join(map(str, found)) or 'a single value'}, expected {wanted}",
+        value=list(found),
+        fix="Export the cameras again.",
+        camera=camera,
+        key=key,
+        expected=[list(shape) for shape in expected],
+    )
 
-    `images/cam00.png` gives `cam00`; `cam00/000000.png`, `cam01/000000.png` give `cam00`, `cam01`; where neither
-    tells the cameras apart the path without extension is kept (two equal paths stay equal, for `Rig` to refuse).
+
+def fisheye(camera: str) -> StudioError:
+    """The error for a fisheye lens (camera.lens_model)."""
+    return StudioError(
+        "camera.lens_model",
+        f"Camera '{camera}': fisheye lenses are not supported",
+        value="fisheye",
+        fix="Undistort the images to a pinhole camera first.",
+        camera=camera,
+    )
+
+
+def camera_names(paths: Sequence[str]) -> list[str]:
+    """Short camera names from image paths: file names without extension if they are unique, else folder names.
+
+    `images/cam00.png` gives `cam00`; `cam00/000000.png`, `cam01/000000.png` give `cam00`, `cam01`. If neither is
+    unique, the path without extension is used (equal paths stay equal, and `Rig` refuses them).
     """
     parts = [PurePosixPath(path.replace("\\", "/")) for path in paths]
     whole = [str(part.with_suffix("")) if part.name else str(part) for part in parts]
@@ -135,7 +217,7 @@ def camera_names(paths: Sequence[str]) -> list[str]:
 
 
 def rigid_inverse(pose: np.ndarray) -> np.ndarray:
-    """Inverse (4, 4) of a rigid transform given as (3, 4) or (4, 4)."""
+    """Inverse (4, 4) of a rigid transform (3, 4) or (4, 4)."""
     result = np.eye(4)
     result[:3, :3] = pose[:3, :3].T
     result[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]

@@ -1,4 +1,4 @@
-"""Lens models that OpenCV has not: the nearest one that it has."""
+"""Lens models that OpenCV does not have, approximated by its rational model."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from studio.errors import StudioError
 
 _TOLERANCE = 0.25
-"""Pixels that the fitted lens may differ from the model anywhere in the image."""
+"""Largest allowed difference from the original model in the image, pixels."""
 
 
-def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal: float, who: str) -> np.ndarray:
-    """OpenCV's rational coefficients that bend as another radial model does.
+def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal: float, camera: str) -> np.ndarray:
+    """Coefficients of OpenCV's rational model fitted to another radial model.
 
     Args:
-        radial: r (N,) without distortion to the factor that it is multiplied by.
+        radial: maps undistorted radii r (N,) in normalized coordinates to the factors that multiply them.
         reach: largest r in the image.
-        focal: pixels, for the tolerance.
-        who: the camera, for the message.
+        focal: focal length in pixels, for the tolerance.
+        camera: name of the camera, for the message.
 
     Returns:
         (8,): k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0.
 
     Raises:
-        StudioError: no coefficients come within a quarter of a pixel.
+        StudioError: the best fit differs by more than 0.25 pixels (camera.lens_model).
     """
     from scipy.optimize import least_squares
 
@@ -36,27 +36,29 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
         s = r * r
         return r * (1 + s * (k[0] + s * (k[1] + s * k[2]))) / (1 + s * (k[3] + s * (k[4] + s * k[5])))
 
-    # a start from the linear problem (numerator - denominator x factor = 0)
+    # initial values from the linear problem (numerator - denominator * factor = 0)
     s, factor = r * r, radial(r)
     columns = np.column_stack([s, s**2, s**3, -s * factor, -(s**2) * factor, -(s**3) * factor]) * r[:, None]
     start = np.linalg.lstsq(columns, (factor - 1) * r, rcond=None)[0]
     k = least_squares(lambda k: focal * (bend(k) - wanted), start, method="lm", max_nfev=5000).x
     if np.abs(focal * (bend(k) - wanted)).max() > _TOLERANCE:
         raise StudioError(
-            f"{who}: its distortion cannot be said in OpenCV's terms; export the cameras with three radial terms, or "
-            "undistorted images."
+            "camera.lens_model",
+            f"Camera '{camera}': OpenCV's lens models cannot express its distortion",
+            fix="Export the cameras with at most three radial terms, or undistort the images.",
+            camera=camera,
         )
     return np.array([k[0], k[1], 0, 0, k[2], k[3], k[4], k[5]])
 
 
 def reach_of(points: Callable[[np.ndarray], np.ndarray], focal: float, offset: np.ndarray, size: np.ndarray) -> float:
-    """Largest undistorted r that an image shows.
+    """Largest undistorted radius in an image, normalized coordinates.
 
     Args:
-        points: r (N,) to the factor that it is multiplied by.
-        focal: pixels.
+        points: maps undistorted radii r (N,) to the factors that multiply them.
+        focal: focal length in pixels.
         offset: (2,) principal point, pixels from the upper left corner.
-        size: (2,) width and height.
+        size: (2,) width and height in pixels.
     """
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * size - offset
     far = float(np.linalg.norm(corners, axis=1).max()) / focal

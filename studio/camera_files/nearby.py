@@ -1,4 +1,4 @@
-"""Image sizes for camera files that do not say them: from the footage that lies beside the file."""
+"""Image sizes for camera files without them, from the footage next to the file."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ _IMAGES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 _VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 
 
-def size_nearby(folder: Path, name: str, who: str) -> tuple[int, int]:
-    """Width and height of a camera's footage.
+def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
+    """Width and height in pixels of a camera's footage.
 
     Args:
-        folder: where the camera file lies.
-        name: file name of the image, or name of the camera: an image or video of that name, or a folder with images,
-            in the folder itself or in images/, videos/ and the like.
-        who: for the message.
+        folder: the folder of the camera file.
+        name: name of an image, a video (extension optional) or a folder of images, in the folder itself or in
+            images/, videos/ and similar subfolders.
+        camera: name of the camera, for the message.
 
     Raises:
-        StudioError: nothing found, or it cannot be read.
+        StudioError: there is no such footage (camera.size_unknown), or it cannot be read (camera.footage_unreadable).
     """
     for part in _FOLDERS:
         base = folder / part / name
@@ -31,14 +31,17 @@ def size_nearby(folder: Path, name: str, who: str) -> tuple[int, int]:
             files += sorted(file for file in base.iterdir() if file.suffix.lower() in _IMAGES)[:1]
         for file in files:
             if file.is_file():
-                return _size(file, who)
+                return _size(file, camera)
     raise StudioError(
-        f"{who}: the file does not say how large the images are and '{name}' is not beside it (nor in images/ or "
-        "videos/ there); put the footage there."
+        "camera.size_unknown",
+        f"Camera '{camera}': the file has no image sizes, and no footage '{name}' is next to it",
+        value=name,
+        fix="Put the footage next to the camera file, or into images/ or videos/ there.",
+        camera=camera,
     )
 
 
-def _size(file: Path, who: str) -> tuple[int, int]:
+def _size(file: Path, camera: str) -> tuple[int, int]:
     try:
         if file.suffix.lower() in _IMAGES:
             from PIL import Image
@@ -51,4 +54,10 @@ def _size(file: Path, who: str) -> tuple[int, int]:
             stream = container.streams.video[0]
             return stream.codec_context.width, stream.codec_context.height
     except Exception as error:
-        raise StudioError(f"{who}: the size of {file} cannot be read ({error}).") from None
+        raise StudioError(
+            "camera.footage_unreadable",
+            f"Camera '{camera}': the image size of {file} cannot be read ({error})",
+            fix="Replace that file.",
+            camera=camera,
+            footage=file,
+        ) from None

@@ -1,13 +1,13 @@
 """Qualisys Track Manager calibrations (.qca.txt, XML).
 
-As found in files that the program and Pose2Sim write:
-- `transform` x y z is the camera's center in millimeters; r11..r33 is a world-to-camera rotation whose axes are
-  x right, y up, z back, so y and z are turned over for ours.
-- `intrinsic` counts pixels in 1/64: focal lengths and principal point are divided by 64. The principal point is
-  relative to the sensor, of which `fov_video` (corners inclusive) is the part that was recorded, and has its origin at
-  the center of the first pixel, as in OpenCV. Distortion is OpenCV's, without unit. (Pose2Sim divides distortion by
-  64 as well; calibrating the lens from board pictures shows that the plain numbers are meant.)
-- Cameras that only track markers are left out where the file has video cameras.
+From files written by the program and by Pose2Sim:
+- `transform` x y z is the camera center in millimeters; r11..r33 is a world-to-camera rotation with the axes x right,
+  y up, z back, so y and z are negated here.
+- `intrinsic` is in units of 1/64 pixel: focal lengths and principal point are divided by 64. The principal point is
+  relative to the sensor, of which `fov_video` (bounds inclusive) is the recorded window; its origin is the center of
+  the first pixel, as in OpenCV. Distortion is OpenCV's, without a unit. (Pose2Sim divides the distortion by 64 too; a
+  calibration of the same lens with a board confirms the undivided values.)
+- Cameras that only track markers are skipped if the file has video cameras.
 """
 
 from __future__ import annotations
@@ -17,26 +17,25 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import naming
+from studio.camera_files.common import naming, no_cameras
 from studio.cameras import Camera, Rig
-from studio.errors import StudioError
-from studio.validation import number
+from studio.validation import missing_key, number
 
 _SUBPIXELS = 64.0
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def rig_from_qualisys(path: Path, root: ElementTree.Element) -> Rig:
-    """A rig from the file's root element <calibration>; positions become meters.
+    """A rig in meters from the root element <calibration>.
 
     Raises:
-        StudioError: an element or number is missing or unusable.
+        StudioError: there is no active camera (camera_file.no_cameras), or a camera is invalid (camera.*).
     """
     with naming(path):
         entries = [entry for entry in root.findall("cameras/camera") if entry.get("active", "1") != "0"]
         video = [entry for entry in entries if _records_video(entry)]
         if not entries:
-            raise StudioError("holds no active camera (calibration/cameras/camera); export the calibration again.")
+            raise no_cameras("no active camera (calibration/cameras/camera)")
         return Rig(tuple(_camera(entry, index) for index, entry in enumerate(video or entries)))
 
 
@@ -48,38 +47,37 @@ def _records_video(entry: ElementTree.Element) -> bool:
 def _camera(entry: ElementTree.Element, index: int) -> Camera:
     name = entry.get("serial")
     if not name:
-        raise StudioError(f"camera {index + 1} has no 'serial'.")
-    who = f"Camera '{name}'"
+        raise missing_key("serial", f"number {index + 1}")
 
     def part(tag: str) -> dict[str, str]:
         found = entry.find(tag)
         if found is None:
-            raise StudioError(f"{who}: the element <{tag}> is missing.")
+            raise missing_key(tag, name)
         return dict(found.attrib)
 
     window, pose, lens = part("fov_video"), part("transform"), part("intrinsic")
-    left, top = number(window, "left", who), number(window, "top", who)
-    width = round(number(window, "right", who) - left) + 1
-    height = round(number(window, "bottom", who) - top) + 1
+    left, top = number(window, "left", name), number(window, "top", name)
+    width = round(number(window, "right", name) - left) + 1
+    height = round(number(window, "bottom", name) - top) + 1
     K = np.eye(3)
-    K[0, 0], K[1, 1] = (number(lens, key, who) / _SUBPIXELS for key in ("focalLengthU", "focalLengthV"))
-    K[0, 1] = number(lens, "skew", who, 0.0) / _SUBPIXELS
-    K[0, 2] = number(lens, "centerPointU", who) / _SUBPIXELS - left + 0.5
-    K[1, 2] = number(lens, "centerPointV", who) / _SUBPIXELS - top + 0.5
+    K[0, 0], K[1, 1] = (number(lens, key, name) / _SUBPIXELS for key in ("focalLengthU", "focalLengthV"))
+    K[0, 1] = number(lens, "skew", name, 0.0) / _SUBPIXELS
+    K[0, 2] = number(lens, "centerPointU", name) / _SUBPIXELS - left + 0.5
+    K[1, 2] = number(lens, "centerPointV", name) / _SUBPIXELS - top + 0.5
     distortion = np.array(
         [
-            number(lens, key, who, 0.0)
+            number(lens, key, name, 0.0)
             for key in (
                 "radialDistortion1",
                 "radialDistortion2",
-                "tangentalDistortion1",  # the format's own spelling
+                "tangentalDistortion1",  # the spelling in the format
                 "tangentalDistortion2",
                 "radialDistortion3",
             )
         ]
     )
-    rotation = _FLIP @ np.array([[number(pose, f"r{row}{column}", who) for column in (1, 2, 3)] for row in (1, 2, 3)])
-    center = np.array([number(pose, axis, who) for axis in "xyz"]) / 1000.0
+    rotation = _FLIP @ np.array([[number(pose, f"r{row}{column}", name) for column in (1, 2, 3)] for row in (1, 2, 3)])
+    center = np.array([number(pose, axis, name) for axis in "xyz"]) / 1000.0
     world_to_camera = np.eye(4)
     world_to_camera[:3, :3] = rotation
     world_to_camera[:3, 3] = -rotation @ center

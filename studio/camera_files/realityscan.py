@@ -1,10 +1,10 @@
-"""RealityScan's (RealityCapture's) export "Internal/External camera parameters" (CSV).
+"""The export "Internal/External camera parameters" (CSV) of RealityScan (RealityCapture).
 
-A row an image: #name, x, y, alt (center), heading, pitch, roll in degrees, f in millimeters on 36 mm for the longer
-side, px, py (principal point from the image's middle, in longer sides), k1 to k4. Camera to world is
-Rz(-heading) Rx(pitch) Ry(roll) with x right, y up, z back, as the importers of other programs have it. The file has no
-image sizes: the images must lie beside it. The tangential terms t1, t2, whose order is published nowhere, must be 0
-(RealityScan's default lens model has none).
+One row per image: #name, x, y, alt (center), heading, pitch, roll in degrees, f in millimeters for 36 mm along the
+longer side, px, py (principal point relative to the image center, as a fraction of the longer side), k1 to k4. Camera
+to world is Rz(-heading) Rx(pitch) Ry(roll) with x right, y up, z back, as in the importers of other programs. The file
+has no image sizes: the images must be next to it. The tangential terms t1, t2, whose order is not documented, must be 0
+(the default lens model has none).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from studio.camera_files.common import camera_names, naming, read_csv, rigid_inverse
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.camera_files.nearby import size_nearby
-from studio.cameras import Camera, Rig
+from studio.cameras import Camera, Rig, focal_length_error
 from studio.errors import StudioError
 from studio.validation import number
 
@@ -25,10 +25,11 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def read_realityscan(path: Path) -> Rig:
-    """Read the CSV; image sizes come from the images beside it.
+    """Read the CSV; image sizes come from the images next to it.
 
     Raises:
-        StudioError: a column is missing, a value is unusable, an image is not there, two cameras have one name.
+        StudioError: the file is unreadable or has no such columns (camera_file.*), a value is invalid or an image is
+            missing (camera.*).
     """
     rows = read_csv(path, COLUMNS)
     with naming(path):
@@ -37,19 +38,22 @@ def read_realityscan(path: Path) -> Rig:
 
 
 def _camera(folder: Path, name: str, row: dict[str, str]) -> Camera:
-    who = f"Camera '{name}'"
-    value = {key: number(row, key, who) for key in COLUMNS[1:]}
-    value |= {key: number(row, key, who, 0.0) for key in ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")}
+    value = {key: number(row, key, name) for key in COLUMNS[1:]}
+    value |= {key: number(row, key, name, 0.0) for key in ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")}
     if value["t1"] or value["t2"]:
         raise StudioError(
-            f"{who}: t1 and t2 are {value['t1']:g} and {value['t2']:g}; export with a lens model without tangential "
-            "distortion (Brown3 or Brown4)."
+            "camera.lens_model",
+            f"Camera '{name}': tangential distortion is not supported, but t1 and t2 are {value['t1']:g} and "
+            f"{value['t2']:g}",
+            value=[value["t1"], value["t2"]],
+            fix="Export with the lens model Brown3 or Brown4.",
+            camera=name,
         )
-    width, height = size_nearby(folder, row["name"], who)
+    width, height = size_nearby(folder, row["name"], name)
     side = max(width, height)
     focal = value["f"] * side / 36.0
     if focal <= 0:
-        raise StudioError(f"{who}: 'f' is {value['f']:g}; a focal length must be positive.")
+        raise focal_length_error(name, value["f"])
     middle = np.array([width / 2 + value["px"] * side, height / 2 + value["py"] * side])
     K = np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
     pose = np.eye(4)
@@ -63,12 +67,12 @@ def _camera(folder: Path, name: str, row: dict[str, str]) -> Camera:
             s = r * r
             return 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
 
-        lens = fit_rational(radial, reach_of(radial, focal, middle, np.array([width, height])), focal, who)
+        lens = fit_rational(radial, reach_of(radial, focal, middle, np.array([width, height])), focal, name)
     return Camera(name, width, height, K, rigid_inverse(pose), lens)
 
 
 def _rotation(heading: float, pitch: float, roll: float) -> np.ndarray:
-    """Camera (x right, y up, z back) to world."""
+    """Camera (x right, y up, z back) to world; angles in degrees."""
     (ch, cp, cr), (sh, sp, sr) = (
         [function(np.radians(angle)) for angle in (-heading, pitch, roll)] for function in (np.cos, np.sin)
     )

@@ -1,9 +1,9 @@
 """CamPose.inf and Intrinsic.inf of ReRF (and NHR).
 
-CamPose.inf has a line a camera of 12 numbers: the camera's z, x and y axis and its center in the world (OpenCV's axes).
-Intrinsic.inf has, a camera each, a line with its number and three lines with K. Cameras are numbered from 0; videos are
-named 000.mp4, images img_0000.png. The lenses have no distortion. K counts from the center of the first pixel, as in
-OpenCV.
+CamPose.inf has one line of 12 numbers per camera: its z, x and y axes and its center in the world (OpenCV axes).
+Intrinsic.inf has one line with the number and three lines with K per camera. Cameras are numbered from 0; videos are
+named 000.mp4, images img_0000.png. There is no lens distortion. The pixel origin of K is the center of the first pixel,
+as in OpenCV.
 """
 
 from __future__ import annotations
@@ -25,21 +25,31 @@ def read_rerf(folder: Path) -> Rig:
     """Read both files of a folder; image sizes come from the footage in image/.
 
     Raises:
-        StudioError: a file is missing or cut short, a value is unusable, there is no footage.
+        StudioError: a file is missing or truncated (camera_file.*), a value is invalid or there is no footage
+            (camera.*).
     """
     for name in (POSES, INTRINSICS):
         if not (folder / name).is_file():
-            raise StudioError(f"{folder / name}: is missing; ReRF's cameras are {POSES} and {INTRINSICS} side by side.")
+            raise StudioError(
+                "camera_file.missing",
+                "camera file not found",
+                file=folder / name,
+                fix=f"ReRF cameras need both {POSES} and {INTRINSICS} in one folder.",
+            )
     poses, lenses = _poses(folder / POSES), _lenses(folder / INTRINSICS)
     if len(poses) != len(lenses):
         raise StudioError(
-            f"{folder / INTRINSICS}: has {len(lenses)} cameras, {POSES} beside it has {len(poses)}; copy both again."
+            "camera_file.camera_count",
+            f"{len(lenses)} cameras in this file, {len(poses)} in {POSES}",
+            file=folder / INTRINSICS,
+            value=len(lenses),
+            fix="Copy both files again.",
+            expected=len(poses),
         )
     cameras = []
     for index, (pose, K) in enumerate(zip(poses, lenses, strict=True)):
-        who = f"Camera '{index}'"
         with naming(folder / POSES):
-            name, size = _footage(folder, index, who)
+            name, size = _footage(folder, index)
             cameras.append(Camera(name, *size, K, rigid_inverse(pose)))
     return Rig(tuple(cameras))
 
@@ -48,7 +58,7 @@ def _rows(path: Path) -> list[tuple[int, list[float]]]:
     rows = []
     for number, line in enumerate(read_text(path).splitlines(), 1):
         with naming(path):
-            values = array(line.split(), f"line {number}", "Cameras").tolist()
+            values = array(line.split(), f"line {number}", "?").tolist()
         if values:
             rows.append((number, values))
     return rows
@@ -58,14 +68,26 @@ def _poses(path: Path) -> list[np.ndarray]:
     found: list[np.ndarray] = []
     for number, values in _rows(path):
         if len(values) != 12:
-            raise StudioError(f"{path}: line {number} has {len(values)} numbers; 12 are needed. Is it cut short?")
+            raise _truncated(path, number, len(values), 12)
         with naming(path):
-            check_finite(np.array(values), f"line {number}", f"Camera '{len(found)}'")
+            check_finite(np.array(values), f"line {number}", str(len(found)))
         z, x, y, center = np.array(values).reshape(4, 3)
         pose = np.eye(4)
         pose[:3] = np.column_stack([x, y, z, center])
         found.append(pose)
     return found
+
+
+def _truncated(path: Path, line: int, found: int, expected: int) -> StudioError:
+    return StudioError(
+        "camera_file.truncated",
+        f"found {found} numbers of a camera from line {line} on, expected {expected}",
+        file=path,
+        value=found,
+        fix="The file may be truncated: copy it again.",
+        line=line,
+        expected=expected,
+    )
 
 
 def _lenses(path: Path) -> list[np.ndarray]:
@@ -74,19 +96,19 @@ def _lenses(path: Path) -> list[np.ndarray]:
     for start in range(0, len(rows), 3):
         part = rows[start : start + 3]
         if len(part) < 3 or any(len(values) != 3 for _, values in part):
-            raise StudioError(f"{path}: K is not three lines of three numbers at line {part[0][0]}; is it cut short?")
+            raise _truncated(path, part[0][0], sum(len(values) for _, values in part), 9)
         K = np.array([values for _, values in part])
         with naming(path):
-            check_finite(K, "K", f"Camera '{len(found)}'")
+            check_finite(K, "K", str(len(found)))
         K[:2, 2] += 0.5
         found.append(K)
     return found
 
 
-def _footage(folder: Path, index: int, who: str) -> tuple[str, tuple[int, int]]:
-    """Name and image size of a camera, as its footage has them."""
+def _footage(folder: Path, index: int) -> tuple[str, tuple[int, int]]:
+    """Name and image size of a camera, from its footage."""
     numbered = (part for part in (folder / "image").glob("[0-9]*") if part.is_dir() and part.name.isdecimal())
     frames = sorted(numbered, key=lambda part: int(part.name))
     if frames:
-        return f"{index:04d}", size_nearby(frames[0], f"img_{index:04d}", who)
-    return f"{index:03d}", size_nearby(folder, f"{index:03d}", who)
+        return f"{index:04d}", size_nearby(frames[0], f"img_{index:04d}", str(index))
+    return f"{index:03d}", size_nearby(folder, f"{index:03d}", str(index))

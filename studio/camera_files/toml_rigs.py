@@ -1,9 +1,9 @@
 """TOML files of Pose2Sim, Anipose and FreeMoCap, and of Caliscope.
 
-Pose2Sim (Calib_*.toml): a table a camera with `name`, `size`, `matrix`, `distortions` (OpenCV's order), `rotation`
-(rotation vector) and `translation`; world to camera, OpenCV's axes; beside them [metadata]. Caliscope
-(camera_array.toml): the same below [cameras.<id>], with `cam_id` or `port`, `rotation` a matrix or a vector, and
-`ignore`; its older config.toml has [cam_<id>] tables among others. Pixel origin: OpenCV's, the first pixel's center.
+Pose2Sim (Calib_*.toml): one table per camera with `name`, `size`, `matrix`, `distortions` (OpenCV order), `rotation`
+(rotation vector) and `translation`, world to camera with OpenCV axes, and a table [metadata]. Caliscope
+(camera_array.toml): the same in [cameras.<id>], with `cam_id` or `port`, `ignore`, and a matrix or vector `rotation`;
+its older config.toml has [cam_<id>] among other tables. The pixel origin is OpenCV's, the center of the first pixel.
 """
 
 from __future__ import annotations
@@ -14,24 +14,27 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import naming, read_text, write_atomic
+from studio.camera_files.common import fisheye, naming, no_cameras, read_text, write_atomic, wrong_shape
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
-from studio.validation import array, check_finite
+from studio.validation import array, check_finite, missing_key
 
 
 def read_toml(path: Path) -> Rig:
-    """Read either form.
+    """Read either format.
 
     Raises:
-        StudioError: no whole TOML, no cameras in it, a key is missing, a value is unusable, a fisheye lens.
+        StudioError: the file is not valid TOML or has no cameras (camera_file.*), or a camera is invalid or has a
+            fisheye lens (camera.*).
     """
     try:
         values = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise StudioError(
-            f"{path}: not valid TOML ({str(error)[:1].lower()}{str(error)[1:]}); two cameras may have one name, or the "
-            "file may be cut short: export it again."
+            "camera_file.syntax",
+            f"invalid TOML ({str(error)[:1].lower()}{str(error)[1:]})",
+            file=path,
+            fix="Two cameras may have the same name, or the file may be truncated: export it again.",
         ) from None
     with naming(path):
         nested = values.get("cameras")
@@ -42,7 +45,7 @@ def read_toml(path: Path) -> Rig:
             if isinstance(table, dict) and {"matrix", "rotation", "translation", "distortions"} & set(table)
         }
         if not found:
-            raise StudioError("has no camera (tables with matrix, rotation, translation); export it again.")
+            raise no_cameras("no camera in the file (tables with matrix, rotation, translation)")
         used = {key: table for key, table in found.items() if not table.get("ignore")}
         return Rig(tuple(_camera(key, table, bool(nested)) for key, table in used.items()))
 
@@ -50,38 +53,36 @@ def read_toml(path: Path) -> Rig:
 def _camera(key: str, table: dict[str, Any], nested: bool) -> Camera:
     import cv2
 
-    # Caliscope names its videos after the number
+    # Caliscope names its videos by number
     name = str(table.get("name") or (f"cam_{table.get('cam_id', table.get('port', key))}" if nested else key))
-    who = f"Camera '{name}'"
     if table.get("fisheye"):
-        raise StudioError(f"{who}: fisheye lenses are not supported; undistort the images to a pinhole camera first.")
-    K = _array(table, "matrix", who, ((3, 3),)).copy()
+        raise fisheye(name)
+    K = _array(table, "matrix", name, ((3, 3),)).copy()
     K[:2, 2] += 0.5
-    rotation = _array(table, "rotation", who, ((3,), (3, 3), (3, 1), (1, 3)))
+    rotation = _array(table, "rotation", name, ((3,), (3, 3), (3, 1), (1, 3)))
     pose = np.eye(4)
     pose[:3, :3] = rotation if rotation.shape == (3, 3) else cv2.Rodrigues(rotation.reshape(3))[0]
-    pose[:3, 3] = _array(table, "translation", who, ((3,), (3, 1), (1, 3))).ravel()
-    width, height = _array(table, "size", who, ((2,),))
-    lens = _array(table, "distortions", who).ravel() if "distortions" in table else np.zeros(0)
+    pose[:3, 3] = _array(table, "translation", name, ((3,), (3, 1), (1, 3))).ravel()
+    width, height = _array(table, "size", name, ((2,),))
+    lens = _array(table, "distortions", name).ravel() if "distortions" in table else np.zeros(0)
     return Camera(name, round(width), round(height), K, pose, lens if lens.any() else np.zeros(0))
 
 
-def _array(table: dict[str, Any], key: str, who: str, shapes: tuple[tuple[int, ...], ...] = ()) -> np.ndarray:
+def _array(table: dict[str, Any], key: str, camera: str, shapes: tuple[tuple[int, ...], ...] = ()) -> np.ndarray:
     if key not in table:
-        raise StudioError(f"{who}: the key '{key}' is missing.")
-    value = array(table[key], key, who)
+        raise missing_key(key, camera)
+    value = array(table[key], key, camera)
     if shapes and value.shape not in shapes:
-        wanted = " or ".join("x".join(map(str, shape)) for shape in shapes)
-        raise StudioError(f"{who}: '{key}' has shape {value.shape}; {wanted} is needed.")
-    check_finite(value, key, who)
+        raise wrong_shape(key, camera, value.shape, shapes)
+    check_finite(value, key, camera)
     return value
 
 
 def write_toml(rig: Rig, path: Path) -> None:
-    """Write Pose2Sim's form, or Caliscope's where the file is named camera_array.toml.
+    """Write the format of Pose2Sim, or of Caliscope if the file is named camera_array*.toml.
 
     Raises:
-        StudioError: an unwritable place.
+        StudioError: the file cannot be written (camera_file.unwritable).
     """
     import json
 

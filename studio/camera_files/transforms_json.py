@@ -1,10 +1,10 @@
-"""transforms.json as instant-ngp, nerfstudio, NeuS2 and VideoGS write it.
+"""transforms.json of instant-ngp, nerfstudio, NeuS2 and VideoGS.
 
-`frames[]` hold `file_path` and `transform_matrix`, camera to world with OpenGL axes (x right, y up, z back); with
-`"from_na": true` (NeuS2) the axes are OpenCV's. Intrinsics stand at the top or in each frame: `fl_x`, `fl_y` or
+`frames[]` have `file_path` and `transform_matrix`, camera to world with OpenGL axes (x right, y up, z back); with
+`"from_na": true` (NeuS2) the axes are OpenCV's. Intrinsics are at the top level or in each frame: `fl_x`, `fl_y` or
 `camera_angle_x`, `camera_angle_y`, or a matrix `intrinsic_matrix` or `K`; `cx`, `cy`, `w`, `h`; distortion
-`k1 k2 p1 p2 k3` in OpenCV's model (`k4` is the fisheye's, which is refused). The pixel origin is the image corner, as
-in COLMAP, from whose files these come.
+`k1 k2 p1 p2 k3` of OpenCV's model (`k4` belongs to fisheye lenses, which are not supported). The pixel origin is the
+image corner, as in COLMAP, from whose files these are usually converted.
 """
 
 from __future__ import annotations
@@ -15,17 +15,26 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, matrix, naming, read_json, rigid_inverse, write_atomic
+from studio.camera_files.common import (
+    camera_names,
+    fisheye,
+    matrix,
+    naming,
+    no_cameras,
+    read_json,
+    rigid_inverse,
+    write_atomic,
+)
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
-from studio.validation import number
+from studio.validation import missing_key, number
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")
 
 
 def _image_size(path: Path, file: str) -> tuple[int, int] | None:
-    """Width and height of an image beside the JSON file, if it is there."""
+    """Width and height of an image next to the JSON file; None if it is missing or unreadable."""
     from PIL import Image
 
     for suffix in _SUFFIXES:
@@ -39,112 +48,135 @@ def _image_size(path: Path, file: str) -> tuple[int, int] | None:
     return None
 
 
-def _size(values: dict[str, Any], path: Path, file: str, who: str) -> tuple[int, int]:
+def _size(values: dict[str, Any], path: Path, file: str, camera: str) -> tuple[int, int]:
     width, height = values.get("w", values.get("width")), values.get("h", values.get("height"))
     if width is None or height is None:
         found = _image_size(path, file)
         if found is None:
             raise StudioError(
-                f"{who}: 'w' and 'h' are missing and the image '{file}' is not beside the file; add them."
+                "camera.size_unknown",
+                f"Camera '{camera}': the file has no 'w' and 'h', and the image '{file}' is not next to it",
+                value=file,
+                fix="Add 'w' and 'h', or put the images next to the file.",
+                camera=camera,
             )
         return found
     pair = {"w": width, "h": height}
-    return round(number(pair, "w", who)), round(number(pair, "h", who))
+    return round(number(pair, "w", camera)), round(number(pair, "h", camera))
 
 
-def _intrinsics(values: dict[str, Any], width: int, height: int, who: str) -> np.ndarray:
+def _intrinsics(values: dict[str, Any], width: int, height: int, camera: str) -> np.ndarray:
     for key in ("intrinsic_matrix", "K"):
         if key in values:
             rows = values[key]
             columns = len(rows[0]) if isinstance(rows, list) and rows and isinstance(rows[0], list) else 3
-            return matrix(rows, (3, 4), 4 if columns == 4 else 3, key, who)[:3, :3]
+            return matrix(rows, (3, 4), 4 if columns == 4 else 3, key, camera)[:3, :3]
     focal: dict[str, float] = {}
     for key, angle, side in (("fl_x", "camera_angle_x", width), ("fl_y", "camera_angle_y", height)):
         if key in values:
-            focal[key] = number(values, key, who)
+            focal[key] = number(values, key, camera)
         elif angle in values:
-            radians = number(values, angle, who)
+            radians = number(values, angle, camera)
             if not 0 < radians < np.pi:
-                raise StudioError(f"{who}: '{angle}' is {radians:g}; a field of view lies between 0 and pi.")
+                raise StudioError(
+                    "camera.field_of_view",
+                    f"Camera '{camera}': '{angle}' is {radians:g}, expected between 0 and pi",
+                    value=radians,
+                    fix="Correct it in the camera file; angles are in radians.",
+                    camera=camera,
+                    key=angle,
+                )
             focal[key] = 0.5 * side / np.tan(0.5 * radians)
     if "fl_x" not in focal:
-        raise StudioError(f"{who}: neither 'fl_x' nor 'camera_angle_x' nor 'intrinsic_matrix' is given.")
-    cx, cy = number(values, "cx", who, width / 2), number(values, "cy", who, height / 2)
+        raise missing_key("fl_x", camera)
+    cx, cy = number(values, "cx", camera, width / 2), number(values, "cy", camera, height / 2)
     return np.array([[focal["fl_x"], 0, cx], [0, focal.get("fl_y", focal["fl_x"]), cy], [0, 0, 1]])
 
 
-def _distortion(values: dict[str, Any], who: str) -> np.ndarray:
+def _distortion(values: dict[str, Any], camera: str) -> np.ndarray:
     model = str(values.get("camera_model", "OPENCV")).upper()
-    if values.get("is_fisheye") or "FISHEYE" in model or number(values, "k4", who, 0.0) != 0:
-        raise StudioError(f"{who}: fisheye lenses are not supported; undistort the images to a pinhole camera first.")
-    k1, k2, p1, p2, k3 = (number(values, key, who, 0.0) for key in ("k1", "k2", "p1", "p2", "k3"))
+    if values.get("is_fisheye") or "FISHEYE" in model or number(values, "k4", camera, 0.0) != 0:
+        raise fisheye(camera)
+    k1, k2, p1, p2, k3 = (number(values, key, camera, 0.0) for key in ("k1", "k2", "p1", "p2", "k3"))
     if k3:
         return np.array([k1, k2, p1, p2, k3])
     return np.array([k1, k2, p1, p2]) if any((k1, k2, p1, p2)) else np.zeros(0)
 
 
 def rig_from_transforms(path: Path, values: dict[str, Any]) -> Rig:
-    """A rig from the object that the file holds.
+    """A rig from the JSON object in the file.
 
     Raises:
-        StudioError: a key is missing, a value is unusable, two frames have one file_path.
+        StudioError: there are no frames (camera_file.no_cameras), or a camera is invalid (camera.*).
     """
     with naming(path):
         frames = values.get("frames")
         if not isinstance(frames, list) or not frames:
-            raise StudioError("the list 'frames' is missing or empty; export the cameras again.")
+            raise no_cameras("the list 'frames' is missing or empty")
         for index, frame in enumerate(frames):
             if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
-                raise StudioError(f"frame {index} has no 'file_path'.")
+                raise missing_key("file_path", f"number {index}")
         names = camera_names([frame["file_path"] for frame in frames])
         cameras = []
         for name, frame in zip(names, frames, strict=True):
-            who = f"Camera '{name}'"
             if "transform_matrix" not in frame:
-                raise StudioError(f"{who}: the key 'transform_matrix' is missing.")
-            pose = matrix(frame["transform_matrix"], (3, 4), 4, "transform_matrix", who)
+                raise missing_key("transform_matrix", name)
+            pose = matrix(frame["transform_matrix"], (3, 4), 4, "transform_matrix", name)
             both = {**values, **frame}
             if not values.get("from_na"):
                 pose = pose @ _FLIP
-            width, height = _size(both, path, frame["file_path"], who)
+            width, height = _size(both, path, frame["file_path"], name)
             cameras.append(
                 Camera(
                     name,
                     width,
                     height,
-                    _intrinsics(both, width, height, who),
+                    _intrinsics(both, width, height, name),
                     rigid_inverse(pose),
-                    _distortion(both, who),
+                    _distortion(both, name),
                 )
             )
         return Rig(tuple(cameras))
 
 
 def read_transforms(path: Path) -> Rig:
-    """Read transforms.json. Raises StudioError."""
+    """Read transforms.json. Raises StudioError as `rig_from_transforms`."""
     return rig_from_transforms(path, read_json(path))
 
 
 def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{camera}.png") -> None:
-    """Write transforms.json with each camera's own intrinsics, atomically.
+    """Write transforms.json atomically, with intrinsics per camera.
 
     Args:
-        rig: cameras with no more distortion than k1 k2 p1 p2 k3.
+        rig: cameras with at most the distortion terms k1 k2 p1 p2 k3.
         path: the file.
-        image_pattern: `file_path` of a camera, relative to the file.
+        image_pattern: pattern of `file_path`, relative to the file.
 
     Raises:
-        StudioError: a camera has skew or the rational distortion model, which the format cannot say.
+        StudioError: a camera has skew or more distortion terms (camera_file.not_expressible), or the file cannot be
+            written (camera_file.unwritable).
     """
     frames = []
     for camera in rig:
         if np.any(camera.distortion[5:]):
             raise StudioError(
-                f"Camera '{camera.name}': transforms.json holds k1 k2 p1 p2 k3 only, this camera has "
-                f"{camera.distortion.size} coefficients; undistort first."
+                "camera_file.not_expressible",
+                f"Camera '{camera.name}': transforms.json has only the distortion terms k1 k2 p1 p2 k3, but "
+                f"this camera has {camera.distortion.size}",
+                file=path,
+                value=camera.distortion.size,
+                fix="Undistort the images first, or write rig.json.",
+                camera=camera.name,
             )
         if abs(camera.K[0, 1]) > 1e-9:
-            raise StudioError(f"Camera '{camera.name}': transforms.json has no place for the skew {camera.K[0, 1]:g}.")
+            raise StudioError(
+                "camera_file.not_expressible",
+                f"Camera '{camera.name}': transforms.json cannot express skew ({camera.K[0, 1]:g})",
+                file=path,
+                value=float(camera.K[0, 1]),
+                fix="Calibrate without skew, or write rig.json.",
+                camera=camera.name,
+            )
         lens = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(
             {

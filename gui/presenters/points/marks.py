@@ -172,7 +172,7 @@ def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
         (1, 2) its pixel, from marks in two or more other cameras; (N, 2) its epipolar line, from one mark; None
         without any.
     """
-    from studio.calibration.manual.bootstrap import Observations, TieRig, pixel_rays, triangulate
+    from studio.calibration.manual.bootstrap import Observations, TieRig, triangulate
 
     others = [name for name in point.pixels if name != camera.name and name in rig]
     if not others:
@@ -180,11 +180,11 @@ def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
     if len(others) > 1:
         seen = {name: np.array([point.pixels[name]]) for name in others}
         solved = TieRig({name: rig[name] for name in others}, np.full((1, 3), np.nan))
-        triangulate(Observations([point.name], solved.places, seen), solved)
-        places = solved.places
+        triangulate(Observations([point.name], solved.points3d, seen), solved)
+        places = solved.points3d
     else:
         other = rig[others[0]]
-        ray = pixel_rays(other, np.array([point.pixels[others[0]]]))[0]
+        ray = other.normalized(np.array([point.pixels[others[0]]]))[0]
         away = float(np.linalg.norm(other.center - rig.focus))
         depths = away * np.geomspace(0.2, 3.0, 60)
         local = np.column_stack([ray[0] * depths, ray[1] * depths, depths])

@@ -76,10 +76,10 @@ class CalibrateView(OrbitView):
         return float(value) if isinstance(value, int | float) else None
 
     def _color(self, name: str) -> RGB:
-        from studio.calibration.result import band
+        from studio.calibration.result import quality_of
 
         error = self._error(name)
-        return UNKNOWN[1] if error is None else BANDS[band(error)][1]
+        return UNKNOWN[1] if error is None else BANDS[quality_of(error)][1]
 
     def _scene(self, size: Size) -> np.ndarray:
         assert self._rig is not None

@@ -1,4 +1,4 @@
-"""Where cameras stand, from few points marked by hand: a start for the adjustment."""
+"""Initial camera poses from a few tie points, for bundle adjustment."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from studio.camera_files.colmap_model import lens_model
 from studio.cameras import Camera
 
 LEAST_SHARED = 6
-"""Points that two cameras must share so that one is placed to the other."""
-LEAST_PLACED = 4
-"""Points of known places that a camera must see so that it finds its own."""
+"""Common points needed to estimate the relative pose of two cameras."""
+LEAST_KNOWN = 4
+"""Points with known positions needed to estimate a camera's pose."""
 _PAIRS = 12
 _WORST = 0.02
-"""Of the image's longer side: what the first rough places may be off by."""
+"""Largest error of an initial pose, as a share of the longer image side."""
 
 
 @dataclass
 class Observations:
-    """What cameras see of the points.
+    """The marks of all tie points.
 
     Attributes:
-        points: names.
-        world: (P, 3) measured places, NaN where there is none.
-        pixels: camera name to (P, 2), NaN where it does not see the point.
+        points: names of the points.
+        world: (P, 3) measured positions, NaN if there is none.
+        pixels: camera name to (P, 2), NaN where the point has no mark.
     """
 
     points: list[str]
@@ -36,47 +36,47 @@ class Observations:
     pixels: dict[str, np.ndarray]
 
     def seen(self, camera: str) -> np.ndarray:
-        """(P,) bool."""
+        """(P,) bool: points with a mark in the camera."""
         return ~np.isnan(self.pixels[camera][:, 0])
 
     @property
     def measured(self) -> np.ndarray:
-        """(P,) bool: points whose place in the world is known."""
+        """(P,) bool: points with a measured position."""
         return ~np.isnan(self.world[:, 0])
 
 
 @dataclass
 class TieRig:
-    """Cameras with a pose, and the points' places (P, 3), NaN where none was found."""
+    """Registered cameras, and positions of the points (P, 3), NaN if not triangulated."""
 
     cameras: dict[str, Camera]
-    places: np.ndarray
+    points3d: np.ndarray
 
     @property
-    def placed(self) -> np.ndarray:
-        """(P,) bool: points whose place was found."""
-        return ~np.isnan(self.places[:, 0])
+    def triangulated(self) -> np.ndarray:
+        """(P,) bool: points with a position."""
+        return ~np.isnan(self.points3d[:, 0])
 
     def errors(self, observations: Observations) -> dict[str, np.ndarray]:
-        """Camera name to (P,) reprojection errors in pixels; NaN where not seen, infinite behind the camera."""
+        """Camera name to (P,) reprojection errors in pixels: NaN without a mark, infinite behind the camera."""
         found = {}
         for name, camera in self.cameras.items():
-            pixels, depth = camera.project(np.nan_to_num(self.places))
+            pixels, depth = camera.project(np.nan_to_num(self.points3d))
             error = np.linalg.norm(pixels - observations.pixels[name], axis=1)
             error[depth <= 0] = np.inf
-            error[~(observations.seen(name) & self.placed)] = np.nan
+            error[~(observations.seen(name) & self.triangulated)] = np.nan
             found[name] = error
         return found
 
 
-def starts(lenses: Mapping[str, Camera], observations: Observations, seed: int) -> Iterator[TieRig]:
-    """Ways in which the cameras could stand, likely ones first.
+def initial_rigs(lenses: Mapping[str, Camera], observations: Observations, seed: int) -> Iterator[TieRig]:
+    """Initial rigs to try, the most promising first.
 
-    From points with measured places where a camera sees four of them; then from the pairs of cameras that share most
-    points, in the first one's coordinates.
+    From measured points if a camera sees four of them; then from the pairs of cameras with the most common points, in
+    the coordinates of the first camera.
     """
     measured = observations.measured
-    if any((observations.seen(name) & measured).sum() >= LEAST_PLACED for name in lenses):
+    if any((observations.seen(name) & measured).sum() >= LEAST_KNOWN for name in lenses):
         yield _grown(lenses, observations, TieRig({}, observations.world.copy()), seed)
     shared = {
         pair: np.flatnonzero(observations.seen(pair[0]) & observations.seen(pair[1]))
@@ -95,17 +95,17 @@ def starts(lenses: Mapping[str, Camera], observations: Observations, seed: int) 
 
 
 def _grown(lenses: Mapping[str, Camera], observations: Observations, rig: TieRig, seed: int) -> TieRig:
-    """With all cameras and points that follow from those that stand, the surest first."""
+    """With all cameras and points that can be registered and triangulated, those with the most points first."""
     while True:
         triangulate(observations, rig)
-        placed = rig.placed
-        counts = {name: int((observations.seen(name) & placed).sum()) for name in lenses if name not in rig.cameras}
+        known = rig.triangulated
+        counts = {name: int((observations.seen(name) & known).sum()) for name in lenses if name not in rig.cameras}
         found = False
         for name in sorted(counts, key=lambda n: -counts[n]):
-            if counts[name] < LEAST_PLACED:
+            if counts[name] < LEAST_KNOWN:
                 break
-            index = np.flatnonzero(observations.seen(name) & placed)
-            pose = _absolute(lenses[name], observations.pixels[name][index], rig.places[index], seed)
+            index = np.flatnonzero(observations.seen(name) & known)
+            pose = _absolute(lenses[name], observations.pixels[name][index], rig.points3d[index], seed)
             if pose is not None:
                 rig.cameras[name] = replace(lenses[name], world_to_camera=pose)
                 found = True
@@ -115,9 +115,9 @@ def _grown(lenses: Mapping[str, Camera], observations: Observations, rig: TieRig
 
 
 def triangulate(observations: Observations, rig: TieRig) -> None:
-    """Places of points that two standing cameras see, by the linear method; in place."""
-    rays = {name: pixel_rays(camera, observations.pixels[name]) for name, camera in rig.cameras.items()}
-    for number in np.flatnonzero(~rig.placed):
+    """Triangulate the points that at least two registered cameras see (linear method); changes `rig`."""
+    rays = {name: camera.normalized(observations.pixels[name]) for name, camera in rig.cameras.items()}
+    for number in np.flatnonzero(~rig.triangulated):
         rows = []
         for name, camera in rig.cameras.items():
             if observations.seen(name)[number]:
@@ -127,29 +127,17 @@ def triangulate(observations: Observations, rig: TieRig) -> None:
         if len(rows) >= 4:
             solution = np.linalg.svd(np.array(rows))[2][3]
             if abs(solution[3]) > 1e-9:
-                rig.places[number] = solution[:3] / solution[3]
+                rig.points3d[number] = solution[:3] / solution[3]
 
 
-def pixel_rays(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(P, 2) undistorted, at depth 1; NaN stays."""
-    import cv2
-
-    known = ~np.isnan(pixels[:, 0])
-    rays = np.full_like(pixels, np.nan)
-    if known.any():
-        distortion = camera.distortion if camera.distortion.size else None
-        rays[known] = cv2.undistortPoints(pixels[known][:, None], camera.K, distortion).reshape(-1, 2)
-    return rays
-
-
-def _absolute(camera: Camera, pixels: np.ndarray, places: np.ndarray, seed: int) -> np.ndarray | None:
+def _absolute(camera: Camera, pixels: np.ndarray, points3d: np.ndarray, seed: int) -> np.ndarray | None:
     import pycolmap
 
     options = pycolmap.AbsolutePoseEstimationOptions()
     options.ransac.max_error = _WORST * max(camera.width, camera.height)
     options.ransac.random_seed = seed
-    found = pycolmap.estimate_and_refine_absolute_pose(pixels, places, _sensor(camera), options)
-    if found is None or found["num_inliers"] < LEAST_PLACED:
+    found = pycolmap.estimate_and_refine_absolute_pose(pixels, points3d, _sensor(camera), options)
+    if found is None or found["num_inliers"] < LEAST_KNOWN:
         return None
     return np.vstack([found["cam_from_world"].matrix(), [0, 0, 0, 1]])
 
@@ -157,7 +145,7 @@ def _absolute(camera: Camera, pixels: np.ndarray, places: np.ndarray, seed: int)
 def _relative(
     first: Camera, second: Camera, observations: Observations, shared: np.ndarray, seed: int
 ) -> np.ndarray | None:
-    """(4, 4) from the first camera to the second, at a distance of 1."""
+    """(4, 4) first to second camera, with a baseline of 1; None if not found."""
     import pycolmap
 
     options = pycolmap.TwoViewGeometryOptions()

@@ -1,6 +1,6 @@
-"""The adjustment of cameras and points marked by hand: few unknowns, measured places, robust against wrong marks.
+"""Robust bundle adjustment of cameras and tie points, with measured positions.
 
-SciPy's least squares and not COLMAP's bundle adjustment, which knows no places that were measured to a centimeter.
+Uses SciPy's least squares, because COLMAP's bundle adjustment has no priors on point positions.
 """
 
 from __future__ import annotations
@@ -13,19 +13,18 @@ import numpy as np
 from studio.calibration.manual.bootstrap import Observations, TieRig
 
 _FOCAL, _RADIAL = 0.5, 0.1
-"""How far focal lengths (their logarithm) and k1 may be from the start, in standard deviations: a few points cannot
-tell them, and then they should stay."""
+"""Standard deviations of the priors on k1 and on changes of log focal length, which few points do not determine."""
 _LOSS = 2.0
-"""In standard deviations: beyond it an error counts linearly (soft L1)."""
+"""Width of the soft L1 loss in standard deviations."""
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Standard deviations of what is given.
+    """Standard deviations of the input.
 
     Attributes:
-        mark: of a mark in pixels.
-        world: of a measured place in meters.
+        mark: of marks, pixels.
+        world: of measured positions, meters.
     """
 
     mark: float
@@ -41,15 +40,15 @@ def adjust(
     radial: bool = True,
     steps: int = 200,
 ) -> TieRig:
-    """Cameras and points so that all errors, in their standard deviations, are least.
+    """Bundle adjustment of cameras and points.
 
     Args:
-        rig: where to start.
+        rig: initial values.
         observations: the marks.
-        groups: cameras whose lens is not known, those that have one in common together; all others keep theirs.
-        accuracy: of marks and measured places.
-        radial: estimate the lenses' first radial term too.
-        steps: at most.
+        groups: groups of cameras with shared unknown intrinsics; all other cameras keep theirs.
+        accuracy: of marks and measured positions.
+        radial: estimate the first radial distortion term too.
+        steps: most function evaluations.
     """
     from scipy.optimize import least_squares
 
@@ -68,48 +67,48 @@ def adjust(
 
 
 class Problem:
-    """The unknowns as one vector: 6 a camera, 1 or 2 a group of lenses, 3 a point.
+    """The unknowns as one vector: 6 per camera, 1 or 2 per group of intrinsics, 3 per point.
 
-    A camera's are the rotation vector and the translation to it; a lens's the logarithm of its focal length's factor,
-    and its first radial term.
+    Per camera the world-to-camera rotation vector and translation; per group the logarithm of the focal length relative
+    to its initial value, and the first radial term.
     """
 
     def __init__(
         self, rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], accuracy: Accuracy, radial: bool
     ) -> None:
-        self.begun, self.accuracy = rig, accuracy
+        self.initial, self.accuracy = rig, accuracy
         self.names = list(rig.cameras)
         self.terms = 2 if radial else 1
         used = [[name for name in group if name in rig.cameras] for group in groups]
         self.groups = [group for group in used if group]
         self.group_of = {name: number for number, group in enumerate(self.groups) for name in group}
-        self.placed = np.flatnonzero(rig.placed)
-        self.columns = {name: np.flatnonzero(observations.seen(name)[self.placed]) for name in self.names}
-        self.pixels = {name: observations.pixels[name][self.placed][self.columns[name]] for name in self.names}
-        self.measured = np.flatnonzero(observations.measured[self.placed])
-        self.world = observations.world[self.placed][self.measured]
+        self.triangulated = np.flatnonzero(rig.triangulated)
+        self.columns = {name: np.flatnonzero(observations.seen(name)[self.triangulated]) for name in self.names}
+        self.pixels = {name: observations.pixels[name][self.triangulated][self.columns[name]] for name in self.names}
+        self.measured = np.flatnonzero(observations.measured[self.triangulated])
+        self.world = observations.world[self.triangulated][self.measured]
         self.first_lens = 6 * len(self.names)
         self.first_point = self.first_lens + self.terms * len(self.groups)
 
     def start(self) -> np.ndarray:
-        """(U,) unknowns at the beginning."""
+        """(U,) initial values of the unknowns."""
         from scipy.spatial.transform import Rotation
 
-        values = np.zeros(self.first_point + 3 * len(self.placed))
+        values = np.zeros(self.first_point + 3 * len(self.triangulated))
         for number, name in enumerate(self.names):
-            camera = self.begun.cameras[name]
+            camera = self.initial.cameras[name]
             values[6 * number : 6 * number + 3] = Rotation.from_matrix(camera.rotation).as_rotvec()
             values[6 * number + 3 : 6 * number + 6] = camera.translation
         if self.terms == 2:
             for number, group in enumerate(self.groups):
-                camera = self.begun.cameras[group[0]]
+                camera = self.initial.cameras[group[0]]
                 values[self.first_lens + 2 * number + 1] = camera.distortion[0] if camera.distortion.size else 0.0
-        values[self.first_point :] = self.begun.places[self.placed].ravel()
+        values[self.first_point :] = self.initial.points3d[self.triangulated].ravel()
         return values
 
     def _lens(self, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """K (3, 3) and the distortion, at least 4 terms."""
-        camera = self.begun.cameras[name]
+        """K (3, 3) and distortion, at least 4 terms."""
+        camera = self.initial.cameras[name]
         K, distortion = camera.K.copy(), camera.distortion if camera.distortion.size else np.zeros(4)
         if name in self.group_of:
             own = values[self.first_lens + self.terms * self.group_of[name] :][: self.terms]
@@ -119,7 +118,7 @@ class Problem:
         return K, distortion
 
     def rig(self, values: np.ndarray) -> TieRig:
-        """What the unknowns mean."""
+        """The rig of a vector of unknowns."""
         from scipy.spatial.transform import Rotation
 
         cameras = {}
@@ -129,24 +128,24 @@ class Problem:
             pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(own[:3]).as_matrix(), own[3:]
             K, distortion = self._lens(values, name)
             distortion = distortion if distortion.any() else np.zeros(0)
-            cameras[name] = replace(self.begun.cameras[name], world_to_camera=pose, K=K, distortion=distortion)
-        places = np.full_like(self.begun.places, np.nan)
-        places[self.placed] = values[self.first_point :].reshape(-1, 3)
-        return TieRig(cameras, places)
+            cameras[name] = replace(self.initial.cameras[name], world_to_camera=pose, K=K, distortion=distortion)
+        points3d = np.full_like(self.initial.points3d, np.nan)
+        points3d[self.triangulated] = values[self.first_point :].reshape(-1, 3)
+        return TieRig(cameras, points3d)
 
     def _project(self, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (N, 2) of what a camera sees, and their derivatives (2N, 10 + distortion) as OpenCV gives them."""
+        """Pixels (N, 2) of a camera's points, and OpenCV's derivatives (2N, 10 + distortion terms)."""
         import cv2
 
         own = values[6 * self.names.index(name) :][:6]
         K, distortion = self._lens(values, name)
-        places = values[self.first_point :].reshape(-1, 3)[self.columns[name]]
-        pixels, derivatives = cv2.projectPoints(places, own[:3], own[3:], K, distortion)
+        points3d = values[self.first_point :].reshape(-1, 3)[self.columns[name]]
+        pixels, derivatives = cv2.projectPoints(points3d, own[:3], own[3:], K, distortion)
         return pixels.reshape(-1, 2), derivatives
 
     def residuals(self, values: np.ndarray) -> np.ndarray:
-        """(R,) errors in standard deviations: marks, measured places, lenses."""
-        places = values[self.first_point :].reshape(-1, 3)
+        """(R,) errors in standard deviations: marks, measured positions, intrinsics priors."""
+        points3d = values[self.first_point :].reshape(-1, 3)
         marks = [
             ((self._project(values, name)[0] - self.pixels[name]) / self.accuracy.mark).ravel()
             for name in self.names
@@ -156,7 +155,7 @@ class Problem:
         return np.concatenate(
             [
                 *marks,
-                ((places[self.measured] - self.world) / self.accuracy.world).ravel(),
+                ((points3d[self.measured] - self.world) / self.accuracy.world).ravel(),
                 (lens / np.array([_FOCAL, _RADIAL])[: self.terms]).ravel(),
             ]
         )
@@ -185,11 +184,11 @@ class Problem:
             for axis in range(3):
                 block[rows, self.first_point + 3 * np.repeat(columns, 2) + axis] = turned[:, axis]
             blocks.append(block)
-        places = np.zeros((3 * len(self.measured), len(values)))
+        points3d = np.zeros((3 * len(self.measured), len(values)))
         columns = (self.first_point + 3 * self.measured[:, None] + np.arange(3)).ravel()
-        places[np.arange(len(columns)), columns] = 1 / self.accuracy.world
+        points3d[np.arange(len(columns)), columns] = 1 / self.accuracy.world
         lens = np.zeros((self.first_point - self.first_lens, len(values)))
         lens[:, self.first_lens : self.first_point] = np.diag(
             np.tile(1 / np.array([_FOCAL, _RADIAL])[: self.terms], len(self.groups))
         )
-        return np.concatenate([*blocks, places, lens])
+        return np.concatenate([*blocks, points3d, lens])

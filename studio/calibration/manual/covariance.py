@@ -1,4 +1,4 @@
-"""How surely the marks say where each camera stands: a small error tells nothing where points lie on a line."""
+"""Uncertainty of the camera positions, and degenerate configurations of tie points."""
 
 from __future__ import annotations
 
@@ -9,45 +9,58 @@ import numpy as np
 
 from studio.calibration.manual.bootstrap import Observations, TieRig
 from studio.calibration.manual.bundle_adjustment import Accuracy, Problem
+from studio.errors import StudioError
 
 _STEP = 1e-6
 _FREE = 7
 _WEAKEST = 1e-12
 
 
-def spread_of_positions(places: np.ndarray) -> int:
-    """How many directions points (N, 3) spread into: 0 for one place, 1 for a line, 2 for a plane and more."""
-    if len(places) < 2:
+def spread_of_positions(points3d: np.ndarray) -> int:
+    """Dimension of points (N, 3): 0 if they coincide, 1 on a line, 2 on a plane or in space."""
+    if len(points3d) < 2:
         return 0
-    spread = np.linalg.svd(places - places.mean(0), compute_uv=False)
+    spread = np.linalg.svd(points3d - points3d.mean(0), compute_uv=False)
     if spread[0] < 1e-9:
         return 0
     return 1 if len(spread) < 2 or spread[1] <= 1e-3 * spread[0] else 2
 
 
-def contradiction(rig: TieRig, observations: Observations) -> str:
-    """What is wrong where an adjustment ended nowhere, points behind the cameras or all in one place; else ""."""
+def check_plausible(rig: TieRig, observations: Observations) -> None:
+    """Refuse a degenerate result of the bundle adjustment.
+
+    Raises:
+        StudioError: the measured positions contradict the marks (tie_points.contradiction), or points are behind the
+            cameras (tie_points.behind).
+    """
     errors = np.concatenate(list(rig.errors(observations).values()))
     behind = float(np.isinf(errors[~np.isnan(errors)]).mean()) > 0.3
-    which = observations.measured & rig.placed
-    smaller = which.sum() > 1 and np.linalg.norm(np.ptp(rig.places[which], 0)) < 0.2 * np.linalg.norm(
+    which = observations.measured & rig.triangulated
+    smaller = which.sum() > 1 and np.linalg.norm(np.ptp(rig.points3d[which], 0)) < 0.2 * np.linalg.norm(
         np.ptp(observations.world[which], 0)
     )
     if smaller or (behind and which.any()):
-        return "The measured places contradict the marks: one is wrong, or their axes are not right-handed with z up."
-    return "The marks fit no cameras: the points would lie behind them; look at the marks again." if behind else ""
+        raise StudioError(
+            "tie_points.contradiction",
+            "the measured positions contradict the marks",
+            fix="Check the measured positions; their axes must be right-handed with z up.",
+        )
+    if behind:
+        raise StudioError(
+            "tie_points.behind", "the points would be behind the cameras that fit the marks", fix="Check the marks."
+        )
 
 
 def uncertainty(
     rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], accuracy: Accuracy, *, radial: bool = True
 ) -> dict[str, float]:
-    """Standard deviation of each camera's center, as a share of the cameras' mean distance from the points.
+    """1-sigma uncertainty of each camera's center, as a share of the mean distance of cameras and points.
 
-    From the adjustment's derivatives at its end. It is what the cameras may be off beside each other: where all of them
-    lie in the world, and how large the world is, does not count.
+    From the Jacobian at the solution. Relative to the other cameras: the position, orientation and scale of the whole
+    world do not count.
 
     Args:
-        rig: adjusted.
+        rig: a rig after `adjust`.
         observations, groups, accuracy, radial: as in `adjust`.
     """
     problem = Problem(rig, observations, groups, accuracy, radial)
@@ -55,14 +68,14 @@ def uncertainty(
         rig, replace(observations, world=np.full_like(observations.world, np.nan)), groups, accuracy, radial
     )
     values = problem.start()
-    places = rig.places[problem.placed]
-    size = float(np.mean([np.linalg.norm(places - c.center, axis=1).mean() for c in rig.cameras.values()]))
+    points3d = rig.points3d[problem.triangulated]
+    size = float(np.mean([np.linalg.norm(points3d - c.center, axis=1).mean() for c in rig.cameras.values()]))
     units = np.ones(len(values))
     for number in range(len(problem.names)):
         units[6 * number + 3 : 6 * number + 6] = size
     units[problem.first_point :] = size
     of_marks, of_all = (each.jacobian(values) * units for each in (marks, problem))
-    # the seven directions that marks say nothing of: the world's place, its directions and its size
+    # the seven gauge freedoms of the marks: position, orientation and scale of the world
     nothing = np.linalg.eigh(of_marks.T @ of_marks)[1][:, :_FREE]
     strengths, directions = np.linalg.eigh(of_all.T @ of_all + nothing @ nothing.T)
     roots = directions / np.sqrt(np.maximum(strengths, _WEAKEST))
@@ -78,7 +91,7 @@ def uncertainty(
 
 
 def _center_slopes(pose: np.ndarray) -> np.ndarray:
-    """(3, 6) derivatives of a camera's center by its rotation vector and translation."""
+    """(3, 6) derivatives of a camera center with respect to rotation vector and translation."""
     columns = []
     for axis in range(6):
         step = np.zeros(6)

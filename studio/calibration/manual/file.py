@@ -1,11 +1,11 @@
-"""Files of tie points: places that somebody marked in several cameras' pictures.
+"""Tie point files: points marked by hand in the images of several cameras.
 
-YAML (JSON is YAML too):
+YAML (of which JSON is a subset):
 
     points:
       corner of the mat:
         world: [0.0, 0.3, 0.0]       # optional, meters
-        frame: 0                     # optional: the moment it was marked at
+        frame: 0                     # optional: the frame in which it was marked
         pixels:
           cam01: [512.5, 830.0]      # column, row; the corner of the image is 0, 0
           cam02: [331.0, 702.5]
@@ -26,27 +26,31 @@ from studio.errors import StudioError
 
 
 class _Loader(yaml.BaseLoader):
-    """YAML in which nothing is named twice."""
+    """YAML that refuses duplicate keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names = [key.value for key, _ in node.value]
         for name in names:
             if names.count(name) > 1:
                 raise StudioError(
-                    f"line {node.start_mark.line + 1} and below: two points are called '{name}', or two cameras of one."
+                    "tie_points.duplicate",
+                    f"line {node.start_mark.line + 1} and below: '{name}' is used twice",
+                    value=name,
+                    fix="Give every point, and every camera of a point, its own name.",
+                    line=node.start_mark.line + 1,
                 )
         return super().construct_mapping(node, deep)
 
 
 @dataclass(frozen=True)
 class TiePoint:
-    """One place in the world, as cameras see it.
+    """A point in the world and its marks in the images.
 
     Attributes:
         name: unique.
-        pixels: camera name to (column, row) in pixels of the image as filmed, origin at the image's corner.
-        world: (3,) where it lies in meters, z up; None where nobody measured it.
-        frame: number of the frame that it was marked in, None for what stands still.
+        pixels: camera name to (column, row) in pixels of the image as filmed, origin at the image corner.
+        world: (3,) measured position in meters, z up; None if not measured.
+        frame: frame in which it was marked; None if it does not move.
     """
 
     name: str
@@ -56,33 +60,52 @@ class TiePoint:
 
 
 def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
-    """Read a file of tie points.
+    """Read a tie point file.
 
     Raises:
-        StudioError: the file is missing, is no YAML, or a value is not what it should be (named).
+        StudioError: the file is unreadable (tie_points.unreadable), not YAML (tie_points.syntax), or a value is invalid
+            (tie_points.*).
     """
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise StudioError(f"{path}: cannot be read ({error.strerror}).") from None
+        raise StudioError(
+            "tie_points.unreadable",
+            f"cannot be read ({error.strerror})",
+            file=path,
+            fix="Check the path and permissions.",
+        ) from None
     except UnicodeDecodeError:
-        text = "["  # no text, so no YAML
+        text = "["  # not text, so not YAML
     try:
         # everything as text, or camera 01 would become 1
         with naming(path):
             content = yaml.load(text, _Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        place = f", line {mark.line + 1}" if mark is not None else ""
-        raise StudioError(f"{path}{place}: this is no YAML; see 'Points by hand' in docs/CALIBRATION.md.") from None
+        line = mark.line + 1 if mark is not None else None
+        raise StudioError(
+            "tie_points.syntax",
+            "invalid YAML" + (f" at line {line}" if line else ""),
+            file=path,
+            fix="docs/CALIBRATION.md describes the format.",
+            line=line,
+        ) from None
     points = content.get("points") if isinstance(content, dict) else None
     if not isinstance(points, dict):
-        raise StudioError(f"{path}: a file of tie points begins with 'points:', and under it a name for each point.")
-    return tuple(_point(path, name, values) for name, values in points.items())
+        raise StudioError(
+            "tie_points.no_points",
+            "the key 'points' is missing",
+            file=path,
+            fix="Add 'points:' with one entry per point.",
+            key="points",
+        )
+    with naming(path):
+        return tuple(_point(name, values) for name, values in points.items())
 
 
 def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
-    """Write them; `read_tie_points` gives the same back (pixels to a hundredth)."""
+    """Write a tie point file atomically; pixels are rounded to 0.01. Raises StudioError if it cannot be written."""
     content = {}
     for point in points:
         values: dict[str, Any] = {}
@@ -96,26 +119,45 @@ def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
     write_atomic(path, text.encode())
 
 
-def _point(path: Path, name: str, values: Any) -> TiePoint:
-    where = f"{path}: point '{name}'"
+def _point(name: str, values: Any) -> TiePoint:
     if not isinstance(values, dict) or not isinstance(values.get("pixels"), dict):
-        raise StudioError(f"{where} lacks 'pixels:', and under it a line 'camera: [column, row]' for each camera.")
+        raise StudioError(
+            "tie_points.no_pixels",
+            f"point '{name}' has no 'pixels'",
+            fix="Add 'pixels:' with one line 'camera: [column, row]' per camera.",
+            point=name,
+            key="pixels",
+        )
     unknown = sorted(set(values) - {"pixels", "world", "frame"})
     if unknown:
-        raise StudioError(f"{where} has '{unknown[0]}', which means nothing here; it takes pixels, world and frame.")
-    pixels = {camera: _numbers(f"{where}, {camera}", xy, 2) for camera, xy in values["pixels"].items()}
+        raise StudioError(
+            "tie_points.unknown_key",
+            f"point '{name}' has an unknown key '{unknown[0]}'",
+            value=unknown[0],
+            fix="The keys of a point are pixels, world and frame.",
+            point=name,
+            key=unknown[0],
+        )
+    pixels = {camera: _numbers(name, camera, xy, 2) for camera, xy in values["pixels"].items()}
     world, frame = values.get("world"), values.get("frame")
     if frame is not None and not str(frame).isdigit():
-        raise StudioError(f"{where}: frame is {frame}; it must be a frame's number.")
+        raise StudioError(
+            "tie_points.frame",
+            f"point '{name}': frame is {frame}, not a frame number",
+            value=frame,
+            fix="Specify an integer; example: 24.",
+            point=name,
+            key="frame",
+        )
     return TiePoint(
         name,
         {camera: (xy[0], xy[1]) for camera, xy in pixels.items()},
-        None if world in (None, "null", "") else _numbers(f"{where}, world", world, 3),  # type: ignore[arg-type]
+        None if world in (None, "null", "") else _numbers(name, "world", world, 3),  # type: ignore[arg-type]
         None if frame is None else int(frame),
     )
 
 
-def _numbers(where: str, value: Any, count: int) -> tuple[float, ...]:
+def _numbers(point: str, key: str, value: Any, count: int) -> tuple[float, ...]:
     try:
         found = tuple(float(each) for each in value) if isinstance(value, list) else ()
     except (TypeError, ValueError):
@@ -123,5 +165,13 @@ def _numbers(where: str, value: Any, count: int) -> tuple[float, ...]:
     if len(found) != count or not all(map(math.isfinite, found)):
         example = ", ".join(["0.5"] * count)
         shown = f"[{', '.join(map(str, value))}]" if isinstance(value, list) else value
-        raise StudioError(f"{where} is {shown}; it must be {count} numbers, as in [{example}].")
+        raise StudioError(
+            "tie_points.not_numbers",
+            f"point '{point}': {key} is {shown}, expected {count} numbers",
+            value=value,
+            fix=f"Example: [{example}].",
+            point=point,
+            key=key,
+            expected=count,
+        )
     return found

@@ -1,4 +1,4 @@
-"""From a click near a corner or a dot to its exact place."""
+"""Subpixel refinement of a click near a corner or a dot."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ _TURNS = 8
 
 
 def snap(image: np.ndarray, x: float, y: float, radius: int = 6) -> tuple[float, float]:
-    """The corner or the middle of the dot that lies nearest to a click, to a fraction of a pixel.
+    """The corner or dot center nearest to a click.
 
-    Förstner and Gülch (1987): at a corner all gradients around are square to the way to it, at a dot's middle they
-    point along it; whichever fits better. Where there is neither within the radius the click stays as it is.
+    Förstner and Gülch (1987): around a corner the gradients are perpendicular to the direction to it, around a dot
+    center they are parallel; the better fit is used. Without either within the radius the click is returned unchanged.
 
     Args:
         image: (H, W, 3) or (H, W) uint8.
-        x, y: pixels, origin at the image's corner.
-        radius: pixels to look around.
+        x, y: the click in pixels, origin at the image corner.
+        radius: search radius in pixels.
 
     Returns:
-        (x, y) in the same pixels.
+        (x, y) in pixels.
     """
     import cv2
 
@@ -32,7 +32,7 @@ def snap(image: np.ndarray, x: float, y: float, radius: int = 6) -> tuple[float,
 
 
 def _fit(gray: np.ndarray, x: float, y: float, radius: int, dot: bool) -> tuple[float, float, float] | None:
-    """A corner or a dot's middle, and how badly it fits (0 to 1); None where the search leaves the radius."""
+    """A corner or dot center with its residual (0 to 1); None if the search leaves the radius."""
     here: np.ndarray = np.array([x, y], np.float64)
     cost = 1.0
     for _ in range(_TURNS):
@@ -40,18 +40,18 @@ def _fit(gray: np.ndarray, x: float, y: float, radius: int, dot: bool) -> tuple[
         left, top = column - radius - 1, row - radius - 1
         patch = gray[max(top, 0) : row + radius + 2, max(left, 0) : column + radius + 2].astype(np.float64)
         if min(patch.shape) < 2 * radius + 3:
-            return None  # at the image's edge
+            return None  # at the image border
         down, right = (np.asarray(each) for each in np.gradient(patch))
         gx, gy = right[1:-1, 1:-1].ravel(), down[1:-1, 1:-1].ravel()
         rows, columns = np.mgrid[top + 1 : row + radius + 1, left + 1 : column + radius + 1] + 0.5
         offset = np.stack([columns.ravel() - here[0], rows.ravel() - here[1]], 1)
         weight = np.exp(-0.5 * (offset**2).sum(1) / (0.5 * radius) ** 2)
-        # lines through the pixels: along the gradient for a dot, square to it for a corner
+        # lines through the pixels: along the gradient for a dot, perpendicular to it for a corner
         normal = np.stack([-gy, gx] if dot else [gx, gy], 1)
         normals = np.einsum("n,ni,nj->ij", weight, normal, normal)
         values = np.linalg.eigvalsh(normals)
         if values[0] < 0.02 * values[1] or values[1] <= 0 or values.sum() < 40 * weight.sum():
-            return None  # flat, or an edge: nothing that fixes both directions
+            return None  # flat, or an edge: one direction is undetermined
         distance = (normal * offset).sum(1)
         step: np.ndarray = np.linalg.solve(normals, (weight * distance) @ normal)
         here = here + step

@@ -1,29 +1,31 @@
-"""Bundle adjustment of a model, and a model of cameras whose places are known. Runs inside the worker's process."""
+"""Bundle adjustment, and models of cameras with known poses. Runs in the worker process."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studio.calibration.sfm.job import SfmJob
 
-def adjust(model: Any, job: Mapping[str, Any], threads: int, *, last: bool = True, width: float | None = None) -> None:
+
+def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: float | None = None) -> None:
     """Bundle adjustment in place.
 
     Args:
-        model: what to adjust.
-        job: which lenses and poses stay; see `worker.Worker`.
-        threads: at most.
-        last: square the errors, then filter sharply; else a Cauchy loss of a pixel, and a wide filter.
-        width: of a Cauchy loss in pixels; then as many steps as it takes.
+        model: pycolmap.Reconstruction.
+        job: says which intrinsics and poses are fixed.
+        threads: number of threads.
+        last: True: squared loss, then filter points with errors over 4 pixels; False: Cauchy loss, 12 pixels.
+        width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as `last` says.
     """
     import pycolmap
 
     options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = bool(job["refine_principal_point"])
-    options.refine_rig_from_world = not job["fix_poses"]
+    options.refine_principal_point = job.refine_principal_point
+    options.refine_rig_from_world = not job.fix_poses
     options.print_summary = False
     robust = width is not None or not last
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY if robust else pycolmap.LossFunctionType.TRIVIAL
@@ -31,30 +33,30 @@ def adjust(model: Any, job: Mapping[str, Any], threads: int, *, last: bool = Tru
     solver.num_threads = threads
     if width is not None:
         options.ceres.loss_function_scale = width
-        # a fifth of the steps that 1e-12 takes, and the cameras end within 2 % of the same error
+        # a fifth of the iterations of 1e-12; the error of the cameras is within 2 % of that
         solver.max_num_iterations = 100
         solver.function_tolerance = 1e-6
         solver.gradient_tolerance = solver.parameter_tolerance = 1e-12
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
-    for index, lens in enumerate(job["lenses"]):
-        if lens["known"] and job["fix_intrinsics"]:
+    for index, lens in enumerate(job.lenses):
+        if lens.known and job.fix_intrinsics:
             config.set_constant_cam_intrinsics(index + 1)
-    if not job["fix_poses"]:
+    if not job.fix_poses:
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
-    # what a robust loss has pushed aside is no observation
+    # outliers under the robust loss are not observations
     manager = pycolmap.ObservationManager(model)
     manager.filter_all_points3D(4.0 if last else 12.0, 1.5)
 
 
 def known_model(path: Path, poses: Sequence[Any]) -> Any:
-    """A model without points: the cameras of a database, where they are known to stand.
+    """A model without points: the cameras of a database at known poses.
 
     Args:
-        path: of the database; image n + 1 is camera n.
-        poses: world to camera, (4, 4) each.
+        path: the database; image n + 1 belongs to camera n.
+        poses: world-to-camera matrices (3, 4) or (4, 4), by camera number.
     """
     import pycolmap
 

@@ -1,4 +1,4 @@
-"""A child process that reports JSON lines, watched so that it can be stopped at any moment."""
+"""A child process that reports JSON lines and can be stopped at any time."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ from studio.errors import StudioError
 def run_reporting(
     module: str, arguments: Sequence[str], on_line: Callable[[dict[str, Any]], None], *, what: str, tick: float = 0.2
 ) -> None:
-    """Run `python -m module arguments` until it ends, handing over every JSON line it prints.
+    """Run `python -m module arguments` to the end and pass on every JSON line that it prints.
 
     Args:
-        module: what to run, in this interpreter and with this import path.
-        arguments: for it.
-        on_line: called with each line, and every `tick` seconds with an empty dict while there is none; may raise
-            (`Cancelled`, say): the child is then killed before the exception passes on.
-        what: the work, for messages.
+        module: the module to run, with this interpreter and import path.
+        arguments: its arguments.
+        on_line: called with each line, and with an empty dict every `tick` seconds without one. If it raises (for
+            example `Cancelled`), the child is killed before the exception passes on.
+        what: name of the work, for messages.
         tick: seconds.
 
     Raises:
-        StudioError: the child reported an error, or died; the end of its standard error is quoted.
+        StudioError: the child reported an error (calibration.worker_failed), or ended without a result
+            (calibration.worker_died, with exit_code and the end of its standard error as `stderr`).
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     child = subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
-        stdin=subprocess.PIPE,  # never written to: its closing tells the child that we are gone
+        stdin=subprocess.PIPE,  # never written to; when it closes, the child ends
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=environment,
-        start_new_session=True,  # Ctrl-C reaches us alone; we stop the child
+        start_new_session=True,  # Ctrl-C must not reach the child: it is stopped from here
     )
     lines: queue.Queue[str | None] = queue.Queue()
     errors: list[str] = []
@@ -75,7 +76,7 @@ def run_reporting(
             try:
                 values = json.loads(line)
             except (ValueError, RecursionError):
-                continue  # native code may print on its own
+                continue  # native code prints too
             if not isinstance(values, dict):
                 continue
             if values.get("finished"):
@@ -95,7 +96,14 @@ def run_reporting(
             if stream is not None:
                 stream.close()
     if failure:
-        raise StudioError(f"{what} failed: {failure.rstrip('.')}.")
+        raise StudioError("calibration.worker_failed", f"{what} failed: {failure}", value=failure)
     if not finished or child.returncode != 0:
-        tail = " / ".join(line for line in errors[-3:] if line) or "it said nothing"
-        raise StudioError(f"{what} ended unexpectedly (exit code {child.returncode}): {tail}.")
+        tail = " / ".join(line for line in errors[-3:] if line)
+        raise StudioError(
+            "calibration.worker_died",
+            f"{what} ended unexpectedly with exit code {child.returncode}: {tail or 'no error output'}",
+            value=child.returncode,
+            fix="If memory ran out, reduce calibrate.max_features or max_image_size.",
+            exit_code=child.returncode,
+            stderr=tail,
+        )

@@ -1,8 +1,7 @@
-"""COLMAP's features and matches, into a database with one image a camera. Runs inside the worker's process.
+"""COLMAP features and matches in a database with one image per camera. Runs in the worker process.
 
-Of several moments of the same fixed cameras, each is searched and matched on its own; then all keypoints of a camera
-become one image, because the camera has one pose. That is a rig with as little freedom as fixed cameras have: COLMAP's
-own rigs would let the whole rig move from moment to moment.
+With several sync frames of fixed cameras, features are detected and matched per sync frame; then all keypoints of a
+camera become one image, because the camera has one pose. COLMAP's rigs would let the rig move between sync frames.
 """
 
 from __future__ import annotations
@@ -18,20 +17,21 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.sfm.pairs import FEW, glance
+from studio.calibration.sfm.job import SfmJob
+from studio.calibration.sfm.pairs import FEW, preview_pairs
 
 _out_lock = threading.Lock()
 
 
 def say(**values: Any) -> None:
-    """One JSON line to the parent."""
+    """Print one JSON line for the parent process."""
     with _out_lock:
         print(json.dumps(values), flush=True)
 
 
 @contextmanager
 def polled(step: str, total: int, count: Callable[[], int]) -> Any:
-    """Reports a count that a native call drives, twice a second."""
+    """Report the progress of a native call twice per second, by polling `count`."""
     done = threading.Event()
 
     def watch() -> None:
@@ -50,7 +50,7 @@ def polled(step: str, total: int, count: Callable[[], int]) -> Any:
 
 
 def count_rows(database: Path, query: str) -> int:
-    """A number from a database that another thread is filling."""
+    """The result of a count query on a database that another thread writes; 0 if it cannot be read."""
     try:
         with sqlite3.connect(f"file:{database}?mode=ro", uri=True, timeout=0.1) as connection:
             return int(connection.execute(query).fetchone()[0])
@@ -59,27 +59,27 @@ def count_rows(database: Path, query: str) -> int:
 
 
 def file_name(number: int, sync_frame: int) -> str:
-    """Of a camera's picture of a moment; the first one also names the camera and gives the points their colors."""
+    """File name of a camera's image of a sync frame; that of the first equals `image_name` and colors the points."""
     return image_name(number) if sync_frame == 0 else f"{number:04d}_{sync_frame:03d}.png"
 
 
 def image_name(number: int) -> str:
-    """Of a camera in the database that is mapped."""
+    """Image name of a camera in the database for mapping."""
     return f"{number:04d}.png"
 
 
-def find_matches(folder: Path, job: dict[str, Any]) -> Path:
-    """Features and verified matches of all pictures.
+def find_matches(folder: Path, job: SfmJob) -> Path:
+    """Detect features, match them and verify the matches.
 
     Args:
         folder: the work folder with images/ and masks/.
-        job: see `worker.Worker`.
+        job: the job.
 
     Returns:
-        the database to map: image n + 1 is camera n.
+        the database for mapping: image n + 1 belongs to camera n.
     """
-    final, each = folder / "database.db", folder / "moments.db"
-    for leftover in (*folder.glob("database.db*"), *folder.glob("moments.db*")):
+    final, each = folder / "database.db", folder / "sync_frames.db"
+    for leftover in (*folder.glob("database.db*"), *folder.glob("sync_frames.db*")):
         leftover.unlink()
     _import(each, job)
     _extract(each, folder, job)
@@ -88,26 +88,26 @@ def find_matches(folder: Path, job: dict[str, Any]) -> Path:
     return final
 
 
-def _import(path: Path, job: dict[str, Any]) -> None:
-    """Every picture with its lens, in the order of cameras and moments, so that numbers do not depend on threads."""
+def _import(path: Path, job: SfmJob) -> None:
+    """Register all images in a fixed order, so that their ids do not depend on threads."""
     import pycolmap
 
     database = pycolmap.Database.open(path)
     lenses = write_lenses(database, job)
-    for number, lens in enumerate(job["lens_of"]):
-        for sync_frame in range(job["sync_frames"]):
+    for number, lens in enumerate(job.lens_of):
+        for sync_frame in range(job.sync_frames):
             write_image(database, file_name(number, sync_frame), *lenses[lens])
     database.close()
 
 
-def write_lenses(database: Any, job: dict[str, Any]) -> list[tuple[Any, Any]]:
-    """Cameras, each with a rig of its own, in the order of `lenses`."""
+def write_lenses(database: Any, job: SfmJob) -> list[tuple[Any, Any]]:
+    """Write the job's cameras with one rig each; (pycolmap.Camera, pycolmap.Rig) in the order of `lenses`."""
     import pycolmap
 
     found = []
-    for lens in job["lenses"]:
-        camera = pycolmap.Camera(model=lens["model"], width=lens["width"], height=lens["height"], params=lens["params"])
-        camera.has_prior_focal_length = bool(lens["prior"])
+    for lens in job.lenses:
+        camera = pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=lens.params)
+        camera.has_prior_focal_length = lens.prior
         camera.camera_id = database.write_camera(camera)
         rig = pycolmap.Rig()
         rig.add_ref_sensor(camera.sensor_id)
@@ -117,7 +117,7 @@ def write_lenses(database: Any, job: dict[str, Any]) -> list[tuple[Any, Any]]:
 
 
 def write_image(database: Any, name: str, camera: Any, rig: Any) -> int:
-    """An image with a frame of its own; its number in the database."""
+    """Write an image with its own frame; returns its id."""
     import pycolmap
 
     image = pycolmap.Image(name=name, camera_id=camera.camera_id)
@@ -129,20 +129,18 @@ def write_image(database: Any, name: str, camera: Any, rig: Any) -> int:
     return int(image.image_id)
 
 
-def _extract(path: Path, folder: Path, job: dict[str, Any]) -> None:
+def _extract(path: Path, folder: Path, job: SfmJob) -> None:
     import pycolmap
 
     reader = pycolmap.ImageReaderOptions()
-    if job["masks"]:
+    if job.masks:
         reader.mask_path = folder / "masks"
     options = pycolmap.FeatureExtractionOptions()
-    options.num_threads = int(job["threads"])
+    options.num_threads = job.threads
     options.use_gpu = False
-    options.max_image_size = int(job["max_image_size"])
-    options.sift.max_num_features = int(job["max_features"])
-    names = [
-        file_name(number, sync_frame) for number in range(len(job["names"])) for sync_frame in range(job["sync_frames"])
-    ]
+    options.max_image_size = job.max_image_size
+    options.sift.max_num_features = job.max_features
+    names = [file_name(number, sync_frame) for number in range(len(job.names)) for sync_frame in range(job.sync_frames)]
     with polled("features", len(names), lambda: count_rows(path, "SELECT COUNT(*) FROM keypoints")):
         pycolmap.extract_features(
             path,
@@ -154,40 +152,40 @@ def _extract(path: Path, folder: Path, job: dict[str, Any]) -> None:
         )
 
 
-def _match(path: Path, folder: Path, job: dict[str, Any]) -> None:
-    """Pairs of cameras at the same moment: those given, else all of few cameras, else those that a glance chooses."""
-    cameras, sync_frames = len(job["names"]), int(job["sync_frames"])
-    pairs = [tuple(pair) for pair in job["pairs"]]
+def _match(path: Path, folder: Path, job: SfmJob) -> None:
+    """Match pairs of cameras per sync frame: the given pairs, all pairs of few cameras, or those of `preview_pairs`."""
+    cameras, sync_frames = len(job.names), job.sync_frames
+    pairs = list(job.pairs)
     if not pairs and cameras > FEW:
         middle = sync_frames // 2
 
         def prepare(database: Any) -> list[int]:
             lenses = write_lenses(database, job)
-            return [write_image(database, image_name(n), *lenses[lens]) for n, lens in enumerate(job["lens_of"])]
+            return [write_image(database, image_name(n), *lenses[lens]) for n, lens in enumerate(job.lens_of)]
 
         def match(preview: Path, every: list[tuple[int, int]]) -> None:
             names = [(image_name(a), image_name(b)) for a, b in every]
-            _match_images(preview, folder, job, names, "glance", _verification(job, fewest=5))
+            _match_images(preview, folder, job, names, "preview", _verification(job, fewest=5))
 
         pictures = [number * sync_frames + middle + 1 for number in range(cameras)]
-        pairs = glance(path, folder / "glance.db", pictures, prepare, match)
+        pairs = preview_pairs(path, folder / "preview.db", pictures, prepare, match)
     pairs = pairs or list(combinations(range(cameras), 2))
     names = [(file_name(a, t), file_name(b, t)) for t in range(sync_frames) for a, b in pairs]
     _match_images(path, folder, job, names, "matches", _verification(job))
 
 
 def _match_images(
-    path: Path, folder: Path, job: dict[str, Any], pairs: list[tuple[str, str]], step: str, verification: Any
+    path: Path, folder: Path, job: SfmJob, pairs: list[tuple[str, str]], step: str, verification: Any
 ) -> None:
-    """Match and verify pairs of pictures by name."""
+    """Match and verify pairs of images, given by name."""
     import pycolmap
 
     listed = folder / "pairs.txt"
     listed.write_text("".join(f"{first} {second}\n" for first, second in pairs))
     matching = pycolmap.FeatureMatchingOptions()
-    matching.num_threads = int(job["threads"])
+    matching.num_threads = job.threads
     matching.use_gpu = False
-    matching.guided_matching = bool(job["guided"]) and step == "matches"
+    matching.guided_matching = job.guided and step == "matches"
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = listed
     with polled(step, len(pairs), lambda: count_rows(path, "SELECT COUNT(*) FROM two_view_geometries")):
@@ -200,25 +198,25 @@ def _match_images(
         )
 
 
-def _verification(job: dict[str, Any], fewest: int | None = None) -> Any:
+def _verification(job: SfmJob, fewest: int | None = None) -> Any:
     import pycolmap
 
     options = pycolmap.TwoViewGeometryOptions()
-    options.ransac.random_seed = int(job["seed"])
+    options.ransac.random_seed = job.seed
     if fewest is not None:
         options.min_num_inliers = fewest
     return options
 
 
-def _merge(each: Path, final: Path, job: dict[str, Any]) -> None:
-    """One image a camera: its keypoints of all moments one after the other, and the matches with them."""
+def _merge(each: Path, final: Path, job: SfmJob) -> None:
+    """One image per camera: its keypoints of all sync frames concatenated, with the matches renumbered."""
     import pycolmap
 
     source, target = pycolmap.Database.open(each), pycolmap.Database.open(final)
     lenses = write_lenses(target, job)
-    sync_frames = int(job["sync_frames"])
-    starts: dict[int, int] = {}  # number of a picture to its first keypoint's place
-    for number, lens in enumerate(job["lens_of"]):
+    sync_frames = job.sync_frames
+    starts: dict[int, int] = {}  # image id to the index of its first keypoint
+    for number, lens in enumerate(job.lens_of):
         image_id = write_image(target, image_name(number), *lenses[lens])
         parts, at = [], 0
         for sync_frame in range(sync_frames):
@@ -241,5 +239,5 @@ def _merge(each: Path, final: Path, job: dict[str, Any]) -> None:
     source.close()
     target.close()
     verifier = pycolmap.GeometricVerifierOptions()
-    verifier.num_threads = int(job["threads"])
+    verifier.num_threads = job.threads
     pycolmap.geometric_verification(final, verifier_options=verifier, two_view_geometry_options=_verification(job))

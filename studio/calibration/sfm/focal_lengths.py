@@ -1,4 +1,4 @@
-"""Focal lengths before mapping: what the pairs of images agree on. Runs inside the worker's process."""
+"""Focal lengths from pairs of images, before mapping. Runs in the worker process."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 
 _LEAST, _MOST = 0.7, 1.4
-"""A guess counts within these factors of the middle of all."""
+"""An estimate is used if it is within these factors of the median of all."""
 
 
 def guess_focal_lengths(database: Path, folder: Path, lenses: Sequence[int], seed: int) -> None:
-    """Write into the database the focal lengths that the pairs of images agree on, where they do.
+    """Write focal lengths estimated from fundamental matrices into the database, where they are consistent.
 
-    From a guess that is far off, the mapper can close a ring of cameras wrongly.
+    With a poor initial focal length the mapper can close a ring of cameras wrongly.
 
     Args:
-        database: with verified matches.
-        folder: for a copy of it that is calibrated in its place.
-        lenses: numbers in the database of the lenses of which nothing is known.
-        seed: of all that is random.
+        database: a database with verified matches.
+        folder: folder for a temporary copy of it.
+        lenses: ids of the cameras with unknown focal length.
+        seed: random seed.
     """
     import pycolmap
 
@@ -45,7 +45,7 @@ def guess_focal_lengths(database: Path, folder: Path, lenses: Sequence[int], see
 
 
 def is_any_unknown(database: Path) -> bool:
-    """Whether nothing is known of the focal length of a lens in the database: not given, and not guessed either."""
+    """Whether any camera in the database has neither a given nor an estimated focal length."""
     import pycolmap
 
     opened = pycolmap.Database.open(database)
@@ -55,10 +55,10 @@ def is_any_unknown(database: Path) -> bool:
 
 
 def focal_ratio(camera: Any) -> float:
-    """Focal length by the image's longer side."""
+    """Focal length divided by the longer image side."""
     return float(camera.mean_focal_length()) / longer_side(camera)
 
 
 def longer_side(camera: Any) -> int:
-    """Of the image, pixels."""
+    """Longer image side in pixels."""
     return max(int(camera.width), int(camera.height))

@@ -1,4 +1,4 @@
-"""The pictures of a job, written as COLMAP reads them."""
+"""Writes the images and masks of a job for COLMAP."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn
 
 Picture = np.ndarray | Callable[[], np.ndarray]
-"""(H, W, 3) uint8 RGB, or what reads it when it is needed."""
+"""(H, W, 3) uint8 RGB, or a function that reads it on demand."""
 Pictures = np.ndarray | Sequence[Picture]
-"""A camera's picture, or its pictures of several moments, the same moments for all cameras."""
+"""A camera's image, or its images of several sync frames, the same for all cameras."""
 
 
 def _read_picture(picture: Any) -> np.ndarray:
@@ -33,16 +33,18 @@ def write_pictures(
     masks: Mapping[str, Pictures],
     progress: ProgressFn,
 ) -> tuple[dict[str, tuple[int, int]], int]:
-    """PNG files for COLMAP in images/ and masks/; (width, height) of each camera's, and how many moments there are.
+    """Write PNG files to images/ and masks/; returns (width, height) per camera and the number of sync frames.
 
     Args:
         folder: the work folder.
-        names: the cameras, in their order.
+        names: the cameras, in order.
         images, masks: see `calibrate_from_images`.
-        progress: told up to 5 of 100.
+        progress: called with up to 5 of 100.
 
     Raises:
-        StudioError: pictures that cannot be used, named.
+        StudioError: the number of images or masks differs (calibration.image_count, calibration.mask_count), sizes
+            differ (calibration.image_size, calibration.mask_size), an image is not RGB (calibration.image_format), or
+            a camera is masked out completely (calibration.mask_empty).
     """
     for part in ("images", "masks"):
         (folder / part).mkdir(parents=True, exist_ok=True)
@@ -50,45 +52,79 @@ def write_pictures(
     sync_frames = counts[names[0]]
     for name, count in counts.items():
         if count != sync_frames:
-            raise StudioError(f"Camera '{name}' has pictures of {count} moments, '{names[0]}' of {sync_frames}.")
+            raise StudioError(
+                "calibration.image_count",
+                f"camera '{name}' has {count} images, camera '{names[0]}' has {sync_frames}",
+                value=count,
+                fix="Use the same sync frames for all cameras.",
+                camera=name,
+                expected=sync_frames,
+            )
     sizes: dict[str, tuple[int, int]] = {}
     for number, name in enumerate(names):
         own = _list(masks[name]) if name in masks else [None] * sync_frames
         if len(own) != sync_frames:
             raise StudioError(
-                f"Camera '{name}' has {len(own)} masks for {sync_frames} pictures; give a mask a picture."
+                "calibration.mask_count",
+                f"camera '{name}' has {len(own)} masks for {sync_frames} images",
+                value=len(own),
+                fix="Provide one mask per image.",
+                camera=name,
+                expected=sync_frames,
             )
         usable = False
         for sync_frame, (picture, mask) in enumerate(zip(_list(images[name]), own, strict=True)):
             image = _read_picture(picture)
             if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
                 raise StudioError(
-                    f"Camera '{name}': the image must be (H, W, 3) uint8, found {image.shape} {image.dtype}."
+                    "calibration.image_format",
+                    f"camera '{name}': the image is {image.dtype} of shape {image.shape}, expected uint8 (H, W, 3)",
+                    value=[list(image.shape), str(image.dtype)],
+                    camera=name,
                 )
             size = (image.shape[1], image.shape[0])
             if sizes.setdefault(name, size) != size:
-                raise StudioError(f"Camera '{name}': its pictures differ in size ({sizes[name]} and {size}).")
+                raise StudioError(
+                    "calibration.image_size",
+                    f"camera '{name}': the images differ in size ({sizes[name][0]}x{sizes[name][1]} and "
+                    f"{size[0]}x{size[1]})",
+                    value=list(size),
+                    fix="Use footage of one size per camera.",
+                    camera=name,
+                    expected=list(sizes[name]),
+                )
             given = None if mask is None else _read_picture(mask)
             usable |= _write_picture(folder, name, file_name(number, sync_frame), image, given, bool(masks))
             done = number * sync_frames + sync_frame + 1
             progress(round(5 * done / (len(names) * sync_frames)), 100)
         if not usable:
-            raise StudioError(f"Camera '{name}': the mask leaves nothing of the image to find features in; mend it.")
+            raise StudioError(
+                "calibration.mask_empty",
+                f"camera '{name}': the masks exclude all of its images",
+                fix="Fix the mattes, or set calibrate.look_at to everything.",
+                camera=name,
+                setting="calibrate.look_at",
+            )
     return sizes, sync_frames
 
 
 def _write_picture(
     folder: Path, name: str, file: str, image: np.ndarray, mask: np.ndarray | None, masked: bool
 ) -> bool:
-    """One picture and its mask; whether the mask leaves anything."""
+    """Write one image and its mask; returns whether the mask includes any pixel."""
     import cv2
 
     if mask is None:
         mask = np.full(image.shape[:2], 255, np.uint8)
     if mask.shape != image.shape[:2]:
         raise StudioError(
-            f"Camera '{name}': the mask is {mask.shape[1]}x{mask.shape[0]}, the image "
-            f"{image.shape[1]}x{image.shape[0]}; give masks of the image's size."
+            "calibration.mask_size",
+            f"camera '{name}': the mask is {mask.shape[1]}x{mask.shape[0]}, "
+            f"the image {image.shape[1]}x{image.shape[0]}",
+            value=[mask.shape[1], mask.shape[0]],
+            fix="Provide masks of the image size.",
+            camera=name,
+            expected=[image.shape[1], image.shape[0]],
         )
     usable = mask >= (1 if mask.max() <= 1 else 128)
     fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
@@ -97,5 +133,7 @@ def _write_picture(
         files[folder / "masks" / f"{file}.png"] = usable.astype(np.uint8) * 255
     for path, pixels in files.items():
         if not cv2.imwrite(str(path), np.ascontiguousarray(pixels), fast):
-            raise StudioError(f"{path}: cannot be written; check the disk and the permissions.")
+            raise StudioError(
+                "calibration.unwritable", "cannot be written", file=path, fix="Check the free space and permissions."
+            )
     return bool(usable.any())

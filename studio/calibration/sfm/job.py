@@ -1,19 +1,20 @@
-"""What structure from motion is asked for: the settings, and the job that the worker's process reads."""
+"""Structure from motion: settings, and the models of the worker process's job and solution files."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
+from studio.calibration.checks import check_intrinsics_size
 from studio.calibration.settings import CalibrateSettings
 from studio.camera_files.colmap_model import lens_model
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
-_START = {  # parameters from focal length f and principal point
+_START = {  # initial parameters from focal length and principal point
     "SIMPLE_PINHOLE": lambda f, cx, cy: [f, cx, cy],
     "PINHOLE": lambda f, cx, cy: [f, f, cx, cy],
     "SIMPLE_RADIAL": lambda f, cx, cy: [f, cx, cy, 0.0],
@@ -22,7 +23,95 @@ _START = {  # parameters from focal length f and principal point
     "FULL_OPENCV": lambda f, cx, cy: [f, f, cx, cy] + [0.0] * 8,
 }
 _SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
-"""With which lenses the cameras are put together before the other terms are solved for."""
+"""Camera models used during mapping; the remaining terms are estimated afterwards."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SfmCamera(_Model):
+    """Intrinsics of one or more images."""
+
+    model: str
+    """COLMAP camera model used during mapping."""
+    width: int
+    height: int
+    params: tuple[float, ...]
+    """Parameters of the model, pixels."""
+    prior: bool = False
+    """Whether the focal length is known at least approximately."""
+    known: bool = False
+    """Whether the intrinsics are given."""
+    becomes: str | None = None
+    """Camera model of the result, for intrinsics that are not given."""
+
+
+class SfmJob(_Model):
+    """Input of the worker process, job.json."""
+
+    names: tuple[str, ...]
+    """Camera names; image n + 1 of the database belongs to camera n."""
+    sync_frames: int = 1
+    """Images per camera."""
+    lenses: tuple[SfmCamera, ...]
+    lens_of: tuple[int, ...]
+    """Index into `lenses` for each camera."""
+    masks: bool = False
+    """Whether there are mask images."""
+    pairs: tuple[tuple[int, int], ...] = ()
+    """Pairs of cameras to match; empty for all."""
+    poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
+    """World-to-camera matrices (3, 4) of all cameras from an earlier solution, or empty."""
+    fix_poses: bool = False
+    max_features: int = 8192
+    max_image_size: int = 2400
+    guided: bool = False
+    mapper: str = "auto"
+    seed: int = 0
+    threads: int = 1
+    fix_intrinsics: bool = True
+    refine_principal_point: bool = False
+    find_shared: bool = False
+    """Whether to test if cameras share their intrinsics."""
+
+
+class SolvedCamera(_Model):
+    """A registered camera in COLMAP's gauge."""
+
+    number: int
+    """Index into the job's names."""
+    model: str
+    """COLMAP camera model."""
+    params: tuple[float, ...]
+    pose: tuple[tuple[float, ...], ...]
+    """(3, 4) world to camera."""
+
+
+class SharedIntrinsicsTest(_Model):
+    """Comparison of shared with separate intrinsics for a set of images."""
+
+    images: tuple[int, ...]
+    """Image ids; camera numbers in the solution file."""
+    shared: bool
+    """Whether shared intrinsics were accepted."""
+    misfit: float
+    """Growth of the misfit per parameter given up, in units of the noise variance."""
+
+
+class SfmSolution(_Model):
+    """Output of the worker process, solution.json; points and observations are in points.npz."""
+
+    mapper: str
+    """The attempt that found the solution."""
+    cameras: tuple[SolvedCamera, ...]
+    features: dict[int, int]
+    """Camera number to number of features."""
+    pairs: tuple[tuple[int, int, int], ...]
+    """Two camera numbers and their number of verified matches, for pairs that have any."""
+    match_inlier_ratio: float
+    """See `verdict.match_inlier_ratio`."""
+    sharing: tuple[SharedIntrinsicsTest, ...]
 
 
 def sfm_job(
@@ -36,87 +125,96 @@ def sfm_job(
     poses: Rig | None,
     threads: int,
     seed: int,
-) -> dict[str, Any]:
-    """The job for `sfm.worker`, JSON-ready.
+) -> SfmJob:
+    """The job for `sfm.worker`.
 
     Args:
         names: the cameras.
         sizes: (width, height) of each camera's images.
-        sync_frames: pictures a camera.
+        sync_frames: images per camera.
         masks: whether there are masks.
-        known: cameras whose lenses are known.
-        focal_lengths: first guesses in pixels, by camera.
+        known: cameras with known intrinsics.
+        focal_lengths: camera name to an initial focal length in pixels.
         settings: how to solve.
-        poses: an older solution of all the cameras, or None.
-        threads: CPU threads; 0: all cores.
-        seed: of all random choices.
+        poses: an earlier solution with all the cameras, or None.
+        threads: number of threads, 0 = all cores.
+        seed: random seed.
 
     Raises:
-        StudioError: intrinsics_groups names a camera that is not there, or a known lens is of another image size.
+        StudioError: intrinsics_groups names a camera without images (calibration.intrinsics_groups), or known
+            intrinsics are for another image size (calibration.intrinsics_size).
     """
-    lenses: list[dict[str, Any]] = []
+    lenses: list[SfmCamera] = []
     lens_of: list[int] = []
     shared: dict[tuple[int, int, int], int] = {}
     groups = {name: index for index, group in enumerate(settings.intrinsics_groups) for name in group}
     strange = [name for name in groups if name not in names]
     if strange:
-        raise StudioError(f"intrinsics_groups names camera '{strange[0]}', of which there is no image.")
+        raise StudioError(
+            "calibration.intrinsics_groups",
+            f"camera '{strange[0]}' in intrinsics_groups not found in the footage",
+            value=strange[0],
+            fix=f"The cameras are {', '.join(names)}.",
+            setting="calibrate.intrinsics_groups",
+            camera=strange[0],
+            expected=list(names),
+        )
     for name in names:
         width, height = sizes[name]
         key = (groups.get(name, -1), width, height)
         if name in known:
-            camera = known[name]
-            if (camera.width, camera.height) != (width, height):
-                raise StudioError(
-                    f"Camera '{name}': the image is {width}x{height} but the known lens is for "
-                    f"{camera.width}x{camera.height}; scale one of them."
-                )
-            model, parameters = lens_model(camera)
-            lens = {"model": model, "params": parameters, "prior": True, "known": True}
+            check_intrinsics_size(known[name], (width, height))
+            model, parameters = lens_model(known[name])
+            lens = SfmCamera(model=model, width=width, height=height, params=tuple(parameters), prior=True, known=True)
         else:
             if (settings.shared_intrinsics or name in groups) and key in shared:
                 lens_of.append(shared[key])
                 continue
             shared[key] = len(lenses)
             focal = focal_lengths.get(name, settings.focal_factor * max(width, height))
-            # terms that few matches leave open place cameras wrongly while they are put together
+            # terms that few matches leave undetermined would bend the poses during mapping
             model = _SIMPLER.get(settings.camera_model, settings.camera_model)
-            parameters = _START[model](float(focal), width / 2, height / 2)
-            lens = {"model": model, "params": parameters, "prior": name in focal_lengths, "known": False}
-            lens["becomes"] = settings.camera_model
+            lens = SfmCamera(
+                model=model,
+                width=width,
+                height=height,
+                params=tuple(_START[model](float(focal), width / 2, height / 2)),
+                prior=name in focal_lengths,
+                becomes=settings.camera_model,
+            )
         lens_of.append(len(lenses))
-        lenses.append({**lens, "width": width, "height": height})
-    return {
-        "names": list(names),
-        "sync_frames": sync_frames,
-        "lenses": lenses,
-        "lens_of": lens_of,
-        "masks": masks,
-        "pairs": neighbors(poses) if poses is not None else [],
-        "poses": [camera.world_to_camera[:3].tolist() for camera in poses] if poses is not None else [],
-        "fix_poses": settings.fix_poses,
-        "max_features": settings.max_features,
-        "max_image_size": settings.max_image_size,
-        "guided": settings.guided,
-        "mapper": settings.mapper,
-        "seed": seed,
-        "threads": threads or os.cpu_count() or 1,
-        "fix_intrinsics": settings.fix_intrinsics,
-        "refine_principal_point": settings.refine_principal_point,
-        "find_shared": settings.shared_intrinsics is None and not settings.intrinsics_groups,
-    }
+        lenses.append(lens)
+    return SfmJob(
+        names=tuple(names),
+        sync_frames=sync_frames,
+        lenses=tuple(lenses),
+        lens_of=tuple(lens_of),
+        masks=masks,
+        pairs=tuple(neighbors(poses)) if poses is not None else (),
+        poses=tuple(camera.world_to_camera[:3].tolist() for camera in poses) if poses is not None else (),
+        fix_poses=settings.fix_poses,
+        max_features=settings.max_features,
+        max_image_size=settings.max_image_size,
+        guided=settings.guided,
+        mapper=settings.mapper,
+        seed=seed,
+        threads=threads or os.cpu_count() or 1,
+        fix_intrinsics=settings.fix_intrinsics,
+        refine_principal_point=settings.refine_principal_point,
+        find_shared=settings.shared_intrinsics is None and not settings.intrinsics_groups,
+    )
 
 
 def neighbors(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int, int]]:
-    """Pairs of cameras worth matching where their poses are known.
+    """Pairs of cameras worth matching if their poses are known.
 
     Args:
         rig: the cameras.
-        each: a camera is paired with this many of the nearest.
-        widest: degrees between viewing directions beyond which features do not match.
+        each: number of nearest cameras that a camera is paired with.
+        widest: largest angle between viewing directions in degrees; beyond it features do not match.
 
     Returns:
-        pairs of indices, the smaller first, sorted.
+        sorted pairs of indices, the smaller first.
     """
     centers = rig.centers
     forward = np.array([camera.forward for camera in rig])

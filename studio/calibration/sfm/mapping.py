@@ -1,4 +1,4 @@
-"""From a database of matches to cameras and points, by COLMAP. Runs inside the worker's process."""
+"""Mapping with COLMAP: cameras and points from a database of matches. Runs in the worker process."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ import numpy as np
 from studio.calibration.sfm.bundle_adjustment import adjust, known_model
 from studio.calibration.sfm.features import say
 from studio.calibration.sfm.focal_lengths import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
+from studio.calibration.sfm.job import SfmJob, SharedIntrinsicsTest
 from studio.calibration.sfm.shared_intrinsics import (
     camera_of_image,
     focal_spread,
     rebuilt,
     share_lenses,
-    try_one_lens,
-    try_own_lenses,
+    try_separate_intrinsics,
+    try_shared_intrinsics,
     with_richer_lenses,
 )
 from studio.calibration.sfm.verdict import TRUSTED, match_inlier_ratio, noise
 
 _ORDER = {"incremental": ("incremental", "lenient"), "global": ("global",)}
-_POLISHINGS = 2  # the second knows the noise of what the first has found
-_SPREAD = 1.2  # largest focal length by smallest, above which one lens for all is tried from the beginning
+_POLISHINGS = 2  # the second uses the noise estimate of the first
+_SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
 _CAUCHY = 2.4
-"""Width of the Cauchy loss in standard deviations: 95 % as sure as least squares where the noise is Gaussian."""
+"""Width of the Cauchy loss in standard deviations: 95 % efficiency for Gaussian noise."""
 
 
 class Mapper:
@@ -34,64 +35,66 @@ class Mapper:
 
     Args:
         folder: the work folder.
-        database: image n + 1 is camera n.
-        job: see `worker.Worker`.
+        database: image n + 1 belongs to camera n.
+        job: the job.
     """
 
-    def __init__(self, folder: Path, database: Path, job: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, database: Path, job: SfmJob) -> None:
         self.folder = folder
         self.database = database
         self.job = job
-        self.threads = int(job["threads"])
-        self.seed = int(job["seed"])
-        self.sharing: list[dict[str, Any]] = []
-        """What was found about lenses in common; see `shared_intrinsics.try_one_lens`."""
+        self.threads = job.threads
+        self.seed = job.seed
+        self.sharing: list[SharedIntrinsicsTest] = []
+        """Results of the tests for shared intrinsics."""
         self.held: set[int] = set()
-        """Lenses (numbers in the database) that are not refined for the time being."""
+        """Camera ids whose intrinsics are temporarily fixed."""
 
     def solve(self) -> tuple[Any, str]:
-        """The best model of the attempts allowed (None without any), and how it was found.
+        """The best model of the allowed attempts (None without any), and the name of its attempt.
 
-        The best has the most cameras, and of those the most explained matches. The first that has all cameras and can
-        be trusted is taken.
+        The best model has the most cameras, then the highest match inlier ratio. The search ends with the first model
+        that has all cameras and a match inlier ratio of `TRUSTED` or more.
         """
         best, how, rank = None, "", (0, 0.0)
         self._guess_focal_lengths()
-        wanted = _ORDER.get(self.job["mapper"], ("incremental", "lenient", "global"))
-        if self.job["poses"]:
-            wanted = ("known poses",) if self.job["fix_poses"] else ("known poses", *wanted)
+        wanted = _ORDER.get(self.job.mapper, ("incremental", "lenient", "global"))
+        if self.job.poses:
+            wanted = ("known poses",) if self.job.fix_poses else ("known poses", *wanted)
         for attempt in wanted:
             models = self._attempt(attempt)
             broken = {index for model in models for index in self._broken_lenses(model)}
             if broken and attempt != "known poses":
-                models += self._steadied(models, broken, attempt)
+                models += self._with_fixed_focal_lengths(models, broken, attempt)
             for model in models:
                 own = self._rank(model)
                 if best is None or own > rank:
                     best, how, rank = model, attempt, own
-            if best is not None and rank >= (len(self.job["names"]), TRUSTED):
+            if best is not None and rank >= (len(self.job.names), TRUSTED):
                 break
         if best is None:
             return None, how
-        one = self._with_one_lens(best)
+        one = self._with_shared_intrinsics(best)
         if one is not None:
-            return self._polished(one, joint=True), f"{how}, from one lens"
+            return self._polished(one, joint=True), f"{how}, shared intrinsics"
         return self._polished(best), how
 
-    def _with_one_lens(self, best: Any) -> Any:
-        """Where a lens each leads to a doubtful solution or to focal lengths far apart: one with a lens in common (None
-        unless it explains as much). Few cameras can explain their few matches by any focal lengths."""
+    def _with_shared_intrinsics(self, best: Any) -> Any:
+        """A model mapped with shared intrinsics, if `best` is doubtful or its focal lengths differ.
+
+        None unless its match inlier ratio is as good: a few cameras can fit their few matches with any focal lengths.
+        """
         free = self._free()
         doubtful = match_inlier_ratio(best, self.database) < TRUSTED or focal_spread(best, free) > _SPREAD
-        if not (self.job["find_shared"] and doubtful and len(free) > 1) or self.job["poses"]:
+        if not (self.job.find_shared and doubtful and len(free) > 1) or self.job.poses:
             return None
-        database, self.database = self.database, self.folder / "one_lens.db"
+        database, self.database = self.database, self.folder / "shared.db"
         shutil.copyfile(database, self.database)
         try:
             share_lenses(self.database, free)
             self._guess_focal_lengths()
             found = self._incremental(lenient=False)
-            if max(map(self._rank, found), default=(0, 0.0)) < (len(self.job["names"]), TRUSTED):
+            if max(map(self._rank, found), default=(0, 0.0)) < (len(self.job.names), TRUSTED):
                 found += self._incremental(lenient=True)
             one = max(found, key=self._rank, default=None)
         finally:
@@ -102,14 +105,14 @@ class Mapper:
         return one if match_inlier_ratio(one, database) >= match_inlier_ratio(best, database) - 0.05 else None
 
     def _free(self) -> set[int]:
-        """Lenses (numbers in the database) that are not known."""
-        return {i + 1 for i, lens in enumerate(self.job["lenses"]) if not lens["known"]}
+        """Ids of the cameras with unknown intrinsics."""
+        return {i + 1 for i, lens in enumerate(self.job.lenses) if not lens.known}
 
     def _polished(self, model: Any, joint: bool = False) -> Any:
-        """Adjusted to the end under a robust loss as wide as the noise.
+        """Fully converged under a robust loss as wide as the noise.
 
-        COLMAP's mapper stops early and squares all errors, but features are not off by a Gaussian: most by a tenth of a
-        pixel, a few (on edges, and of wrong matches) by one or two, and those bend focal length against distortion.
+        COLMAP's mapper stops early and uses squared errors, but feature errors are not Gaussian: most are a tenth of a
+        pixel, a few (on edges, and of wrong matches) one or two, and those bias focal length and distortion.
         """
         import pycolmap
 
@@ -122,22 +125,22 @@ class Mapper:
             say(step="adjusting", done=number + 1, total=total)
         if len(self._broken_lenses(better)) > len(self._broken_lenses(model)):
             better = model
-        if self.job["find_shared"]:
+        if self.job.find_shared:
 
             def adjust(other: Any) -> None:
                 self._adjust(other, width=width)
 
             if joint:
-                own = {image: self.job["lens_of"][image - 1] + 1 for image in camera_of_image(better)}
-                better, self.sharing = try_own_lenses(better, own, width, adjust)
+                own = {image: self.job.lens_of[image - 1] + 1 for image in camera_of_image(better)}
+                better, self.sharing = try_separate_intrinsics(better, own, width, adjust)
             else:
-                better, self.sharing = try_one_lens(better, self._free(), width, adjust)
+                better, self.sharing = try_shared_intrinsics(better, self._free(), width, adjust)
         say(step="adjusting", done=total - 1, total=total)
         return self._enriched(better)
 
     def _enriched(self, model: Any) -> Any:
-        """With the terms of the lenses that were left out so far, and the points that they explain."""
-        richer = {i + 1: lens["becomes"] for i, lens in enumerate(self.job["lenses"]) if not lens["known"]}
+        """With the full camera models, and the points that these add."""
+        richer = {i + 1: lens.becomes for i, lens in enumerate(self.job.lenses) if lens.becomes}
         richer = {k: name for k, name in richer.items() if k in model.cameras and model.cameras[k].model.name != name}
         if not richer:
             return model
@@ -149,10 +152,10 @@ class Mapper:
         return model
 
     def _completed(self, model: Any) -> Any:
-        """With the points that are missing; the database wants the lenses that it knows, one a camera."""
+        """With missing points triangulated, which needs the database's cameras, one per image."""
         import pycolmap
 
-        joint, lens_of = camera_of_image(model), self.job["lens_of"]
+        joint, lens_of = camera_of_image(model), self.job.lens_of
         own = {image: lens_of[image - 1] + 1 for image in joint}
         model = rebuilt(model, {own[image]: model.cameras[joint[image]] for image in joint}, own)
         database = pycolmap.Database.open(self.database)
@@ -163,7 +166,7 @@ class Mapper:
         return rebuilt(model, {joint[image]: model.cameras[own[image]] for image in joint}, joint)
 
     def _triangulated(self, model: Any, *, again: bool, options: Any = None) -> Any:
-        """The points of cameras that stand: all of them again, or those that are missing."""
+        """Triangulate the points of the registered cameras: all again, or the missing ones."""
         import pycolmap
 
         out = self.folder / "models_known"
@@ -173,42 +176,40 @@ class Mapper:
         )
 
     def _rank(self, model: Any) -> tuple[int, float]:
-        """More cameras are better, lenses that cannot be are worse; then the share of explained matches."""
+        """Number of cameras with plausible intrinsics, then the match inlier ratio; larger is better."""
         return model.num_reg_images() - len(self._broken_lenses(model)), match_inlier_ratio(model, self.database)
 
     def _guess_focal_lengths(self) -> None:
-        """Where nothing is known of a lens begin with the focal length that the pairs of images agree on."""
-        free = [i + 1 for i, lens in enumerate(self.job["lenses"]) if not lens["known"] and not lens["prior"]]
-        if free and not self.job["poses"]:
+        """Start with focal lengths estimated from pairs of images where none is known."""
+        free = [i + 1 for i, lens in enumerate(self.job.lenses) if not lens.known and not lens.prior]
+        if free and not self.job.poses:
             guess_focal_lengths(self.database, self.folder, free, self.seed)
 
     def _broken_lenses(self, model: Any) -> set[int]:
-        """Lenses that ran away: a camera with few points far off can explain them by any focal length."""
+        """Indices of diverged focal lengths: a few distant points fit any focal length."""
         used = {image.camera_id for image in model.images.values() if image.has_pose}
         ratios = {key: focal_ratio(model.cameras[key]) for key in used}
         if not ratios:
             return set()
         middle = float(np.median(list(ratios.values())))
-        free = {
-            i + 1 for i, lens in enumerate(self.job["lenses"]) if not (lens["known"] and self.job["fix_intrinsics"])
-        }
+        free = {i + 1 for i, lens in enumerate(self.job.lenses) if not (lens.known and self.job.fix_intrinsics)}
         return {key - 1 for key, ratio in ratios.items() if key in free and not 0.3 < ratio / middle < 3.0}
 
-    def _steadied(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
-        """Once more, with the lenses that ran away held at the middle of the others until all cameras stand."""
+    def _with_fixed_focal_lengths(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
+        """Map again with diverged focal lengths fixed at the median of the others."""
         import pycolmap
 
         model = max(models, key=self._rank)
-        good = [i for i in range(len(self.job["lenses"])) if i not in broken and i + 1 in model.cameras]
+        good = [i for i in range(len(self.job.lenses)) if i not in broken and i + 1 in model.cameras]
         focal = float(np.median([focal_ratio(model.cameras[i + 1]) for i in good]))
         database = pycolmap.Database.open(self.database)
-        for index in range(len(self.job["lenses"])):
+        for index in range(len(self.job.lenses)):
             camera = model.cameras[index + 1] if index in good else database.read_camera(index + 1)
             if index in broken:
                 camera = pycolmap.Camera.create_from_model_id(
                     index + 1, camera.model, focal * longer_side(camera), camera.width, camera.height
                 )
-            # what the others have found is where they begin, or the start could fall on the camera that ran away
+            # the others keep their result, or mapping could start from the diverged camera
             camera.has_prior_focal_length = index not in broken
             database.update_camera(camera)
         database.close()
@@ -218,7 +219,7 @@ class Mapper:
         return [self._released(model) for model in found]
 
     def _released(self, model: Any) -> Any:
-        """All lenses free; where one runs away again what was held stays as it is."""
+        """With all intrinsics refined, unless one diverges again."""
         import pycolmap
 
         free = pycolmap.Reconstruction(model)
@@ -243,9 +244,9 @@ class Mapper:
         options.mapper.num_threads = self.threads
         options.min_model_size = 2
         options.max_num_models = 4
-        options.ba_refine_principal_point = bool(self.job["refine_principal_point"])
-        known = {i + 1 for i, lens in enumerate(self.job["lenses"]) if lens["known"]}
-        options.constant_cameras = self.held | (known if self.job["fix_intrinsics"] else set())
+        options.ba_refine_principal_point = self.job.refine_principal_point
+        known = {i + 1 for i, lens in enumerate(self.job.lenses) if lens.known}
+        options.constant_cameras = self.held | (known if self.job.fix_intrinsics else set())
         return options
 
     def _incremental(self, lenient: bool) -> list[Any]:
@@ -253,14 +254,14 @@ class Mapper:
 
         options = self._options()
         if lenient:
-            # Few cameras far apart share few points: accept weaker starts and weaker registrations.
+            # few cameras far apart share few points: lower the thresholds for the first pair and for registration
             options.min_num_matches = 10
             options.mapper.init_min_num_inliers = 30
             options.mapper.init_min_tri_angle = 6.0
             options.mapper.abs_pose_min_num_inliers = 12
             options.mapper.abs_pose_min_inlier_ratio = 0.15
             options.triangulation.ignore_two_view_tracks = False
-        total = len(self.job["names"])
+        total = len(self.job.names)
         state = {"done": 0}
 
         def first_pair() -> None:
@@ -291,16 +292,16 @@ class Mapper:
         options.num_threads = self.threads
         options.random_seed = self.seed
         options.min_model_size = 2
-        if self.job["fix_intrinsics"] and any(lens["known"] for lens in self.job["lenses"]):
-            # The global mapper cannot hold some lenses and refine others.
+        if self.job.fix_intrinsics and any(lens.known for lens in self.job.lenses):
+            # the global mapper cannot fix some intrinsics and refine others
             options.mapper.bundle_adjustment.refine_focal_length = False
             options.mapper.bundle_adjustment.refine_extra_params = False
         out = self.folder / "models_global"
         out.mkdir(exist_ok=True)
         say(step="global mapping", done=0, total=1)
-        if not all(lens["prior"] for lens in self.job["lenses"]) and is_any_unknown(self.database):
-            # Unlike the incremental mapper the global one cannot find its way from a guessed focal length. Where the
-            # pairs agreed on one for every lens (`_guess_focal_lengths`), asking them again changes nothing.
+        if not all(lens.prior for lens in self.job.lenses) and is_any_unknown(self.database):
+            # the global mapper cannot recover from a guessed focal length; if `_guess_focal_lengths` estimated all of
+            # them, estimating again would change nothing
             calibration = pycolmap.ViewGraphCalibrationOptions()
             calibration.random_seed = self.seed
             pycolmap.calibrate_view_graph(self.database, calibration)
@@ -308,13 +309,13 @@ class Mapper:
         return list(found.values())
 
     def _from_poses(self) -> Any:
-        """Triangulate from poses that are known, then adjust them (unless they are kept) and triangulate again."""
-        model = known_model(self.database, self.job["poses"])
-        rounds = 1 if self.job["fix_poses"] else 3
+        """Triangulate with known poses, then alternate bundle adjustment (unless they are fixed) and triangulation."""
+        model = known_model(self.database, self.job.poses)
+        rounds = 1 if self.job.fix_poses else 3
         for number in range(rounds):
             say(step="mapping", done=number, total=rounds)
             options = self._options()
-            # cameras that were touched a little since are pixels off at first
+            # cameras that were bumped since are off by pixels at first
             options.triangulation.create_max_angle_error = (6.0, 3.0, 2.0)[number]
             options.triangulation.complete_max_reproj_error = (20.0, 8.0, 4.0)[number]
             options.triangulation.merge_max_reproj_error = (20.0, 8.0, 4.0)[number]

@@ -1,9 +1,9 @@
-"""Which pairs of many cameras are worth matching. Runs inside the worker's process.
+"""Selection of the camera pairs worth matching. Runs in the worker process.
 
-Matching all features of all pairs grows with the square of the cameras: most of the time of a rig of 81 goes there, and
-most pairs look at different sides of the room. A glance at the few largest features, which are the ones that are found
-again from elsewhere (preemptive matching; Wu 2013, "Toward linear-time incremental structure from motion"), costs a
-sixtieth and tells them apart.
+Exhaustive matching grows with the square of the number of cameras; in a rig of 81 it takes most of the time, and most
+pairs see different sides of the room. Matching only the largest features first, which are the most repeatable
+(preemptive matching; Wu 2013, "Towards Linear-time Incremental Structure from Motion"), costs a sixtieth and finds the
+pairs that overlap.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from typing import Any
 
 import numpy as np
 
-GLANCE = 1024
-"""Features a camera that are looked at, the largest."""
+PREVIEW = 1024
+"""Features per camera in the preview, the largest."""
 FEW = 20
-"""Up to so many cameras all pairs are matched: it takes a minute."""
+"""Up to this many cameras all pairs are matched, which takes about a minute."""
 _ENOUGH = 6
-"""Matches in a glance that fit a common geometry."""
+"""Verified preview matches that make a pair worth matching."""
 _AT_LEAST = 8
-"""A camera keeps so many of its best partners, whatever their number of matches."""
+"""Each camera keeps this many of its best partners, however few their matches."""
 
 
 def worthwhile(
     matches: dict[tuple[int, int], int], count: int, *, enough: int = _ENOUGH, at_least: int = _AT_LEAST
 ) -> list[tuple[int, int]]:
-    """Pairs with enough matches, and each camera's best.
+    """Pairs with enough matches, and the best pairs of each camera.
 
     Args:
-        matches: verified matches of pairs (smaller number first); those with none may be left out.
-        count: of cameras.
-        enough: a pair with so many is kept.
-        at_least: partners that each camera keeps, those with no match at all aside.
+        matches: number of verified matches per pair (smaller number first); pairs without any may be missing.
+        count: number of cameras.
+        enough: matches that make a pair worth matching.
+        at_least: partners that each camera keeps, excluding those without any match.
 
     Returns:
-        pairs, sorted.
+        sorted pairs.
     """
     kept = {pair for pair, number in matches.items() if number >= enough}
     for camera in range(count):
@@ -46,7 +46,7 @@ def worthwhile(
     return sorted(kept)
 
 
-def glance(
+def preview_pairs(
     source: Path,
     preview: Path,
     pictures: list[int],
@@ -57,9 +57,9 @@ def glance(
 
     Args:
         source: database with keypoints and descriptors.
-        preview: a database to be made, and removed at the end.
-        pictures: number of one picture of each camera in the source.
-        prepare: writes the cameras' images into the new database and gives their numbers there.
+        preview: path of a temporary database, removed at the end.
+        pictures: id of one image of each camera in the source.
+        prepare: writes one image per camera into the new database and returns their ids.
         match: matches and verifies pairs of cameras (0-based) in a database.
 
     Returns:
@@ -73,7 +73,7 @@ def glance(
     for picture, image in zip(pictures, images, strict=True):
         keypoints = np.asarray(full.read_keypoints(picture))
         descriptors = full.read_descriptors(picture)
-        largest = np.sort(np.argsort(-_size(keypoints), kind="stable")[:GLANCE])
+        largest = np.sort(np.argsort(-_size(keypoints), kind="stable")[:PREVIEW])
         small.write_keypoints(image, keypoints[largest])
         descriptors.data = np.asarray(descriptors.data)[largest]
         small.write_descriptors(image, descriptors)
@@ -94,7 +94,7 @@ def glance(
 
 
 def _size(keypoints: np.ndarray) -> np.ndarray:
-    """(N,) scale of (N, 6) keypoints x, y and the affine shape's four numbers; of (N, 4) with scale and angle."""
+    """(N,) scales of keypoints (N, 6) x, y and an affine shape, or (N, 4) x, y, scale, orientation."""
     if keypoints.shape[1] >= 6:
         return np.sqrt(np.abs(keypoints[:, 2] * keypoints[:, 5] - keypoints[:, 3] * keypoints[:, 4]))
     return keypoints[:, 2]

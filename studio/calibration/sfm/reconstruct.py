@@ -1,23 +1,22 @@
-"""Cameras from images: COLMAP's structure from motion, run in a child process."""
+"""Cameras from images: structure from motion with COLMAP, in a child process."""
 
 from __future__ import annotations
 
-import json
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from studio.calibration.alignment import Similarity, align_rigs, compare_rigs, scale_to_distance, upright
+from studio.calibration.report import CalibrationReport, CameraMotion, SharedIntrinsicsReport
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.settings import CalibrateSettings
 from studio.calibration.sfm.child import run_reporting
 from studio.calibration.sfm.images import Pictures, write_pictures
-from studio.calibration.sfm.job import sfm_job
+from studio.calibration.sfm.job import SfmSolution, sfm_job
 from studio.calibration.sfm.verdict import TRUSTED
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
@@ -25,11 +24,11 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 
 _FOCAL = 1.6
-"""Factor from the median of like cameras beyond which a focal length is to be looked at."""
+"""Ratio to the median of cameras with the same image size beyond which a focal length is doubtful."""
 
 _STEPS = {
     "features": (5, 25),
-    "glance": (25, 30),
+    "preview": (25, 30),
     "matches": (30, 60),
     "mapping": (60, 85),
     "global mapping": (85, 90),
@@ -53,40 +52,47 @@ def calibrate_from_images(
     distance: tuple[str, str, float] | None = None,
     progress: ProgressFn = no_progress,
 ) -> CalibrationResult:
-    """Find cameras from their images: of one moment, of several while the cameras stand still, or of a thing that does.
+    """Estimate the cameras from images of one sync frame, or of several if the cameras do not move.
 
     Args:
-        images: camera name to (H, W, 3) uint8 RGB, as in the files (with lens distortion); or to one for each of
-            several moments, or functions that read them.
-        masks: camera name to (H, W) uint8, a moment each as the images; features are looked for where it is at least
-            128 (not 0, where it holds 0 and 1 only). Cameras without one use all.
-        workdir: a folder for images, database and models; an old solution in it is removed.
-        known: cameras whose lenses (K, distortion) are known; their poses are not used.
-        poses: an older solution of all these cameras: where they stand, or stood until somebody touched them. Features
-            are then triangulated and the cameras adjusted, which takes a fraction of the time; the result stays on the
-            old one as well as it can. Its lenses are used where `known` has none.
-        focal_lengths: first guesses in pixels, from EXIF say.
+        images: camera name to (H, W, 3) uint8 RGB with lens distortion, as filmed; or to a list of these, one per sync
+            frame, or of functions that read them.
+        masks: camera name to (H, W) uint8, one per image. Features are detected where the mask is at least 128, or 1 if
+            it has only 0 and 1. Cameras without a mask use the whole image.
+        workdir: folder for images, database and models; an earlier solution in it is removed.
+        known: cameras with known intrinsics (K, distortion); their poses are not used.
+        poses: an earlier solution with all the cameras, which may have moved slightly since. Points are triangulated
+            from it and the cameras refined, which is much faster; the result is aligned with it. Its intrinsics are
+            used for cameras that are not in `known`.
+        focal_lengths: initial focal lengths in pixels, for example from EXIF.
         settings: how to solve.
-        threads: CPU threads; 0: all cores. With one thread, the same seed gives the same result bit for bit.
-        seed: of all random choices.
-        allow_unregistered: go on without cameras that find no place (they stand in the report) instead of raising.
-        reference: put the result where this rig is (by camera centers, at least three in common).
-        distance: two cameras and how far apart they are, to fix the scale.
-        progress: called several times a second; `Cancelled` raised from it stops COLMAP at once.
+        threads: number of threads, 0 = all cores. With one thread, the same seed gives bit-identical results.
+        seed: random seed.
+        allow_unregistered: report cameras that cannot be registered instead of raising.
+        reference: align the result with this rig, by at least three common camera centers.
+        distance: two camera names and the distance of their centers, to set the scale.
+        progress: called several times per second; raising `Cancelled` stops COLMAP at once.
 
     Returns:
-        cameras, sparse points and figures. Without a reference the world is `gauge.upright`'s: z up, the origin where
-        the cameras look, mean distance of the cameras 1.
+        cameras, sparse points and report. Without a reference the world is that of `alignment.upright`: z up, the
+        origin where the cameras look, mean distance of the cameras from it 1.
 
     Raises:
-        StudioError: too few or unusable images, no solution, or cameras without a place: named, with the reason.
-        Cancelled: from progress.
+        StudioError: there are too few images (calibration.too_few_images) or unusable ones (see `write_pictures`), no
+            solution (calibration.no_solution), or unregistered cameras (calibration.unregistered, with `unregistered`,
+            camera name to reason).
+        Cancelled: from `progress`.
     """
     settings = settings or CalibrateSettings()
     started = time.monotonic()
     names = list(images)
     if len(names) < 2:
-        raise StudioError(f"Structure from motion needs at least two images, found {len(names)}.")
+        raise StudioError(
+            "calibration.too_few_images",
+            f"structure from motion needs images of at least 2 cameras, found {len(names)}",
+            value=len(names),
+            expected=2,
+        )
     folder = Path(workdir)
     for leftover in ("images", "masks", "models", "models_global", "models_known"):
         shutil.rmtree(folder / leftover, ignore_errors=True)
@@ -100,7 +106,7 @@ def calibrate_from_images(
         names, sizes, sync_frames, bool(masks), known or {}, focal_lengths or {}, settings, poses, threads, seed
     )
     path = folder / "job.json"
-    path.write_text(json.dumps(job))
+    path.write_text(job.model_dump_json(), encoding="utf-8")
 
     at = {"done": 5}
 
@@ -112,24 +118,27 @@ def calibrate_from_images(
 
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay, what="Structure from motion")
     result = _read(folder, names, sizes, allow_unregistered)
-    result.report["sync_frames"] = sync_frames
-    if poses is not None:
-        result.report["moved"] = _moved(result, poses, settings)
     kept = poses is not None and reference is None and settings.fix_poses
     transform = _gauge(result, reference if reference is not None else poses, distance, kept)
-    result = replace(result, rig=transform.rig(result.rig), points=transform.points(result.points))
-    result.report["seconds"] = round(time.monotonic() - started, 1)
+    more: dict[str, Any] = {"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
+    if poses is not None:
+        more["moved"] = _moved(result, poses, settings)
     progress(100, 100)
-    return result
+    return CalibrationResult(
+        transform.rig(result.rig),
+        transform.points(result.points),
+        result.colors,
+        result.report.model_copy(update=more),
+    )
 
 
-def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) -> dict[str, dict[str, float]]:
-    """How far each camera is from where it stood in the older solution: center (in its units) and degrees."""
+def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) -> dict[str, CameraMotion]:
+    """Difference of each camera from the earlier solution."""
     if settings.fix_poses or len(result.rig) < 3:
         return {}
     difference = compare_rigs(result.rig, before)
     return {
-        name: {"center": round(difference.centers[name], 6), "degrees": round(difference.rotations[name], 4)}
+        name: CameraMotion(center=round(difference.centers[name], 6), degrees=round(difference.rotations[name], 4))
         for name in difference.centers
     }
 
@@ -137,23 +146,23 @@ def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) 
 def _read(
     folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int]], allow_unregistered: bool
 ) -> CalibrationResult:
-    """The child's solution in COLMAP's own gauge."""
-    solution = json.loads((folder / "solution.json").read_text())
+    """The worker's solution in COLMAP's gauge."""
+    solution = SfmSolution.model_validate_json((folder / "solution.json").read_text(encoding="utf-8"))
     with np.load(folder / "points.npz") as arrays:
         points, colors, seen = arrays["points"], arrays["colors"], arrays["observations"]
-    features = {name: int(solution["features"][str(number)]) for number, name in enumerate(names)}
+    features = {name: solution.features[number] for number, name in enumerate(names)}
     matches = dict.fromkeys(names, 0)
     partners = dict.fromkeys(names, 0)
-    for first, second, count in solution["pairs"]:
+    for first, second, count in solution.pairs:
         for number in (first, second):
             matches[names[number]] += count
             partners[names[number]] = max(partners[names[number]], count)
     found: dict[int, Camera] = {}
-    for entry in solution["cameras"]:
-        number = int(entry["number"])
+    for entry in solution.cameras:
+        number = entry.number
         width, height = sizes[names[number]]
-        K, distortion = intrinsics(entry["model"], entry["params"])
-        pose = np.vstack([np.array(entry["pose"]), [0, 0, 0, 1]])
+        K, distortion = intrinsics(entry.model, entry.params)
+        pose = np.vstack([np.array(entry.pose), [0, 0, 0, 1]])
         found[number] = Camera(names[number], width, height, K, pose, distortion if distortion.any() else np.zeros(0))
     missing = {
         name: _reason(features[name], partners[name]) for number, name in enumerate(names) if number not in found
@@ -161,46 +170,64 @@ def _read(
     if len(found) < 2:
         worst = min(names, key=lambda name: matches[name])
         raise StudioError(
-            f"Structure from motion found no solution for these {len(names)} images; fewest matches has '{worst}' "
-            f"({missing.get(worst, 'no place')}); use images with more of the same background in view, or calibrate "
-            "with a board, or from points that you mark by hand (calibrate.tie_points)."
+            "calibration.no_solution",
+            f"structure from motion found no solution for {len(names)} cameras; camera '{worst}' has the fewest "
+            f"matches ({missing.get(worst, 'not registered')})",
+            value=len(names),
+            fix="Use images with more common background, or calibrate from a board (calibrate.board_images) or tie "
+            "points (calibrate.tie_points).",
+            camera=worst,
         )
     if missing and not allow_unregistered:
         text = "; ".join(f"'{name}': {reason}" for name, reason in missing.items())
         raise StudioError(
-            f"Structure from motion placed {len(found)} of {len(names)} cameras, not {text}; take another moment or "
-            "images with more overlap, or allow the calibration to go on without them."
+            "calibration.unregistered",
+            f"structure from motion registered {len(found)} of {len(names)} cameras; not registered: {text}",
+            value=sorted(missing),
+            fix="Use another frame (calibrate.frame), several (calibrate.frames), or images with more overlap.",
+            unregistered=missing,
+            setting="calibrate.frame",
         )
     rig = Rig(tuple(found[number] for number in sorted(found)))
     observations = {names[n]: seen[seen[:, 0] == n][:, 1:] for n in found}
     report = reprojection_report(rig, points, observations)
-    report |= {"unregistered": missing, "mapper": solution["mapper"], "features": features, "matches": matches}
-    report["match_inlier_ratio"] = solution["match_inlier_ratio"]
-    _judge(report, rig)
-    report["sharing"] = [
-        {**each, "images": [names[number] for number in each["images"]]} for each in solution["sharing"]
+    sharing = [
+        SharedIntrinsicsReport(images=[names[number] for number in test.images], shared=test.shared, misfit=test.misfit)
+        for test in solution.sharing
     ]
-    return CalibrationResult(rig, points, colors, report)
+    report = report.model_copy(
+        update={
+            "unregistered": missing,
+            "mapper": solution.mapper,
+            "features": features,
+            "matches": matches,
+            "match_inlier_ratio": solution.match_inlier_ratio,
+            "sharing": sharing,
+        }
+    )
+    return CalibrationResult(rig, points, colors, _with_doubts(report, rig))
 
 
-def _judge(report: dict[str, Any], rig: Rig) -> None:
-    """A small reprojection error is no good calibration where matches disagree or focal lengths cannot be."""
-    if report["match_inlier_ratio"] < TRUSTED:
-        report["quality"] = "review"
+def _with_doubts(report: CalibrationReport, rig: Rig) -> CalibrationReport:
+    """With quality "review" where matches or focal lengths are doubtful despite a small reprojection error."""
+    assert report.match_inlier_ratio is not None
+    doubtful, cameras = report.match_inlier_ratio < TRUSTED, dict(report.cameras)
     for camera in rig:
         like = [other.fx for other in rig if (other.width, other.height) == (camera.width, camera.height)]
         usual = float(np.median(like))
         if len(like) > 2 and not 1 / _FOCAL < camera.fx / usual < _FOCAL:
-            report["cameras"][camera.name] |= {"quality": "review", "usual_focal": round(usual, 1)}
-            report["quality"] = "review"
+            doubts = {"quality": "review", "usual_focal": round(usual, 1)}
+            cameras[camera.name] = cameras[camera.name].model_copy(update=doubts)
+            doubtful = True
+    return report.model_copy(update={"cameras": cameras, **({"quality": "review"} if doubtful else {})})
 
 
 def _reason(features: int, best: int) -> str:
     if features < 50:
-        return f"only {features} features were found in its image"
+        return f"only {features} features in its image"
     if best == 0:
-        return f"none of its {features} features could be matched with another camera"
-    return f"its best pair shares only {best} matches, or they fit no common pose"
+        return f"none of its {features} features match another camera"
+    return f"at most {best} matches with another camera, too few or not consistent with a pose"
 
 
 def _gauge(

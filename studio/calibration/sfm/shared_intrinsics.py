@@ -1,8 +1,8 @@
-"""Lenses of a solution: in common or not, and with more terms. Runs inside the worker's process.
+"""Intrinsics of a solution: shared or separate, and with more terms. Runs in the worker process.
 
-Sixteen focal lengths that are one in truth are known four times as well when they are solved as one, and the cameras'
-places with them; where they are not one, solving them so bends everything. The footage can tell: one lens for all fits
-a little worse than a lens each, by little if that is chance and by much if it is not.
+If sixteen cameras have the same focal length, estimating it jointly is four times as accurate, and so are the poses; if
+they do not, sharing it distorts the whole solution. The footage can decide: shared intrinsics always fit slightly
+worse than separate ones, by as much as chance explains or by far more.
 """
 
 from __future__ import annotations
@@ -15,31 +15,31 @@ from typing import Any
 
 import numpy as np
 
+from studio.calibration.sfm.job import SharedIntrinsicsTest
 from studio.calibration.sfm.verdict import noise, reprojection_errors
 
 LIMIT = 8.0
-"""Growth of the misfit, a parameter given up, below which one lens is believed. Chance makes 1 with errors that are
-Gaussian and independent, and was measured to make 3 to 5 with SIFT features of 1 to 3 moments. At 12 one lens and a
-lens each were measured to place the cameras equally well (focal lengths that differ by 0.1 %); at 35 (0.2 %) one lens
-is twice as wrong."""
+"""Growth of the misfit per parameter given up, below which shared intrinsics are accepted. Independent Gaussian errors
+give 1; SIFT features of 1 to 3 sync frames measured 3 to 5. At 12 (focal lengths that differ by 0.1 %) shared and
+separate intrinsics gave equally accurate cameras; at 35 (0.2 %) shared ones had twice the error."""
 _FEWEST = 3
 
 
-def try_one_lens(
+def try_shared_intrinsics(
     model: Any, free: set[int], width: float, adjust: Callable[[Any], None]
-) -> tuple[Any, list[dict[str, Any]]]:
-    """The model with one lens for all cameras whose images have the same size, where that fits as well.
+) -> tuple[Any, list[SharedIntrinsicsTest]]:
+    """The model with shared intrinsics for cameras of the same image size, if that fits as well.
 
     Args:
         model: pycolmap.Reconstruction, adjusted.
-        free: camera ids that may be joined (lenses that are not known).
-        width: of the Cauchy loss that the model was adjusted under, in pixels.
+        free: ids of the cameras with unknown intrinsics.
+        width: width of the model's Cauchy loss in pixels.
         adjust: adjusts a model in place under that loss.
 
     Returns:
-        the model, and for each size what was found: images (ids), shared (bool), misfit (growth a parameter).
+        the model, and the result of the test for each image size.
     """
-    told = []
+    tests = []
     sizes: dict[tuple[Any, int, int], list[int]] = {}
     used = {model.images[image_id].camera_id for image_id in model.reg_image_ids()}
     for key in sorted(used & free):
@@ -51,41 +51,39 @@ def try_one_lens(
         one = joined(model, keys)
         adjust(one)
         images = [i for i in sorted(model.reg_image_ids()) if model.images[i].camera_id in keys]
-        told.append(_compared(one, model, width, images, (len(keys) - 1) * _free_parameters(model.cameras[keys[0]])))
-        if told[-1]["shared"]:
+        tests.append(_compared(one, model, width, images, (len(keys) - 1) * _free_parameters(model.cameras[keys[0]])))
+        if tests[-1].shared:
             model = one
-    return model, told
+    return model, tests
 
 
-def try_own_lenses(
+def try_separate_intrinsics(
     model: Any, own: dict[int, int], width: float, adjust: Callable[[Any], None]
-) -> tuple[Any, list[dict[str, Any]]]:
-    """The other way round: a model in which cameras have one lens, with a lens each where that fits much better.
+) -> tuple[Any, list[SharedIntrinsicsTest]]:
+    """The model with separate intrinsics if these fit much better than its shared ones.
 
     Args:
         model: pycolmap.Reconstruction, adjusted.
-        own: id of each image to that of the camera that it would have on its own.
-        width: see `try_one_lens`.
-        adjust: see `try_one_lens`.
+        own: image id to the id of its own camera.
+        width, adjust: as in `try_shared_intrinsics`.
 
     Returns:
-        as `try_one_lens`.
+        as `try_shared_intrinsics`.
     """
     joint = camera_of_image(model)
     apart = rebuilt(model, {own[image]: model.cameras[joint[image]] for image in joint}, {i: own[i] for i in joint})
     adjust(apart)
-    told = []
+    tests = []
     for key in sorted(set(joint.values())):
         images = [image for image in joint if joint[image] == key]
         if len(images) < 2:
             continue
-        told.append(_compared(model, apart, width, images, (len(images) - 1) * _free_parameters(model.cameras[key])))
-    return (model if all(each["shared"] for each in told) else apart), told
+        tests.append(_compared(model, apart, width, images, (len(images) - 1) * _free_parameters(model.cameras[key])))
+    return (model if all(test.shared for test in tests) else apart), tests
 
 
 def focal_spread(model: Any, free: set[int]) -> float:
-    """Largest focal length by smallest, of free cameras whose images have the same size; 1 where there is nothing to
-    compare."""
+    """Largest ratio of two focal lengths of free cameras with the same image size; 1 if there are none."""
     sizes: dict[tuple[int, int], list[float]] = {}
     for key in {model.images[image_id].camera_id for image_id in model.reg_image_ids()} & free:
         camera = model.cameras[key]
@@ -94,7 +92,7 @@ def focal_spread(model: Any, free: set[int]) -> float:
 
 
 def share_lenses(database: Path, free: set[int]) -> None:
-    """Change a database so that images of one size have one camera, as far as their cameras are free."""
+    """Change a database so that images of one size share a camera, if their cameras are free."""
     with closing(sqlite3.connect(database)) as rows, rows:
         sizes: dict[tuple[int, int, int], int] = {}
         listed = "SELECT camera_id, model, width, height FROM cameras ORDER BY camera_id"
@@ -112,11 +110,11 @@ def share_lenses(database: Path, free: set[int]) -> None:
 
 
 def joined(model: Any, keys: list[int]) -> Any:
-    """A copy in which several cameras are one, with the medians of their parameters.
+    """A copy in which several cameras are merged, with the medians of their parameters.
 
     Args:
         model: pycolmap.Reconstruction in which each rig is one camera.
-        keys: ids of the cameras; the first one stays.
+        keys: ids of the cameras; the first is kept.
     """
     import pycolmap
 
@@ -128,7 +126,7 @@ def joined(model: Any, keys: list[int]) -> Any:
 
 
 def with_richer_lenses(model: Any, names: dict[int, str]) -> Any:
-    """A copy in which cameras of the model SIMPLE_RADIAL are of one with more terms, which are 0.
+    """A copy in which SIMPLE_RADIAL cameras have a model with more terms, initially 0.
 
     Args:
         model: pycolmap.Reconstruction in which each rig is one camera.
@@ -150,17 +148,17 @@ def with_richer_lenses(model: Any, names: dict[int, str]) -> Any:
 
 
 def camera_of_image(model: Any) -> dict[int, int]:
-    """Ids of the images that have a place, and of their cameras."""
+    """Image id to camera id of the registered images."""
     return {image_id: model.images[image_id].camera_id for image_id in sorted(model.reg_image_ids())}
 
 
 def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
-    """The same images, poses and points with other cameras.
+    """A copy with the same images, poses and points but other cameras.
 
     Args:
         model: pycolmap.Reconstruction in which each rig is one camera.
-        cameras: id to pycolmap.Camera; copied.
-        of: id of each image to that of its camera.
+        cameras: camera id to pycolmap.Camera; copied.
+        of: image id to camera id.
     """
     import pycolmap
 
@@ -192,14 +190,14 @@ def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
     return copy
 
 
-def _compared(one: Any, apart: Any, width: float, images: list[int], given_up: int) -> dict[str, Any]:
-    """What is told of one lens for `images` against a lens each, which has `given_up` parameters more."""
+def _compared(one: Any, apart: Any, width: float, images: list[int], given_up: int) -> SharedIntrinsicsTest:
+    """Compare shared intrinsics for `images` with separate ones, which have `given_up` more parameters."""
     growth = (_misfit(one, width) - _misfit(apart, width)) / noise(apart) ** 2 / given_up
-    return {"images": images, "shared": bool(growth < LIMIT), "misfit": round(float(growth), 2)}
+    return SharedIntrinsicsTest(images=tuple(images), shared=bool(growth < LIMIT), misfit=round(float(growth), 2))
 
 
 def _free_parameters(camera: Any) -> int:
-    """Of a lens whose principal point is not estimated."""
+    """Number of parameters without the principal point."""
     return len(camera.params) - len(camera.principal_point_idxs())
 
 

@@ -1,4 +1,4 @@
-"""How far a solution can be trusted. Runs inside the worker's process."""
+"""Quality of a solution. Runs in the worker process."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 
 TRUSTED = 0.6
-"""Share of explained matches above which a solution is believed: right ones have 0.75 and more, a ring of cameras
-that was closed wrongly 0.45."""
+"""Match inlier ratio above which a solution is accepted: correct ones have 0.75 and more, a wrongly closed ring of
+cameras 0.45."""
 
 
 def match_inlier_ratio(model: Any, database: Path) -> float:
-    """Share of the verified matches whose two features see the same point of the model.
+    """Share of the verified matches whose two features observe the same point of the model.
 
-    A small reprojection error proves little: cameras that were put in the wrong place keep the few points that fit
-    there. What they lose is the matches with the others.
+    A small reprojection error is not enough: wrongly placed cameras keep the few points that fit, but lose the matches
+    with the other cameras.
 
     Args:
         model: pycolmap.Reconstruction.
-        database: what it was made from.
+        database: the database of the model.
 
     Returns:
-        0 to 1, over pairs of cameras that have a place; 0 without any.
+        0 to 1 over the pairs of registered images; 0 without any.
     """
     import pycolmap
 
@@ -45,7 +45,7 @@ def match_inlier_ratio(model: Any, database: Path) -> float:
 
 
 def reprojection_errors(model: Any) -> np.ndarray:
-    """(N,) pixels, of every observation."""
+    """(N,) reprojection errors of all observations in pixels."""
     errors = []
     for image_id in model.reg_image_ids():
         image = model.images[image_id]
@@ -58,7 +58,7 @@ def reprojection_errors(model: Any) -> np.ndarray:
 
 
 def noise(model: Any) -> float:
-    """Standard deviation of the features in pixels, an axis, from the median reprojection error: outliers aside."""
+    """Standard deviation of the features per axis in pixels, from the median reprojection error (robust)."""
     errors = reprojection_errors(model)
-    # the length of a Gaussian error of two axes has the median 1.177 standard deviations; rounding makes 0.01
+    # the median of a 2D Gaussian error's length is 1.177 sigma; 0.01 is the rounding error
     return max(float(np.median(errors)) / 1.177, 0.01) if len(errors) else 1.0

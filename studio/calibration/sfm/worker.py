@@ -1,14 +1,13 @@
-"""Structure from motion in a process of its own: `python -m studio.calibration.sfm.worker JOB.json`.
+"""Structure from motion in a child process: `python -m studio.calibration.sfm.worker JOB.json`.
 
-COLMAP's calls cannot be interrupted and a fault in native code would end the caller, so they run here. Progress goes
-to standard output as JSON lines `{"step", "done", "total"}`; a last line `{"finished": true}` or `{"error": "..."}`.
-The process ends when its standard input closes or its parent dies. Work folder: `images/`, `masks/` (both numbered),
-`job.json` in, `database.db`, `solution.json` and `points.npz` out.
+COLMAP calls cannot be interrupted, and a crash in native code would end the calling process, so they run here. Progress
+is printed as JSON lines `{"step", "done", "total"}`; the last line is `{"finished": true}` or `{"error": "..."}`. The
+process ends when its standard input closes or its parent dies. Input in the work folder: `images/`, `masks/` (numbered)
+and `job.json`; output: `database.db`, `solution.json` and `points.npz`.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from studio.calibration.sfm.features import find_matches, say
+from studio.calibration.sfm.job import SfmJob, SfmSolution, SharedIntrinsicsTest, SolvedCamera
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.verdict import match_inlier_ratio
 from studio.standard_output import claim_stdout
@@ -29,40 +29,38 @@ class Worker:
 
     Args:
         folder: the work folder.
-        job: what `sfm.reconstruct` wrote: names; moments (how many pictures a camera); lenses (model, width,
-            height, params, prior, known) and lens_of (index of a lens for each name); masks; pairs (of numbers, [] for
-            all); poses ((3, 4) a camera or []); the settings.
+        job: the job.
     """
 
-    def __init__(self, folder: Path, job: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, job: SfmJob) -> None:
         self.folder = folder
         self.job = job
 
     def run(self) -> None:
-        """Features, matches, mapping, result."""
+        """Detect and match features, map, write the result."""
         import pycolmap
 
         pycolmap.logging.minloglevel = 3
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # COLMAP's own handler prints a stack
-        pycolmap.set_random_seed(int(self.job["seed"]))
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # COLMAP's own handler prints a stack trace
+        pycolmap.set_random_seed(self.job.seed)
         self.solve(find_matches(self.folder, self.job))
 
     def solve(self, database: Path) -> None:
-        """Mapping and result, from a database with matches."""
+        """Map a database with matches and write the result."""
         mapper = Mapper(self.folder, database, self.job)
         model, how = mapper.solve()
         self._write(database, model, how, mapper.sharing)
 
-    def _write(self, database_path: Path, model: Any, how: str, sharing: list[dict[str, Any]]) -> None:
-        """Cameras, points, every observation, and what is known of the cameras that found no place."""
+    def _write(self, database_path: Path, model: Any, how: str, sharing: list[SharedIntrinsicsTest]) -> None:
+        """Write cameras, points, observations, and match counts of all images, registered or not."""
         import pycolmap
 
-        names = self.job["names"]
+        names = self.job.names
         database = pycolmap.Database.open(database_path)
         features = {number: int(database.num_keypoints_for_image(number + 1)) for number in range(len(names))}
         database.close()
         pairs = self._pairs(database_path)
-        cameras: list[dict[str, Any]] = []
+        cameras: list[SolvedCamera] = []
         observations: list[tuple[int, int, float, float]] = []
         ids: dict[int, int] = {}
         if model is not None:
@@ -74,12 +72,12 @@ class Worker:
                 number = int(Path(image.name).stem)
                 lens = model.cameras[image.camera_id]
                 cameras.append(
-                    {
-                        "number": number,
-                        "model": lens.model.name,
-                        "params": [float(p) for p in lens.params],
-                        "pose": np.asarray(image.cam_from_world().matrix()).tolist(),
-                    }
+                    SolvedCamera(
+                        number=number,
+                        model=lens.model.name,
+                        params=tuple(float(p) for p in lens.params),
+                        pose=np.asarray(image.cam_from_world().matrix()).tolist(),
+                    )
                 )
                 for point in image.points2D:
                     if point.has_point3D():
@@ -91,19 +89,21 @@ class Worker:
             colors=np.array([point.color for point in kept], np.uint8).reshape(-1, 3),
             observations=np.array(observations, np.float64).reshape(-1, 4),
         )
-        explained = match_inlier_ratio(model, database_path) if model is not None else 0.0
-        solution = {
-            "mapper": how,
-            "cameras": cameras,
-            "features": features,
-            "pairs": pairs,
-            "match_inlier_ratio": round(explained, 4),
-            "sharing": [{**found, "images": [image - 1 for image in found["images"]]} for found in sharing],
-        }
-        (self.folder / "solution.json").write_text(json.dumps(solution))
+        ratio = match_inlier_ratio(model, database_path) if model is not None else 0.0
+        solution = SfmSolution(
+            mapper=how,
+            cameras=tuple(cameras),
+            features=features,
+            pairs=tuple(pairs),
+            match_inlier_ratio=round(ratio, 4),
+            sharing=tuple(
+                test.model_copy(update={"images": tuple(image - 1 for image in test.images)}) for test in sharing
+            ),
+        )
+        (self.folder / "solution.json").write_text(solution.model_dump_json(), encoding="utf-8")
 
     def _pairs(self, database_path: Path) -> list[tuple[int, int, int]]:
-        """Image numbers and verified matches of every pair that has any."""
+        """Camera numbers and number of verified matches of each pair that has any."""
         import pycolmap
 
         database = pycolmap.Database.open(database_path)
@@ -114,7 +114,7 @@ class Worker:
 
 
 def _die_with_parent() -> None:
-    """Ask Linux to kill this process when its parent dies: a native call may keep every Python thread waiting."""
+    """Have Linux kill this process when its parent dies: a native call may block all Python threads."""
     if sys.platform == "linux":
         import ctypes
 
@@ -133,7 +133,7 @@ def main() -> int:
     _die_with_parent()
     path = Path(sys.argv[1])
     try:
-        Worker(path.parent, json.loads(path.read_text())).run()
+        Worker(path.parent, SfmJob.model_validate_json(path.read_text(encoding="utf-8"))).run()
     except Exception as error:
         say(error=f"{type(error).__name__}: {error}")
         return 1
@@ -145,4 +145,4 @@ if __name__ == "__main__":
     claim_stdout()  # COLMAP may print there
     code = main()
     sys.stdout.flush()
-    os._exit(code)  # a thread still waits for standard input
+    os._exit(code)  # a thread is still blocked on standard input

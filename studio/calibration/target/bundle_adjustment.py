@@ -1,7 +1,7 @@
-"""Bundle adjustment of a rig before a board, by COLMAP.
+"""Bundle adjustment of a rig that observes a calibration target, with COLMAP.
 
-To COLMAP the board is the world, which stands still, and the cameras are one rig that is carried about it, a frame for
-each moment. The corners are known points, so the world is metric and nothing drifts.
+For COLMAP the target is the fixed world and the cameras are one rig that moves around it, with one frame per sync
+frame. The corners are constant points, so the result is metric and does not drift.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from studio.errors import StudioError
 
 @dataclass
 class TargetRig:
-    """Cameras, boards and what was seen.
+    """Cameras, target poses and observations.
 
     Attributes:
-        cameras: name to camera; `world_to_camera` is from the rig's coordinates.
-        boards: moment to (4, 4), from board coordinates to the rig's.
-        views: (moment, camera) to what was seen.
+        cameras: name to camera; the world of `world_to_camera` is the rig.
+        boards: sync frame to (4, 4), target to rig.
+        views: (sync frame, camera) to observation.
     """
 
     cameras: dict[str, Camera]
@@ -33,7 +33,7 @@ class TargetRig:
     views: dict[tuple[int, str], TargetObservation]
 
     def errors(self, board: CalibrationTarget) -> dict[tuple[int, str], np.ndarray]:
-        """Reprojection errors in pixels of each view."""
+        """Reprojection errors (M,) in pixels of each observation."""
         found = {}
         for (sync_frame, name), view in self.views.items():
             corners = _apply(self.boards[sync_frame], board.corners[view.ids])
@@ -54,18 +54,18 @@ def refine(
     principal_point: bool,
     threads: int,
 ) -> TargetRig:
-    """All lenses, cameras and boards together, so that the reprojection errors are least (with a robust loss).
+    """Bundle adjustment of intrinsics, camera poses and target poses, with a robust loss.
 
     Args:
-        state: where to start; every camera and board with at least one view.
-        board: its corners.
-        model: COLMAP's name of the lens model; lenses that are known keep theirs.
-        known: cameras whose lenses stay as they are.
-        principal_point: estimate it as well.
-        threads: at most.
+        state: initial values; every camera and target pose needs an observation.
+        board: the target.
+        model: COLMAP camera model; known intrinsics keep theirs.
+        known: cameras with fixed intrinsics.
+        principal_point: estimate the principal points.
+        threads: number of threads.
 
     Raises:
-        StudioError: the adjustment fails.
+        StudioError: the adjustment failed (target.bundle_adjustment).
     """
     import pycolmap
 
@@ -118,18 +118,20 @@ def refine(
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = principal_point
     options.print_summary = False
-    # a moment in which somebody moved too fast must not pull the rest
+    # motion blur in one sync frame must not affect the others
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
     options.ceres.solver_options.num_threads = max(1, threads)
     options.ceres.solver_options.function_tolerance = 1e-10
     summary = pycolmap.create_default_bundle_adjuster(options, config, world).solve()
     if not summary.is_solution_usable():
-        raise StudioError("The bundle adjustment of the boards found no solution; film the board once more.")
+        raise StudioError(
+            "target.bundle_adjustment", "the bundle adjustment did not converge", fix="Film the target again."
+        )
     return _read(world, state, names, reference)
 
 
 def _parameters(camera: Camera, model: str, known: bool) -> tuple[str, list[float]]:
-    """The camera's lens in the model asked for; a known lens in whatever model says it."""
+    """COLMAP model and parameters: the given model, or for known intrinsics one that expresses them."""
     from studio.camera_files.colmap_model import lens_model
 
     if known:

@@ -1,4 +1,4 @@
-"""One camera's lens from views of a board, and where a board stands before a camera."""
+"""Intrinsics of one camera from images of a calibration target, and target poses."""
 
 from __future__ import annotations
 
@@ -12,22 +12,8 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 MOST_VIEWS = 40
-"""Views that the lens is first estimated from; bundle adjustment then uses all."""
+"""Observations used for the initial estimate; bundle adjustment uses all."""
 LEAST_VIEWS = 3
-LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
-
-
-def check_lens_size(lens: Camera, size: tuple[int, int]) -> None:
-    """Refuse a known lens for pictures of another size.
-
-    Raises:
-        StudioError: the size (width, height) is not the lens's.
-    """
-    if (lens.width, lens.height) != size:
-        raise StudioError(
-            f"Camera '{lens.name}': its pictures are {size[0]}x{size[1]} but the known lens is for "
-            f"{lens.width}x{lens.height}; scale one of them."
-        )
 
 
 def lens_from_views(
@@ -39,25 +25,30 @@ def lens_from_views(
     *,
     principal_point: bool,
 ) -> Camera:
-    """Focal lengths, principal point and distortion of a camera (Zhang's method, by OpenCV), at the identity pose.
+    """Initial intrinsics of a camera by Zhang's method (OpenCV), at the identity pose.
 
     Args:
-        name: the camera's.
-        size: width and height of its images.
-        board: what it sees.
-        views: of several positions and tilts of the board.
-        model: COLMAP's name of the lens model, as in `CalibrateSettings.camera_model`.
-        principal_point: estimate it; else it is the image's middle.
+        name: name of the camera.
+        size: (width, height) of its images.
+        board: the target.
+        views: observations at several positions and tilts.
+        model: COLMAP camera model, as in `CalibrateSettings.camera_model`.
+        principal_point: estimate it; otherwise it is the image center.
 
     Raises:
-        StudioError: too few views, or they do not fix the lens.
+        StudioError: there are fewer than 3 observations (target.too_few_views), or they do not determine the focal
+            length (target.focal_length).
     """
     import cv2
 
     if len(views) < LEAST_VIEWS:
         raise StudioError(
-            f"Camera '{name}' sees the board in {len(views)} pictures; its lens needs {LEAST_VIEWS} at least, better "
-            "20, with the board tilted differently: film more, or give the lens."
+            "target.too_few_views",
+            f"camera '{name}' sees the target in {len(views)} images, expected at least {LEAST_VIEWS}, better 20",
+            value=len(views),
+            fix="Film the target longer, at different tilts, or specify known intrinsics.",
+            camera=name,
+            expected=LEAST_VIEWS,
         )
     chosen = _spread(views, size)
     world = [board.corners[view.ids].astype(np.float32) for view in chosen]
@@ -70,11 +61,11 @@ def lens_from_views(
         "OPENCV": _fix(3),
         "FULL_OPENCV": cv2.CALIB_RATIONAL_MODEL,
     }[model]
-    if not principal_point or len(chosen) < 6:  # few views cannot tell a shifted principal point from a turned camera
+    if not principal_point or len(chosen) < 6:  # few views cannot separate principal point and rotation
         flags |= cv2.CALIB_FIX_PRINCIPAL_POINT
     K: np.ndarray = _first_guess(world, pixels, size)
     distortion: np.ndarray = np.zeros(8)
-    # little by little: all terms at once can run into a far-off minimum
+    # in stages: estimating all terms at once can end in a wrong local minimum
     steps = [flags | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST | _fix(2, 3), flags]
     for step in steps:
         step |= cv2.CALIB_USE_INTRINSIC_GUESS
@@ -84,14 +75,18 @@ def lens_from_views(
     lens = np.ravel(distortion)[: 8 if model == "FULL_OPENCV" else 4]
     if not np.isfinite(K).all() or not 0.1 < K[0, 0] / max(size) < 50:
         raise StudioError(
-            f"Camera '{name}': the {len(views)} pictures of the board do not fix its focal length (found {K[0, 0]:g} "
-            f"pixels for images of {size[0]}x{size[1]}); film the board tilted and nearer, or give the lens."
+            "target.focal_length",
+            f"camera '{name}': {len(views)} images of the target do not determine its focal length (found {K[0, 0]:g} "
+            f"pixels for images of {size[0]}x{size[1]})",
+            value=float(K[0, 0]),
+            fix="Film the target closer and tilted, or specify known intrinsics.",
+            camera=name,
         )
     return Camera(name, *size, K, np.eye(4), lens if lens.any() else np.zeros(0))
 
 
 def _first_guess(world: Sequence[np.ndarray], pixels: Sequence[np.ndarray], size: tuple[int, int]) -> np.ndarray:
-    """K of a pinhole camera; of several focal lengths to start from, the one that ends best."""
+    """K of a pinhole camera: the best of several initial focal lengths."""
     import cv2
 
     flags = (
@@ -121,7 +116,7 @@ def _fix(*terms: int) -> int:
 
 
 def _spread(views: Sequence[TargetObservation], size: tuple[int, int]) -> list[TargetObservation]:
-    """At most `MOST_VIEWS`, each adding parts of the image or distances that those before have not shown."""
+    """At most `MOST_VIEWS` observations that differ most in position, size and tilt (farthest-point sampling)."""
     if len(views) <= MOST_VIEWS:
         return list(views)
     marks = np.array([_mark(view, size) for view in views])
@@ -135,18 +130,18 @@ def _spread(views: Sequence[TargetObservation], size: tuple[int, int]) -> list[T
 
 
 def _mark(view: TargetObservation, size: tuple[int, int]) -> np.ndarray:
-    """Where in the image, how large, and which way the corners lean."""
+    """Descriptor: position in the image, size and slant of the corners."""
     scaled = view.pixels / max(size)
     spread = np.cov(scaled.T)
     return np.concatenate([scaled.mean(0), np.sqrt(np.diag(spread)), [spread[0, 1] / np.sqrt(np.trace(spread) + 1e-9)]])
 
 
 def target_pose(camera: Camera, board: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, float]:
-    """Where the board stands before the camera.
+    """Pose of the target relative to the camera.
 
     Returns:
-        (4, 4) from board to camera coordinates, and the root mean square of the reprojection errors in pixels; of the
-        two poses that a flat thing allows, the one that fits better.
+        (4, 4) target to camera, and the RMS reprojection error in pixels. Of the two poses of a planar target (Collins
+        and Bartoli 2014) it is the one with the smaller error.
     """
     import cv2
 
@@ -169,5 +164,5 @@ def target_pose(camera: Camera, board: CalibrationTarget, view: TargetObservatio
 
 
 def reprojection(camera: Camera, to_camera: np.ndarray, world: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(N,) distances in pixels between where points are seen and where a pose (4, 4) puts them."""
+    """(N,) reprojection errors in pixels of points (N, 3) at a pose (4, 4), observed at pixels (N, 2)."""
     return np.linalg.norm(replace(camera, world_to_camera=to_camera).project(world)[0] - pixels, axis=1)

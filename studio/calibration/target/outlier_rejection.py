@@ -1,4 +1,4 @@
-"""Adjusting a rig before a board while leaving out what cannot be true."""
+"""Bundle adjustment with rejection of inconsistent observations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 
-def settle(
+def refine_without_outliers(
     state: TargetRig,
     board: CalibrationTarget,
     model: str,
@@ -23,11 +23,21 @@ def settle(
     principal_point: bool,
     threads: int,
 ) -> tuple[TargetRig, int]:
-    """Adjust, leave out what lies far off, adjust again; how many corners went.
+    """Alternate bundle adjustment and outlier rejection; returns the rig and the number of rejected corners.
 
-    A camera that is not quite at the same instant as the others shows a moving board beside its place: whole views
-    are then wrong although every one of them is sharp. So the limit for a view is set by how well the views fit a
-    board of their own, not by how well they fit together.
+    A camera that is not exactly synchronized sees a moving target at another position: its whole observation is then
+    wrong although it is sharp. So the threshold follows from the errors of each observation with its own target pose,
+    not from the errors with the common pose.
+
+    Args:
+        state: initial values.
+        board: the target.
+        model: COLMAP camera model.
+        outlier: threshold in multiples of the median error with own poses; at least 0.5 pixels.
+        known, principal_point, threads: as in `refine`.
+
+    Raises:
+        StudioError: no observation of a camera is consistent (target.inconsistent), or `refine` fails.
     """
     poses = {key: target_pose(state.cameras[key[1]], board, view) for key, view in state.views.items()}
     limit = max(0.5, outlier * float(np.median([error for _, error in poses.values()])))
@@ -43,8 +53,12 @@ def settle(
         if {name for _, name in kept} != set(state.cameras):
             lost = sorted(set(state.cameras) - {name for _, name in kept})
             raise StudioError(
-                f"Camera '{lost[0]}': what it sees of the board fits no common place; check that the footage is "
-                "synchronized and the board's description is right."
+                "target.inconsistent",
+                f"camera '{lost[0]}': its observations of the target are not consistent with the other cameras",
+                value=lost,
+                fix="Check that the footage is synchronized and calibrate.board describes the target.",
+                camera=lost[0],
+                setting="calibrate.board",
             )
         state = TargetRig(state.cameras, {sync_frame: boards[sync_frame] for sync_frame in _sync_frames(kept)}, kept)
         counts.append({key: len(view.ids) for key, view in kept.items()})
@@ -67,7 +81,7 @@ def _consensus(
     poses: Mapping[tuple[int, str], tuple[np.ndarray, float]],
     limit: float,
 ) -> np.ndarray:
-    """The place of a moment's board with which most of its views agree: the present one, or what one camera says."""
+    """The target pose of a sync frame that fits most observations: the current one, or that of a single camera."""
     seen = [name for name in state.cameras if (sync_frame, name) in views]
     ways = [np.linalg.inv(state.cameras[name].world_to_camera) @ poses[sync_frame, name][0] for name in seen]
     if sync_frame in state.boards:
@@ -85,7 +99,7 @@ def _consensus(
 
 
 def _fitting(state: TargetRig, board: CalibrationTarget, limit: float) -> dict[tuple[int, str], TargetObservation]:
-    """The views, and of these the corners, that lie within the limit; of each camera the best 40 % in any case."""
+    """The observations and corners within the limit; at least the best 40 % of each camera's observations."""
     errors = state.errors(board)
     middles = {key: float(np.median(error)) for key, error in errors.items()}
     allowed = {}

@@ -1,7 +1,7 @@
-"""Calibration boards: what they look like, and where their corners are in a picture.
+"""Calibration targets: their patterns, and the detection of their corners in images.
 
-A board's own coordinates are OpenCV's: the origin is the outer corner of the first square, x runs along the columns, y
-down the rows, z into the board; meters. Pixels are ours (origin at the image corner; OpenCV's are half a pixel less).
+Target coordinates are OpenCV's: the origin is the outer corner of the first square, x along the columns, y down the
+rows, z into the target; meters. Pixels have their origin at the image corner; OpenCV's are smaller by 0.5.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from studio.settings import Conflict, Settings
 
 LEAST_CORNERS = 6
-"""Views of fewer corners say too little of where the board is."""
+"""Observations with fewer corners are ignored."""
 
 
 _MARKERS = {
@@ -94,18 +94,18 @@ class CalibrationTarget(Settings):
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the board looks the same upside down: cameras that see it from two sides then disagree on it."""
+        """Whether the target looks the same upside down, so that cameras cannot agree on its orientation."""
         return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
 
     @cached_property
     def corners(self) -> np.ndarray:
-        """(N, 3): the inner corners in board coordinates, row by row."""
+        """(N, 3): the inner corners in target coordinates, row by row, meters."""
         x, y = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * self.square
 
     @property
     def middle(self) -> np.ndarray:
-        """(3,): the board's middle in board coordinates."""
+        """(3,): the center of the target in target coordinates, meters."""
         return np.array([self.columns, self.rows, 0.0]) * self.square / 2
 
     @property
@@ -116,7 +116,7 @@ class CalibrationTarget(Settings):
 
     @cached_property
     def charuco(self) -> Any:
-        """OpenCV's object of a charuco board."""
+        """The cv2.aruco.CharucoBoard."""
         import cv2
 
         board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, self._dictionary)
@@ -132,13 +132,13 @@ class CalibrationTarget(Settings):
         return cv2.aruco.CharucoDetector(self.charuco, detectorParams=parameters)
 
     def detect(self, image: np.ndarray) -> TargetObservation | None:
-        """Find the board.
+        """Detect the target in an image.
 
         Args:
             image: (H, W, 3) RGB or (H, W), uint8.
 
         Returns:
-            the corners seen, or None where there are fewer than six, or all on one line.
+            the detected corners; None if there are fewer than six, or all are on one line.
         """
         import cv2
 
@@ -161,14 +161,14 @@ class CalibrationTarget(Settings):
 
         across, down = self.columns - 1, self.rows - 1
         longest = max(gray.shape)
-        for side in (1000, 2000):  # a board is found several times faster in a small picture
+        for side in (1000, 2000):  # detection is several times faster in a downscaled image
             factor = min(1.0, side / longest)
             if side > 1000 and longest <= 1000:
                 return None
             small = gray
             if factor < 1:
                 small = cv2.resize(gray, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-            # EXHAUSTIVE finds boards that are tilted or in poor light
+            # EXHAUSTIVE finds tilted and poorly lit targets
             flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
             found, corners = cv2.findChessboardCornersSB(small, (across, down), flags=flags)
             if found:
@@ -184,7 +184,7 @@ class CalibrationTarget(Settings):
         exact = cv2.cornerSubPix(gray, start, (window, window), (-1, -1), stop)
         grid = np.asarray(exact, np.float64).reshape(down, across, 2)
         right, below = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
-        if right[0] * below[1] - right[1] * below[0] < 0:  # nobody sees a board from behind: the order is mirrored
+        if right[0] * below[1] - right[1] * below[0] < 0:  # a target is never seen from behind: the order is mirrored
             grid = grid[:, ::-1]
         if not self.is_symmetric and _is_lighter(gray, grid):
             grid = grid[::-1, ::-1]
@@ -192,7 +192,7 @@ class CalibrationTarget(Settings):
 
 
 def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
-    """Whether the square between the first four inner corners, which is black, is the lighter one of two."""
+    """Whether the square between the first four inner corners, which should be black, is lighter than the next."""
 
     def mean(part: np.ndarray) -> float:
         center = part.reshape(-1, 2).mean(0)
@@ -206,21 +206,21 @@ def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class TargetObservation:
-    """A board as one picture shows it.
+    """The corners of a target detected in one image.
 
     Attributes:
         ids: (M,) int64, indices into `CalibrationTarget.corners`.
-        pixels: (M, 2) where they are, origin at the image corner.
+        pixels: (M, 2), origin at the image corner.
     """
 
     ids: np.ndarray
     pixels: np.ndarray
 
     def on_one_line(self, board: CalibrationTarget) -> bool:
-        """Whether the corners seen lie on one line of the board, which fixes no pose."""
+        """Whether the corners are collinear on the target, which does not determine a pose."""
         spread = board.corners[self.ids, :2]
         return bool(np.linalg.matrix_rank(spread - spread.mean(0), tol=0.1 * board.square) < 2)
 
     def keep(self, chosen: np.ndarray) -> TargetObservation:
-        """The corners that a boolean array (M,) marks."""
+        """The corners selected by a boolean array (M,)."""
         return TargetObservation(self.ids[chosen], self.pixels[chosen])

@@ -1,4 +1,4 @@
-"""A board on paper: a PDF page at true scale, drawn as vectors."""
+"""Printable calibration targets: a vector PDF at true scale."""
 
 from __future__ import annotations
 
@@ -20,24 +20,25 @@ PAPERS = {  # millimeters, portrait
     "letter": (215.9, 279.4),
     "tabloid": (279.4, 431.8),
 }
-_EDGE = 8.0  # millimeters that printers leave white
-_TEXT = 9.0  # millimeters for the ruler and the words below the board
+_EDGE = 8.0  # millimeters that printers cannot print on
+_TEXT = 9.0  # millimeters for the ruler and text below the target
 
 
 def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit") -> tuple[float, float]:
-    """Draw a board.
+    """Write a target as a PDF.
 
     Args:
-        board: what to draw.
-        path: the PDF; written under another name first.
-        paper: "fit" makes the page as large as the board, with a square of white around it; else a key of `PAPERS`, of
-            which the page is taken upright or lying, as the board fits.
+        board: the target.
+        path: the PDF file, replaced atomically.
+        paper: "fit" for a page of the target's size with a margin of one square, or a key of `PAPERS`, in portrait or
+            landscape as the target fits.
 
     Returns:
         width and height of the page in millimeters.
 
     Raises:
-        StudioError: an unknown paper, a board too large for it, an unwritable place.
+        StudioError: the paper is unknown (target.paper), the target does not fit on it (target.too_large), or the file
+            cannot be written (target.unwritable).
     """
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
@@ -59,20 +60,25 @@ def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit"
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # nothing of the day or the machine in the file: the same board gives the same bytes
+        # no date or host in the file: the same target gives the same bytes
         with rc_context({"pdf.compression": 6}):
             about = {"Title": describe(board), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
             FigureCanvasPdf(figure).print_pdf(str(temporary), metadata=about)
         os.replace(temporary, path)
     except OSError as error:
-        raise StudioError(f"{path}: cannot be written ({error.strerror}).") from None
+        raise StudioError(
+            "target.unwritable",
+            f"cannot be written ({error.strerror})",
+            file=path,
+            fix="Check the free space and permissions.",
+        ) from None
     finally:
         temporary.unlink(missing_ok=True)
     return width, height
 
 
 def describe(board: CalibrationTarget) -> str:
-    """One line that says which board it is."""
+    """One-line description of a target."""
     base = f"{board.kind}, {board.columns} x {board.rows} squares of {board.square * 1000:g} mm"
     if board.kind == "charuco":
         base += f", markers {board.marker * 1000:g} mm, {board.dictionary}" + (", legacy" if board.legacy else "")
@@ -80,13 +86,13 @@ def describe(board: CalibrationTarget) -> str:
 
 
 def dark(board: CalibrationTarget) -> list[tuple[float, float, float, float]]:
-    """What is black (white on an inverted board): rectangles x, y, width, height in meters, board coordinates.
+    """Black areas (white on an inverted target): rectangles x, y, width, height in meters, target coordinates.
 
-    Where a marker lies in a white square, its black cells are listed one by one.
+    The black cells of markers are merged into horizontal runs.
     """
     s = board.square
     if board.kind == "chessboard":
-        # as OpenCV's pattern: the first square is black
+        # as in OpenCV's pattern the first square is black
         return [(i * s, j * s, s, s) for j in range(board.rows) for i in range(board.columns) if (i + j) % 2 == 0]
     charuco = board.charuco
     import cv2
@@ -102,7 +108,7 @@ def dark(board: CalibrationTarget) -> list[tuple[float, float, float, float]]:
         size = board.marker / cells
         for row in range(cells):
             column = 0
-            while column < cells:  # runs of black cells are one rectangle
+            while column < cells:  # one rectangle per run of black cells
                 end = column
                 while end < cells and picture[row, end] < 128:
                     end += 1
@@ -121,7 +127,12 @@ def _page(board: CalibrationTarget, paper: str) -> tuple[float, float]:
         white = max(_EDGE, board.square * 1000)
         return width + 2 * white, height + 2 * white + _TEXT
     if paper not in PAPERS:
-        raise StudioError(f"The paper '{paper}' is unknown; choose fit or one of {', '.join(PAPERS)}.")
+        raise StudioError(
+            "target.paper",
+            f"unknown paper '{paper}', expected fit or one of {', '.join(PAPERS)}",
+            value=paper,
+            expected=["fit", *PAPERS],
+        )
     sizes = [PAPERS[paper], PAPERS[paper][::-1]]
     if width > height:
         sizes.reverse()
@@ -129,8 +140,11 @@ def _page(board: CalibrationTarget, paper: str) -> tuple[float, float]:
         if width + 2 * _EDGE <= page[0] and height + 2 * _EDGE + _TEXT <= page[1]:
             return page
     raise StudioError(
-        f"The board is {width:g} x {height:g} mm and does not fit on {paper}; take smaller squares, fewer squares or "
-        "a larger paper."
+        "target.too_large",
+        f"the target is {width:g} x {height:g} mm and does not fit on {paper}",
+        value=[width, height],
+        fix="Use smaller squares, fewer squares or larger paper.",
+        paper=paper,
     )
 
 
@@ -147,7 +161,7 @@ def _rectangles(axes: Any, rectangles: list[tuple[float, float, float, float]], 
 
 
 def _foot(axes: Any, board: CalibrationTarget, left: float, height: float) -> None:
-    """A ruler to check the print with, and which board this is."""
+    """A ruler to check the print, and the description of the target."""
     left, y = max(left, _EDGE), height - _EDGE / 2 - 2
     length = 50.0
     gray = "0.35"

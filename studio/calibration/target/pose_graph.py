@@ -1,4 +1,4 @@
-"""From boards that pairs of cameras see at one moment to where all cameras stand: the start of the adjustment."""
+"""Initial camera poses from targets that pairs of cameras see in the same sync frame."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 _WORST = 5.0
-"""Pixels: a view whose own best pose fits worse than this is left out."""
+"""Pixels: observations with a larger RMS error at their own pose are ignored."""
 
 
-def chain(
+def chain_poses(
     lenses: Mapping[str, Camera], board: CalibrationTarget, views: Mapping[tuple[int, str], TargetObservation]
 ) -> TargetRig:
-    """Place the cameras by the moments that pairs share, along the pairs that share most.
+    """Chain relative camera poses along the pairs with the most common sync frames (maximum spanning tree).
 
     Args:
-        lenses: name to camera with its lens; poses are not used.
-        board: what they see.
-        views: (moment, camera) to what is seen.
+        lenses: name to camera with intrinsics; poses are not used.
+        board: the target.
+        views: (sync frame, camera) to observation.
 
     Returns:
-        cameras in the first one's coordinates, and the boards of all moments with a usable view.
+        cameras in the coordinates of the first one, and target poses of all sync frames with a usable observation.
 
     Raises:
-        StudioError: cameras that no chain of shared moments reaches, named.
+        StudioError: a camera is not connected to the others (target.not_connected, with `cameras`).
     """
     poses: dict[tuple[int, str], np.ndarray] = {}
     for key, view in views.items():
@@ -48,31 +48,34 @@ def chain(
         shared = sorted(sync_frames[first] & sync_frames[second])
         if shared:
             links[first, second] = shared
-    places = {next(iter(lenses)): np.eye(4)}
+    placed = {next(iter(lenses)): np.eye(4)}
     while True:
-        # the strongest link from what stands to what does not
-        ways = [(len(shared), pair) for pair, shared in links.items() if (pair[0] in places) != (pair[1] in places)]
+        # the strongest link from a placed camera to one that is not
+        ways = [(len(shared), pair) for pair, shared in links.items() if (pair[0] in placed) != (pair[1] in placed)]
         if not ways:
             break
         _, pair = max(ways)
-        known, new = pair if pair[0] in places else pair[::-1]
+        known, new = pair if pair[0] in placed else pair[::-1]
         relative = _relative(lenses, board, kept, poses, known, new, links[pair])
-        places[new] = relative @ places[known]
-    lost = [name for name in lenses if name not in places]
+        placed[new] = relative @ placed[known]
+    lost = [name for name in lenses if name not in placed]
     if lost:
         raise StudioError(
-            f"Camera '{lost[0]}'"
-            + (f" and {len(lost) - 1} more ({', '.join(lost[1:])})" if len(lost) > 1 else "")
-            + f" never see the board at a moment when {', '.join(places)} see it; film the board where both see it."
+            "target.not_connected",
+            f"no sync frame in which the target is seen both by {' or '.join(lost)} and by {' or '.join(placed)}",
+            value=lost,
+            fix="Film the target where cameras of both groups see it.",
+            camera=lost[0],
+            cameras=lost,
         )
-    cameras = {name: replace(lenses[name], world_to_camera=places[name]) for name in lenses}
+    cameras = {name: replace(lenses[name], world_to_camera=placed[name]) for name in lenses}
     boards = {}
     for sync_frame in sorted({sync_frame for sync_frame, _ in kept}):
         seen = [name for name in lenses if (sync_frame, name) in kept]
-        candidates = [np.linalg.inv(places[name]) @ poses[sync_frame, name] for name in seen]
+        candidates = [np.linalg.inv(placed[name]) @ poses[sync_frame, name] for name in seen]
         costs = [
             sum(
-                min(50.0, float(np.median(reprojection(lenses[n], places[n] @ c, *_seen(board, kept[sync_frame, n])))))
+                min(50.0, float(np.median(reprojection(lenses[n], placed[n] @ c, *_seen(board, kept[sync_frame, n])))))
                 for n in seen
             )
             for c in candidates
@@ -94,7 +97,7 @@ def _relative(
     second: str,
     shared: list[int],
 ) -> np.ndarray:
-    """(4, 4) from the first camera to the second: of what each moment says, the one that fits all moments best."""
+    """(4, 4) first to second camera: of the candidates from each sync frame the one that fits all of them best."""
     trial = shared if len(shared) <= 24 else [shared[i] for i in np.linspace(0, len(shared) - 1, 24).astype(int)]
     best, found = np.inf, np.eye(4)
     for sync_frame in trial:

@@ -1,21 +1,23 @@
-"""Cameras of a rig from pictures of a calibration board: lenses, places, scale, and how good they are."""
+"""Calibration of a rig from images of a calibration target: intrinsics, poses, scale and report."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from studio.calibration.alignment import Similarity, upright
-from studio.calibration.result import CalibrationResult, image_coverage, reprojection_report
+from studio.calibration.checks import check_intrinsics_size
+from studio.calibration.report import IntrinsicsReport, TargetReport
+from studio.calibration.result import CalibrationResult, error_statistics, image_coverage, reprojection_report
 from studio.calibration.settings import CalibrateSettings
 from studio.calibration.target.bundle_adjustment import TargetRig
-from studio.calibration.target.intrinsics import check_lens_size, lens_from_views
-from studio.calibration.target.outlier_rejection import settle
+from studio.calibration.target.intrinsics import lens_from_views
+from studio.calibration.target.outlier_rejection import refine_without_outliers
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
-from studio.calibration.target.pose_graph import chain
+from studio.calibration.target.pose_graph import chain_poses
 from studio.calibration.target.scale_accuracy import scale_check, shared_sync_frames
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -44,19 +46,19 @@ def detect_target(
     board: CalibrationTarget,
     progress: ProgressFn = no_progress,
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
-    """Look for the board in every picture.
+    """Detect the target in every image.
 
     Args:
-        cameras: name to a function that reads the picture (H, W, 3) uint8 RGB of a moment.
-        sync_frames: name to the moments to read.
-        board: what to look for.
-        progress: called for every picture.
+        cameras: name to a function that reads the image (H, W, 3) uint8 RGB of a sync frame.
+        sync_frames: name to the sync frames to read.
+        board: the target.
+        progress: called per image.
 
     Returns:
-        (moment, camera) to view, and width and height of each camera's pictures.
+        (sync frame, camera) to observation, and (width, height) of each camera's images.
 
     Raises:
-        StudioError: pictures of one camera differ in size.
+        StudioError: the images of a camera differ in size (target.image_size).
     """
     views: dict[tuple[int, str], TargetObservation] = {}
     sizes: dict[str, tuple[int, int]] = {}
@@ -68,8 +70,14 @@ def detect_target(
             size = (image.shape[1], image.shape[0])
             if sizes.setdefault(name, size) != size:
                 raise StudioError(
-                    f"Camera '{name}': the picture of moment {sync_frame} is {size[0]}x{size[1]}, earlier ones are "
-                    f"{sizes[name][0]}x{sizes[name][1]}; take pictures of one size."
+                    "target.image_size",
+                    f"camera '{name}': the image of frame {sync_frame} is {size[0]}x{size[1]}, earlier ones are "
+                    f"{sizes[name][0]}x{sizes[name][1]}",
+                    value=list(size),
+                    fix="Use images of one size per camera.",
+                    camera=name,
+                    frame=sync_frame,
+                    expected=list(sizes[name]),
                 )
             view = board.detect(image)
             if view is not None:
@@ -85,33 +93,35 @@ def calibrate_lenses(
     sizes: Mapping[str, tuple[int, int]],
     settings: CalibrateSettings | None = None,
     threads: int = 0,
-) -> tuple[dict[str, Camera], dict[str, dict[str, Any]]]:
-    """Lenses alone, each camera by its own pictures of the board, which need not be of common moments.
+) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
+    """Intrinsics only, of each camera from its own images of the target, which need not be synchronized.
 
     Returns:
-        name to camera at the identity pose, and name to figures: `mean`, `median`, `p95` of the reprojection errors in
-        pixels, `views`.
+        name to camera at the identity pose, and name to report.
 
     Raises:
-        StudioError: a camera sees the board too seldom.
+        StudioError: a camera has too few observations (target.too_few_views), or they determine no intrinsics
+            (target.focal_length, target.no_fit).
     """
     settings = settings or CalibrateSettings()
     cameras, figures = {}, {}
     for name, seen in views.items():
         principal_point = bool(seen) and _estimates_principal_point(settings, seen, sizes[name])
         start = lens_from_views(name, sizes[name], board, seen, settings.camera_model, principal_point=principal_point)
-        state = chain({name: start}, board, {(number, name): view for number, view in enumerate(seen)})
+        state = chain_poses({name: start}, board, {(number, name): view for number, view in enumerate(seen)})
         if not state.views:
-            raise StudioError(f"Camera '{name}': none of its {len(seen)} pictures of the board fits a lens.")
-        state, _ = _settle(state, board, settings, {}, principal_point, threads)
+            raise StudioError(
+                "target.no_fit",
+                f"camera '{name}': no intrinsics fit its {len(seen)} images of the target",
+                value=len(seen),
+                fix="Check that calibrate.board describes the target, and film it again.",
+                camera=name,
+                setting="calibrate.board",
+            )
+        state, _ = _refine(state, board, settings, {}, principal_point, threads)
         cameras[name] = state.cameras[name]
         errors = np.concatenate(list(state.errors(board).values()))
-        figures[name] = {
-            "mean": round(float(errors.mean()), 4),
-            "median": round(float(np.median(errors)), 4),
-            "p95": round(float(np.quantile(errors, 0.95)), 4),
-            "views": len(state.views),
-        }
+        figures[name] = IntrinsicsReport(**error_statistics(errors).model_dump(), views=len(state.views))
     return cameras, figures
 
 
@@ -125,31 +135,35 @@ def calibrate_from_target(
     threads: int = 0,
     progress: ProgressFn = no_progress,
 ) -> CalibrationResult:
-    """Lenses and places of all cameras.
+    """Intrinsics and poses of all cameras.
 
     Args:
-        board: what was filmed.
-        views: (moment, camera) to what was seen; moments are common to all cameras.
-        sizes: width and height of each camera's pictures; names all cameras.
-        known: cameras whose lenses are known and stay as they are; their poses are not used.
+        board: the target.
+        views: (sync frame, camera) to observation.
+        sizes: (width, height) of each camera's images; has all cameras.
+        known: cameras with fixed intrinsics; their poses are not used.
         settings: how to solve.
-        threads: CPU threads; 0: all cores.
-        progress: of the steps.
+        threads: number of threads, 0 = all cores.
+        progress: called per step.
 
     Returns:
-        cameras in meters; the points are the board's corners at all moments. The report has, beside
-        `reprojection_report`'s figures, `boards`: moments, views and corners used, views and corners left out, and what
-        (see `scale_accuracy.scale_check`), and `unregistered` (empty).
+        cameras in meters; the points are the corners of the target in all sync frames. The report has `boards`.
 
     Raises:
-        StudioError: a camera never sees the board, or never together with another; an origin without a board.
+        StudioError: the target is symmetric (target.symmetric), a camera never sees it (target.not_seen) or never
+            together with another camera (target.not_connected), or no camera sees it in the origin frame
+            (target.origin).
     """
     settings = settings or CalibrateSettings()
     known = dict(known or {})
     if board.is_symmetric:
         raise StudioError(
-            f"A chessboard of {board.columns} x {board.rows} squares looks the same upside down, so cameras cannot "
-            "agree on where it stands; use one with an odd and an even number of squares, or a ChArUco board."
+            "target.symmetric",
+            f"a chessboard of {board.columns} x {board.rows} squares looks the same upside down, so its orientation is "
+            "ambiguous",
+            value=[board.columns, board.rows],
+            fix="Use an even number of squares in one direction and an odd one in the other, or a ChArUco target.",
+            setting="calibrate.board",
         )
     lenses: dict[str, Camera] = {}
     estimated: dict[str, bool] = {}
@@ -158,11 +172,14 @@ def calibrate_from_target(
         own = [view for (_, camera), view in views.items() if camera == name]
         if not own:
             raise StudioError(
-                f"Camera '{name}' sees the board in none of its pictures; check the board's description (columns, "
-                "rows, dictionary, inverted), or film it nearer."
+                "target.not_seen",
+                f"the target was not detected in any image of camera '{name}'",
+                fix="Check calibrate.board (columns, rows, dictionary, inverted), or film the target closer.",
+                camera=name,
+                setting="calibrate.board",
             )
         if name in known:
-            check_lens_size(known[name], size)
+            check_intrinsics_size(known[name], size)
             lenses[name] = known[name]
         else:
             estimated[name] = _estimates_principal_point(settings, own, size)
@@ -170,26 +187,29 @@ def calibrate_from_target(
                 name, size, board, own, settings.camera_model, principal_point=estimated[name]
             )
     progress(len(sizes), 2 * len(sizes) + 3)
-    state = chain(lenses, board, views)
+    state = chain_poses(lenses, board, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
-    state, dropped = _settle(state, board, settings, known, all(estimated.values()), threads)
+    state, dropped = _refine(state, board, settings, known, all(estimated.values()), threads)
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
     result = _result(state, board, settings)
-    result.report["boards"] = {
-        "sync_frames": len(state.boards),
-        "views": len(state.views),
-        "corners": sum(len(view.ids) for view in state.views.values()),
-        "views_left_out": len(views) - len(state.views),
-        "corners_left_out": dropped,
-        "shared": shared_sync_frames(state),
-        **scale_check(state, board),
-    }
-    result.report |= {"unregistered": {}, "metric": True}
+    figures = TargetReport(
+        sync_frames=len(state.boards),
+        views=len(state.views),
+        corners=sum(len(view.ids) for view in state.views.values()),
+        views_left_out=len(views) - len(state.views),
+        corners_left_out=dropped,
+        shared=shared_sync_frames(state),
+    )
+    accuracy = scale_check(state, board)
+    if accuracy is not None:
+        figures = figures.model_copy(update={"scale_bias": accuracy[0], "corner_error_mm": accuracy[1]})
+    update = {"boards": figures, "unregistered": {}, "metric": True}
+    result = replace(result, report=result.report.model_copy(update=update))
     progress(2 * len(sizes) + 3, 2 * len(sizes) + 3)
     return result
 
 
-def _settle(
+def _refine(
     state: TargetRig,
     board: CalibrationTarget,
     settings: CalibrateSettings,
@@ -197,7 +217,7 @@ def _settle(
     principal_point: bool,
     threads: int,
 ) -> tuple[TargetRig, int]:
-    return settle(
+    return refine_without_outliers(
         state,
         board,
         settings.camera_model,
@@ -209,7 +229,7 @@ def _settle(
 
 
 def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSettings) -> CalibrationResult:
-    """Everything in the world's coordinates."""
+    """The result in world coordinates."""
     order = {sync_frame: number for number, sync_frame in enumerate(state.boards)}
     count = len(board.corners)
     points = np.concatenate([board.corners @ p[:3, :3].T + p[:3, 3] for p in state.boards.values()])
@@ -226,8 +246,12 @@ def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSetti
         if settings.board_origin not in state.boards:
             near = min(state.boards, key=lambda sync_frame: abs(sync_frame - int(settings.board_origin or 0)))
             raise StudioError(
-                f"Frame {settings.board_origin} should give the origin, but no camera sees the board there; the "
-                f"nearest frame in which one does is {near}."
+                "target.origin",
+                f"no camera sees the target in frame {settings.board_origin}, which defines the origin",
+                value=settings.board_origin,
+                fix=f"Set calibrate.board_origin to another frame; the nearest is {near}.",
+                setting="calibrate.board_origin",
+                expected=near,
             )
         world = target_world(board, state.boards[settings.board_origin], upright=settings.board_upright)
     else:
@@ -243,12 +267,12 @@ def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSetti
 
 
 def target_world(board: CalibrationTarget, place: np.ndarray, *, upright: bool) -> Similarity:
-    """The world that a board gives: origin in its middle, x along its columns, z up.
+    """World coordinates defined by a target: origin in its center, x along its columns, z up.
 
     Args:
-        board: the board.
-        place: (4, 4) from board coordinates to the present ones.
-        upright: see `CalibrateSettings`.
+        board: the target.
+        place: (4, 4) target to current coordinates.
+        upright: see `CalibrateSettings.board_upright`.
     """
     x, y, z = place[:3, :3].T
     rotation = np.stack([x, z, -y]) if upright else np.stack([x, -y, -z])

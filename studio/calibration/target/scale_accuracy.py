@@ -1,4 +1,4 @@
-"""How well a rig that was calibrated before a board measures that board."""
+"""Accuracy of a calibrated rig's scale, measured on the target."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from studio.calibration.alignment import align_points
 from studio.calibration.target.bundle_adjustment import TargetRig
 from studio.calibration.target.pattern import CalibrationTarget
 from studio.cameras import Camera
+from studio.rays import nearest_point_to_rays
 
 
 def shared_sync_frames(state: TargetRig) -> dict[str, int]:
-    """How many moments each pair of cameras shares."""
+    """ "cam0 cam1" to the number of sync frames in which both see the target, for pairs with any."""
     sync_frames: dict[str, set[int]] = {name: set() for name in state.cameras}
     for sync_frame, name in state.views:
         sync_frames[name].add(sync_frame)
@@ -24,13 +25,12 @@ def shared_sync_frames(state: TargetRig) -> dict[str, int]:
     }
 
 
-def scale_check(state: TargetRig, board: CalibrationTarget) -> dict[str, float]:
-    """The board measured with the calibrated cameras: its corners triangulated freely, then compared with the board.
+def scale_check(state: TargetRig, board: CalibrationTarget) -> tuple[float, float] | None:
+    """Triangulate the corners with the calibrated cameras and compare them with the target.
 
     Returns:
-        `scale_bias`: how much longer the measured distances between corners are than the board's, in parts (0.001 is
-        one millimeter a meter); `corner_error_mm`: root mean square of the triangulated corners' distances from the
-        board fitted to them. Empty where no corner is seen by two cameras.
+        relative error of the distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters of
+        the triangulated corners from the target fitted to them; None if no two cameras see the same corners.
     """
     scales, squares = [], []
     for sync_frame in state.boards:
@@ -53,24 +53,12 @@ def scale_check(state: TargetRig, board: CalibrationTarget) -> dict[str, float]:
         rest = measured - (fit.points(true) - fit.points(true).mean(0)) / fit.scale - measured.mean(0)
         squares.append((rest**2).sum(1))
     if not scales:
-        return {}
-    return {
-        "scale_bias": round(float(np.mean(scales)) - 1, 6),
-        "corner_error_mm": round(1000 * float(np.sqrt(np.concatenate(squares).mean())), 3),
-    }
+        return None
+    bias = round(float(np.mean(scales)) - 1, 6)
+    return bias, round(1000 * float(np.sqrt(np.concatenate(squares).mean())), 3)
 
 
 def _triangulate(seen: list[tuple[Camera, np.ndarray]]) -> np.ndarray:
-    """(3,): the point nearest, in least squares, to the rays."""
-    import cv2
-
-    total, right = np.zeros((3, 3)), np.zeros(3)
-    for camera, pixel in seen:
-        lens = camera.distortion if camera.distortion.size else None
-        flat = cv2.undistortPoints((pixel - 0.5).reshape(1, 1, 2), camera.cv2_K, lens).reshape(2)
-        ray = np.array([*flat, 1.0]) @ camera.rotation
-        ray /= np.linalg.norm(ray)
-        projector = np.eye(3) - np.outer(ray, ray)
-        total += projector
-        right += projector @ camera.center
-    return np.linalg.solve(total, right)
+    """(3,): the point nearest to the rays through the pixels."""
+    directions = np.concatenate([camera.ray_directions(pixel) for camera, pixel in seen])
+    return nearest_point_to_rays(np.array([camera.center for camera, _ in seen]), directions)

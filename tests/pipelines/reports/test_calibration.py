@@ -29,7 +29,7 @@ def report_with(error: float) -> dict:
     for camera in rig:
         pixels, _ = camera.project(points)
         seen[camera.name] = np.column_stack([np.arange(40), pixels + np.array([error, 0])])
-    return {**reprojection_report(rig, points, seen), "unregistered": {"lost": "only 3 features were found"}}
+    return {**reprojection_report(rig, points, seen).to_dict(), "unregistered": {"lost": "only 3 features were found"}}
 
 
 class Page(HTMLParser):

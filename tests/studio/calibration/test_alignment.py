@@ -1,4 +1,4 @@
-"""Similarity transforms and the figures of a solution, against closed forms."""
+"""Similarity transforms and reprojection reports against closed forms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import pytest
 from studio.calibration import align_points, align_rigs, compare_rigs, reprojection_report
 from studio.calibration.alignment import Similarity, scale_to_distance, upright
 from studio.cameras import Camera, Rig
-from studio.errors import StudioError
+from tests.support import rigs
+from tests.support.errors import refuses
 
 RANDOM = np.random.default_rng(4)
 
@@ -20,20 +21,9 @@ def turn(axis: list[float], angle: float) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-def ring(count: int = 6, distance: float = 4.0, target: tuple[float, float, float] = (0, 0, 0)) -> Rig:
-    """Cameras about a target, z up."""
-    cameras = []
-    for index in range(count):
-        angle = 2 * np.pi * index / count
-        offset = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
-        forward = -offset / distance
-        right = np.cross(forward, [0, 0, 1.0])
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ (offset + target)
-        K = np.array([[500, 0, 320], [0, 500, 240], [0, 0, 1.0]])
-        cameras.append(Camera(f"c{index}", 640, 480, K, pose, np.array([-0.1, 0.02, 0, 0])))
-    return Rig(tuple(cameras))
+def ring(count: int = 6, radius: float = 4.0, target: tuple[float, float, float] = (0, 0, 0)) -> Rig:
+    lens = {"focal": 500.0, "size": (640, 480), "distortion": (-0.1, 0.02, 0, 0)}
+    return rigs.ring(count, radius=radius, target=target, name="c{}", **lens)
 
 
 MOVE = Similarity(2.5, turn([1, 2, 3], 1.1), np.array([3.0, -4.0, 5.0]))
@@ -107,14 +97,14 @@ def test_known_distance() -> None:
     rig = ring()
     scaled = scale_to_distance(rig, "c0", "c3", 2.0).rig(rig)
     assert np.linalg.norm(scaled["c0"].center - scaled["c3"].center) == pytest.approx(2.0)
-    with pytest.raises(StudioError, match="must be positive"):
+    with refuses("calibration.distance", value=0.0):
         scale_to_distance(rig, "c0", "c3", 0.0)
-    with pytest.raises(StudioError, match="no camera 'x'"):
+    with refuses("camera.unknown", value="x"):
         scale_to_distance(rig, "c0", "x", 1.0)
 
 
 def test_too_few_cameras_to_align() -> None:
-    with pytest.raises(StudioError, match="At least 3 common cameras"):
+    with refuses("calibration.too_few_points", value=2, expected=3):
         align_rigs(ring().subset(["c0", "c1"]), ring())
 
 
@@ -126,10 +116,10 @@ def test_report_measures_errors_put_in() -> None:
         shift = 0.3 if camera.name == "c1" else 0.0
         observations[camera.name] = np.column_stack([np.arange(50), pixels + np.array([shift, 0])])
     report = reprojection_report(rig, points, observations)
-    assert report["cameras"]["c1"]["mean"] == pytest.approx(0.3, abs=1e-4)
-    assert report["cameras"]["c0"]["mean"] == pytest.approx(0.0, abs=1e-4)
-    assert report["reprojection"]["mean"] == pytest.approx(0.075, abs=1e-4)
-    assert report["reprojection"]["median"] == pytest.approx(0.0, abs=1e-4)
-    assert report["reprojection"]["p95"] == pytest.approx(0.3, abs=1e-4)
-    assert (report["points"], report["observations"], report["mean_track_length"]) == (50, 200, 4.0)
-    assert report["quality"] == "excellent"
+    assert report.cameras["c1"].mean == pytest.approx(0.3, abs=1e-4)
+    assert report.cameras["c0"].mean == pytest.approx(0.0, abs=1e-4)
+    assert report.reprojection.mean == pytest.approx(0.075, abs=1e-4)
+    assert report.reprojection.median == pytest.approx(0.0, abs=1e-4)
+    assert report.reprojection.p95 == pytest.approx(0.3, abs=1e-4)
+    assert (report.points, report.observations, report.mean_track_length) == (50, 200, 4.0)
+    assert report.quality == "excellent"

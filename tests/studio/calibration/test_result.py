@@ -1,4 +1,4 @@
-"""Figures of a calibration, checked by hand; the floor, found where it was put."""
+"""Reports of a calibration, checked by hand; the floor of a synthetic scene."""
 
 from __future__ import annotations
 
@@ -8,29 +8,18 @@ import numpy as np
 import pytest
 
 from studio.calibration import floor_world, reprojection_report
+from studio.calibration.report import CalibrationReport, Neighbor
 from studio.calibration.result import image_coverage, rig_geometry
 from studio.cameras import Camera, Rig
-from studio.errors import StudioError
-
-
-def looking(center: list[float], target: list[float]) -> np.ndarray:
-    eye = np.array(center, float)
-    forward = np.array(target) - eye
-    forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, [0, 0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ eye
-    return pose
-
+from tests.support.errors import refuses
+from tests.support.rigs import pose
 
 K = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
 RIG = Rig(
     (
-        Camera("east", 80, 60, K, looking([2, 0, 0], [0, 0, 0])),
-        Camera("north", 80, 60, K, looking([0, 2, 0], [0, 0, 0])),
-        Camera("west", 80, 60, K, looking([-1, 0, 0], [0, 0, 0])),
+        Camera("east", 80, 60, K, pose([2, 0, 0], [0, 0, 0])),
+        Camera("north", 80, 60, K, pose([0, 2, 0], [0, 0, 0])),
+        Camera("west", 80, 60, K, pose([-1, 0, 0], [0, 0, 0])),
     )
 )
 
@@ -43,26 +32,30 @@ def test_report_of_known_errors() -> None:
         pixels = RIG[name].project(points[ids])[0] + [off, 0]
         seen[name] = np.column_stack([ids, pixels])
     report = reprojection_report(RIG, points, seen)
-    assert report["reprojection"]["mean"] == pytest.approx((0 + 0 + 0.6 + 0.6 + 2) / 5, abs=1e-4)
-    assert report["reprojection"]["median"] == pytest.approx(0.6, abs=1e-4)
-    assert report["quality"] == "acceptable"
-    assert [report["cameras"][name]["quality"] for name in RIG.names] == ["excellent", "acceptable", "review"]
-    assert report["tracks"] == {"2": 1, "3": 1}
-    assert report["mean_track_length"] == 2.5
+    assert report.reprojection.mean == pytest.approx((0 + 0 + 0.6 + 0.6 + 2) / 5, abs=1e-4)
+    assert report.reprojection.median == pytest.approx(0.6, abs=1e-4)
+    assert report.quality == "acceptable"
+    assert [report.cameras[name].quality for name in RIG.names] == ["excellent", "acceptable", "review"]
+    assert report.tracks == {"2": 1, "3": 1}
+    assert report.mean_track_length == 2.5
     # the point in the middle is seen from both sides; the other along (1.9, -0.1, -0.1) and (-0.1, 1.9, -0.1)
     cosine = np.median([-1, (-0.19 - 0.19 + 0.01) / (1.9**2 + 0.02)])
-    assert report["geometry"]["triangulation_angle"] == pytest.approx(np.degrees(np.arccos(cosine)), abs=0.01)
-    grid = np.array(report["cameras"]["west"]["coverage_map"])
+    assert report.geometry.triangulation_angle == pytest.approx(np.degrees(np.arccos(cosine)), abs=0.01)
+    grid = np.array(report.cameras["west"].coverage_map)
     assert grid.sum() == 1
     assert grid[4, 4] == 1  # (42, 30) of 80 x 60
-    json.dumps(report)
+    written = report.to_dict()
+    assert CalibrationReport.model_validate_json(json.dumps(written)) == report
+    assert set(written) == {
+        "reprojection", "quality", "points", "observations", "mean_track_length", "tracks", "geometry", "cameras",
+    }  # fmt: skip
 
 
 def test_geometry_names_the_nearest_camera() -> None:
     geometry = rig_geometry(RIG)
-    assert geometry["radius"] == pytest.approx(5 / 3, abs=1e-6)
-    assert geometry["neighbors"]["west"] == {"name": "north", "distance": pytest.approx(5**0.5), "angle": 90.0}
-    assert geometry["neighbors"]["east"]["name"] == "north"
+    assert geometry.radius == pytest.approx(5 / 3, abs=1e-6)
+    assert geometry.neighbors["west"] == Neighbor(name="north", distance=round(5**0.5, 6), angle=90.0)
+    assert geometry.neighbors["east"].name == "north"
 
 
 def test_coverage() -> None:
@@ -78,15 +71,15 @@ def test_the_floor_is_level_at_height_zero() -> None:
     wall = np.column_stack([rng.uniform(-2, 2, 300), np.full(300, 2.0), rng.uniform(0, 2, 300)])
     things = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.8], (300, 3))
     points = (np.concatenate([floor, wall, things]) + np.array([0, 0, 0.4])) @ turn.T
-    cameras = [Camera(f"c{i}", 80, 60, K, looking([3 * np.cos(i), 3 * np.sin(i), 1.5], [0, 0, 1])) for i in range(6)]
+    cameras = [Camera(f"c{i}", 80, 60, K, pose([3 * np.cos(i), 3 * np.sin(i), 1.5], [0, 0, 1])) for i in range(6)]
     rig = Rig(tuple(cameras))
     world, figures = floor_world(rig, points)
     moved = world.points(points)
     assert np.abs(moved[:400, 2]).max() < 0.03
     assert np.ptp(moved[400:700, 1]) < 0.05  # the wall is upright again
-    assert figures["tilt"] == pytest.approx(8, abs=0.3)
+    assert figures.tilt == pytest.approx(8, abs=0.3)
     assert world.scale == 1
-    with pytest.raises(StudioError, match="No floor was found"):
+    with refuses("calibration.no_floor", setting="calibrate.floor", expected=0.05):
         floor_world(rig, rng.normal(size=(500, 3)))
-    with pytest.raises(StudioError, match="among 3 sparse points"):
+    with refuses("calibration.no_floor", value=3, expected=50):
         floor_world(rig, points[:3])

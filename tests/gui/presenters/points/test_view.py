@@ -138,13 +138,13 @@ def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None
     assert [point.name for point in stage_view.marks.points] == ["a name from an editor"]
     stage_view.path.write_text("points: [")
     picture(stage_view)
-    assert "this is no YAML" in stage_view.status
+    assert "points.yaml: invalid YAML at line 1" in stage_view.status
     stage_view.click(500, 300)
     assert stage_view.path.read_text() == "points: ["  # nothing is written over it
     stage_view.path.write_text(text)
     picture(stage_view)
     assert [point.name for point in stage_view.marks.points] == ["point 1"]
-    assert "this is no YAML" not in stage_view.status
+    assert "invalid YAML" not in stage_view.status
 
 
 def test_footage_that_is_gone(take_copy: Path, tmp_path: Path) -> None:

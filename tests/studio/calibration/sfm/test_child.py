@@ -1,4 +1,4 @@
-"""Work in a child process: its lines arrive, it can be stopped, and its death is told."""
+"""Work in a child process: progress arrives, it can be stopped, and crashes are reported."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from typing import Any
 import pytest
 
 from studio.calibration.sfm.child import run_reporting
-from studio.errors import Cancelled, StudioError
+from studio.errors import Cancelled
+from tests.support.errors import refuses
 
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Makes a module of some code and gives its name."""
+    """Writes code to a module and returns the module's name."""
 
     def make(code: str) -> str:
         (tmp_path / "some_work.py").write_text(code)
@@ -41,8 +42,8 @@ def test_lines_arrive_and_noise_does_not(module: Any) -> None:
     assert [line for line in lines if line] == [{"step": "a", "done": 1, "total": 2}]
 
 
-def test_a_module_that_claims_its_output_is_heard_though_native_code_ends_no_line(module: Any) -> None:
-    """As COLMAP's worker does. Without the claim the message would stand in a line with the warning and be lost."""
+def test_lines_arrive_although_native_code_prints_without_newlines(module: Any) -> None:
+    """With `claim_stdout`, as in the worker; otherwise they would share a line with native output and be lost."""
     work = module(
         "import ctypes, os\nfrom studio.standard_output import claim_stdout\nclaim_stdout()\n"
         "os.write(1, b'Warning: ')\nctypes.CDLL(None).printf(b'x' * 100000)\n"
@@ -53,25 +54,25 @@ def test_a_module_that_claims_its_output_is_heard_though_native_code_ends_no_lin
     assert [line for line in lines if line] == [{"step": "a"}]
 
 
-def test_error_is_told(module: Any) -> None:
+def test_errors_are_reported(module: Any) -> None:
     work = module('print(\'{"error": "ValueError: no"}\'); raise SystemExit(1)')
-    with pytest.raises(StudioError, match=r"^The work failed: ValueError: no\.$"):
+    with refuses("calibration.worker_failed", value="ValueError: no"):
         run_reporting(work, [], lambda line: None, what="The work")
 
 
-def test_death_is_told(module: Any) -> None:
-    """A crash in native code takes the child along, not us."""
+def test_crashes_are_reported(module: Any) -> None:
+    """A crash in native code ends the child only."""
     work = module('import os, sys, signal; print("last words", file=sys.stderr, flush=True)\nos.kill(os.getpid(), 11)')
-    with pytest.raises(StudioError, match=r"The work ended unexpectedly \(exit code -11\).*last words"):
+    with refuses("calibration.worker_died", exit_code=-11, stderr="last words"):
         run_reporting(work, [], lambda line: None, what="The work")
 
 
-def test_ending_without_a_word_is_no_success(module: Any) -> None:
-    with pytest.raises(StudioError, match=r"ended unexpectedly \(exit code 0\)"):
+def test_ending_without_a_result_is_an_error(module: Any) -> None:
+    with refuses("calibration.worker_died", exit_code=0, stderr=""):
         run_reporting(module("pass"), [], lambda line: None, what="The work")
 
 
-def test_stopped_at_once_though_the_child_says_nothing(module: Any, tmp_path: Path) -> None:
+def test_stopped_at_once_though_the_child_prints_nothing(module: Any, tmp_path: Path) -> None:
     work = module(
         "import os, pathlib, sys, time\npathlib.Path(sys.argv[1]).write_text(str(os.getpid()))\ntime.sleep(60)"
     )
@@ -99,7 +100,7 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
          str(tmp_path / "job.json")],
         stdin=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )  # fmt: skip
-    (tmp_path / "job.json").write_text('{"threads": 1, "seed": 0}')
+    (tmp_path / "job.json").write_text('{"names": [], "lenses": [], "lens_of": []}')
     assert child.stdin is not None
     time.sleep(1.0)
     child.stdin.close()

@@ -1,4 +1,4 @@
-"""The mapper on COLMAP's own synthetic rigs, whose truth is known; moments merged into one image a camera."""
+"""The mapper on COLMAP's synthetic rigs with known truth; sync frames merged into one image per camera."""
 
 from __future__ import annotations
 
@@ -21,33 +21,24 @@ import pytest
 
 from studio.calibration import compare_rigs
 from studio.calibration.sfm.features import _merge, count_rows, write_image, write_lenses
-from studio.calibration.sfm.job import neighbors
+from studio.calibration.sfm.job import SfmCamera, SfmJob, SfmSolution, neighbors
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
+from tests.support.rigs import ring
 
 pycolmap = pytest.importorskip("pycolmap")
 
 
-def job_of(count: int, **settings: Any) -> dict[str, Any]:
-    lens = {"model": "SIMPLE_RADIAL", "width": 1024, "height": 768, "params": [1280.0, 512.0, 384.0, 0.0]}
-    return {
+def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", focal: float = 1280.0, **settings: Any) -> SfmJob:
+    lens = SfmCamera(model="SIMPLE_RADIAL", width=1024, height=768, params=(focal, 512.0, 384.0, 0.0), becomes=becomes)
+    values: dict[str, Any] = {
         "names": [str(number) for number in range(count)],
-        "sync_frames": 1,
-        "lenses": [{**lens, "known": False, "prior": False, "becomes": "SIMPLE_RADIAL"} for _ in range(count)],
+        "lenses": [lens] * count,
         "lens_of": list(range(count)),
-        "masks": False,
-        "pairs": [],
-        "poses": [],
-        "fix_poses": False,
         "mapper": "incremental",
-        "seed": 0,
-        "threads": 1,
-        "fix_intrinsics": True,
-        "refine_principal_point": False,
-        "find_shared": False,
-        **settings,
     }
+    return SfmJob(**{**values, **settings})
 
 
 def synthesise(
@@ -91,12 +82,12 @@ def synthesise(
     return Rig(tuple(cameras))
 
 
-def solution(folder: Path) -> tuple[Rig, dict[str, Any]]:
-    found = json.loads((folder / "solution.json").read_text())
+def solution(folder: Path) -> tuple[Rig, SfmSolution]:
+    found = SfmSolution.model_validate_json((folder / "solution.json").read_text())
     cameras = []
-    for entry in found["cameras"]:
-        K, distortion = intrinsics(entry["model"], entry["params"])
-        cameras.append(Camera(str(entry["number"]), 1024, 768, K, np.array(entry["pose"]), distortion))
+    for entry in found.cameras:
+        K, distortion = intrinsics(entry.model, entry.params)
+        cameras.append(Camera(str(entry.number), 1024, 768, K, np.array(entry.pose), distortion))
     return Rig(tuple(cameras)), found
 
 
@@ -105,7 +96,7 @@ def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str
     Worker(tmp_path, job_of(8)).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
     assert len(rig) == 8
-    assert found["mapper"] == "incremental"
+    assert found.mapper == "incremental"
     difference = compare_rigs(rig, truth)
     # what this noise allows with so few points: the adjustment that starts from the truth ends as far from it
     assert difference.center_percent < 0.4
@@ -113,21 +104,21 @@ def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str
     poses = [camera.world_to_camera[:3].tolist() for camera in truth]
     Worker(tmp_path, job_of(8, poses=poses)).solve(tmp_path / "database.db")
     best, found = solution(tmp_path)
-    assert found["mapper"] == "known poses"
+    assert found.mapper == "known poses"
     assert compare_rigs(rig, best).center_percent < 0.02
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert {line["step"] for line in said} == {"mapping", "adjusting"}
-    assert found["match_inlier_ratio"] > 0.85  # of the verified matches; a tenth of all is wrong
+    assert found.match_inlier_ratio > 0.85  # of the verified matches; a tenth of all is wrong
 
 
-def test_one_lens_is_found_where_there_is_one(tmp_path: Path) -> None:
+def test_shared_intrinsics_are_accepted(tmp_path: Path) -> None:
     truth = synthesise(tmp_path, 8, 800)
     Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
-    (told,) = found["sharing"]
-    assert told["shared"]
-    assert told["images"] == list(range(8))
-    assert 0 < told["misfit"] < 3  # the noise is Gaussian here: 1 is expected
+    (test,) = found.sharing
+    assert test.shared
+    assert test.images == tuple(range(8))
+    assert 0 < test.misfit < 3  # the noise is Gaussian here: 1 is expected
     assert len({camera.fx for camera in rig}) == 1
     assert rig["0"].fx == pytest.approx(1280, rel=1e-3)
     difference = compare_rigs(rig, truth)
@@ -135,8 +126,8 @@ def test_one_lens_is_found_where_there_is_one(tmp_path: Path) -> None:
     assert difference.rotation_degrees < 0.02
 
 
-def test_focal_lengths_far_apart_are_tried_as_one(tmp_path: Path) -> None:
-    """A lens each that leads astray gives way to one lens that explains as much; a good one does not."""
+def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path) -> None:
+    """Separate intrinsics that diverge are replaced by shared ones with as many inliers; good ones are not."""
     from studio.calibration.sfm import mapping
     from studio.calibration.sfm.shared_intrinsics import focal_spread
 
@@ -145,47 +136,45 @@ def test_focal_lengths_far_apart_are_tried_as_one(tmp_path: Path) -> None:
     mapper = mapping.Mapper(tmp_path, path, job_of(6, find_shared=True))
     (model,) = mapper._incremental(False)
     assert focal_spread(model, mapper._free()) < 1.05
-    assert mapper._with_one_lens(model) is None
+    assert mapper._with_shared_intrinsics(model) is None
     camera = model.cameras[2]
     camera.params = [2.0 * camera.params[0], *camera.params[1:]]
     assert focal_spread(model, mapper._free()) == pytest.approx(2.0, rel=0.05)
     assert focal_spread(model, mapper._free() - {2}) < 1.05
-    one = mapper._with_one_lens(model)
+    one = mapper._with_shared_intrinsics(model)
     assert one.num_reg_images() == 6
     assert len({image.camera_id for image in one.images.values()}) == 1
     assert mapper.database == path
-    assert not (tmp_path / "one_lens.db").exists()
+    assert not (tmp_path / "shared.db").exists()
     polished = mapper._polished(one, joint=True)
-    (told,) = mapper.sharing
-    assert told["shared"]
-    assert told["images"] == list(range(1, 7))
+    (test,) = mapper.sharing
+    assert test.shared
+    assert test.images == tuple(range(1, 7))
     assert next(iter(polished.cameras.values())).mean_focal_length() == pytest.approx(1280, rel=2e-3)
 
 
-def test_lenses_that_differ_are_left_apart(tmp_path: Path) -> None:
-    """By two percent; all else as above."""
+def test_intrinsics_that_differ_stay_separate(tmp_path: Path) -> None:
+    """Focal lengths that differ by two percent; all else as above."""
     zooms = [1 + 0.02 * (number % 2) for number in range(8)]
     truth = synthesise(tmp_path, 8, 800, zooms)
     Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
-    (told,) = found["sharing"]
-    assert not told["shared"]
+    (test,) = found.sharing
+    assert not test.shared
     np.testing.assert_allclose([camera.fx for camera in rig], [1280 * zoom for zoom in zooms], rtol=4e-3)
     assert compare_rigs(rig, truth).center_percent < 0.4
 
 
-def test_terms_of_the_lens_come_last(tmp_path: Path) -> None:
+def test_lens_terms_are_estimated_last(tmp_path: Path) -> None:
     """Cameras are put together with one radial term, then solved with all of OPENCV's."""
     terms = [1300.0, 1280.0, 512.0, 384.0, -0.08, 0.03, 0.001, -0.002]
     truth = synthesise(tmp_path, 6, 800, lens="OPENCV", terms=terms)
-    job = job_of(6, find_shared=True)
-    for lens in job["lenses"]:
-        lens["becomes"] = "OPENCV"
+    job = job_of(6, becomes="OPENCV", find_shared=True)
     Worker(tmp_path, job).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
     assert len(rig) == 6
-    assert found["sharing"][0]["shared"]
-    assert {entry["model"] for entry in found["cameras"]} == {"OPENCV"}
+    assert found.sharing[0].shared
+    assert {entry.model for entry in found.cameras} == {"OPENCV"}
     np.testing.assert_allclose([rig["0"].fx, rig["0"].fy], terms[:2], rtol=2e-3)
     # where the points are, in the middle of the images, it bends light as the true lens does
     x, y = np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.15, 0.15, 9))
@@ -198,16 +187,14 @@ def test_terms_of_the_lens_come_last(tmp_path: Path) -> None:
     assert compare_rigs(rig, truth).center_percent < 0.15
 
 
-def test_focal_lengths_begin_where_the_pairs_agree(tmp_path: Path) -> None:
+def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     """Six cameras that do not all look at one point (or fundamental matrices would tell nothing)."""
     import cv2
 
     from studio.calibration.sfm.mapping import Mapper
 
     rng = np.random.default_rng(0)
-    job = job_of(6)
-    for lens in job["lenses"]:
-        lens["params"] = [2000.0, 512.0, 384.0, 0.0]
+    job = job_of(6, focal=2000.0)
     database = pycolmap.Database.open(tmp_path / "database.db")
     lenses = write_lenses(database, job)
     points = rng.uniform([-2, -1.5, 4], [2, 1.5, 9], (400, 3))
@@ -227,7 +214,7 @@ def test_focal_lengths_begin_where_the_pairs_agree(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, 1280, rtol=0.08)
 
 
-def test_explained_matches(tmp_path: Path) -> None:
+def test_match_inlier_ratio(tmp_path: Path) -> None:
     """Each match of two features of the same point, and no other."""
     from studio.calibration.sfm.mapping import Mapper
     from studio.calibration.sfm.verdict import match_inlier_ratio
@@ -242,8 +229,8 @@ def test_explained_matches(tmp_path: Path) -> None:
     assert match_inlier_ratio(model, path) == pytest.approx(whole / 2, abs=0.05)
 
 
-def test_an_old_solution_is_a_template(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Start from poses that are a degree and a percent off: they come back. Kept, they stay as they are."""
+def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Poses that are a degree and a percent off are corrected; fixed poses do not change."""
     truth = synthesise(tmp_path, 6, 600)
     rng = np.random.default_rng(0)
     radius = np.linalg.norm(truth.centers - truth.centers.mean(0), axis=1).mean()
@@ -260,18 +247,18 @@ def test_an_old_solution_is_a_template(tmp_path: Path, capfd: pytest.CaptureFixt
     job = job_of(6, poses=poses)
     Worker(tmp_path, job).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
-    assert found["mapper"] == "known poses"
+    assert found.mapper == "known poses"
     difference = compare_rigs(rig, truth)
     assert difference.center_percent < 0.3 < off.center_percent
     assert difference.rotation_degrees < 0.1 < off.rotation_degrees
-    Worker(tmp_path, {**job, "fix_poses": True}).solve(tmp_path / "database.db")
+    Worker(tmp_path, job.model_copy(update={"fix_poses": True})).solve(tmp_path / "database.db")
     kept, _ = solution(tmp_path)
     for camera, start in zip(kept, before, strict=True):
         np.testing.assert_allclose(camera.world_to_camera, start.world_to_camera, atol=1e-9)
 
 
-def test_a_lens_that_runs_away_is_steadied(tmp_path: Path) -> None:
-    """A focal length of four millions is not taken for an answer."""
+def test_a_diverged_focal_length_is_mapped_again(tmp_path: Path) -> None:
+    """A focal length of four million is not accepted."""
     from studio.calibration.sfm.mapping import Mapper
 
     synthesise(tmp_path, 4, 300)
@@ -281,16 +268,16 @@ def test_a_lens_that_runs_away_is_steadied(tmp_path: Path) -> None:
     model.cameras[2].params = [4e6, 512.0, 384.0, 0.0]
     assert mapper._broken_lenses(model) == {1}
     assert mapper._rank(model)[0] == 3
-    (mended,) = mapper._steadied([model], {1}, "incremental")
-    assert mapper._broken_lenses(mended) == set()
-    assert mended.cameras[2].mean_focal_length() == pytest.approx(1280, rel=0.02)
+    (repeated,) = mapper._with_fixed_focal_lengths([model], {1}, "incremental")
+    assert mapper._broken_lenses(repeated) == set()
+    assert repeated.cameras[2].mean_focal_length() == pytest.approx(1280, rel=0.02)
 
 
-def test_moments_become_one_image_a_camera(tmp_path: Path) -> None:
-    """Two cameras, two moments: keypoints one after the other, matches with them."""
+def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
+    """Two cameras, two sync frames: keypoints are concatenated, matches renumbered."""
     rng = np.random.default_rng(0)
     job = job_of(2, sync_frames=2)
-    each = pycolmap.Database.open(tmp_path / "moments.db")
+    each = pycolmap.Database.open(tmp_path / "sync_frames.db")
     lenses = write_lenses(each, job)
     # points before two cameras side by side
     points = rng.uniform([-1, -1, 4], [1, 1, 8], (80, 3))
@@ -309,7 +296,7 @@ def test_moments_become_one_image_a_camera(tmp_path: Path) -> None:
         geometry.inlier_matches = np.repeat(np.arange(count)[:, None], 2, axis=1).astype(np.uint32)
         each.write_two_view_geometry(sync_frame + 1, sync_frame + 3, geometry)
     each.close()
-    _merge(tmp_path / "moments.db", tmp_path / "database.db", job)
+    _merge(tmp_path / "sync_frames.db", tmp_path / "database.db", job)
     final = pycolmap.Database.open(tmp_path / "database.db")
     assert [image.name for image in final.read_all_images()] == ["0000.png", "0001.png"]
     for number in range(2):
@@ -323,18 +310,8 @@ def test_moments_become_one_image_a_camera(tmp_path: Path) -> None:
     assert count_rows(tmp_path / "nothing.db", "SELECT COUNT(*) FROM images") == 0
 
 
-def test_neighbors_look_the_same_way() -> None:
-    cameras = []
-    for index in range(12):
-        angle = np.radians(30 * index)
-        center = np.array([3 * np.cos(angle), 3 * np.sin(angle), 0.0])
-        forward = -center / 3
-        right = np.cross(forward, [0, 0, 1.0])
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
-        cameras.append(Camera(f"c{index}", 64, 48, np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]), pose))
-    pairs = neighbors(Rig(tuple(cameras)), each=4)
+def test_neighbors_have_similar_viewing_directions() -> None:
+    pairs = neighbors(ring(12), each=4)
     steps = {min((b - a) % 12, (a - b) % 12) for a, b in pairs}
     assert steps == {1, 2}  # 90 degrees apart is too far
     assert len(pairs) == 24
@@ -342,7 +319,7 @@ def test_neighbors_look_the_same_way() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 def test_the_worker_dies_with_its_parent(tmp_path: Path) -> None:
-    """kill -9 leaves the parent no time to say goodbye."""
+    """Also after kill -9 of the parent."""
     program = f"""
 import subprocess, sys, time
 child = subprocess.Popen([sys.executable, "-c", '''
@@ -372,7 +349,7 @@ time.sleep(60)
         time.sleep(0.05)
 
 
-def test_the_global_mapper_asks_the_pairs_again_only_where_they_have_not_told(
+def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from studio.calibration.sfm.focal_lengths import is_any_unknown

@@ -1,4 +1,4 @@
-"""Which pairs are matched: those that see the same things."""
+"""Selection of the pairs to match: those that overlap."""
 
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ import pytest
 
 from studio.calibration.sfm import features
 from studio.calibration.sfm.features import file_name, find_matches
+from studio.calibration.sfm.job import SfmCamera, SfmJob
 from studio.calibration.sfm.pairs import worthwhile
 
 
@@ -27,7 +28,7 @@ def picture(scene: np.ndarray, shift: int) -> np.ndarray:
     return cv2.warpPerspective(scene, cv2.getPerspectiveTransform(corners, seen), (400, 300))
 
 
-def test_a_glance_parts_what_has_nothing_in_common(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three cameras before one wall, three before another."""
     pytest.importorskip("pycolmap")
     rng = np.random.default_rng(0)
@@ -38,20 +39,14 @@ def test_a_glance_parts_what_has_nothing_in_common(tmp_path: Path, monkeypatch: 
         for number in range(3):
             name = file_name(3 * wall + number, 0)
             cv2.imwrite(str(tmp_path / "images" / name), picture(scene, 12 * number))
-    lens = {"model": "SIMPLE_RADIAL", "width": 400, "height": 300, "params": [480.0, 200.0, 150.0, 0.0]}
-    job: dict[str, Any] = {
-        "names": [str(number) for number in range(6)],
-        "sync_frames": 1,
-        "lenses": [{**lens, "known": False, "prior": False} for _ in range(6)],
-        "lens_of": list(range(6)),
-        "masks": False,
-        "pairs": [],
-        "max_features": 800,
-        "max_image_size": 400,
-        "guided": False,
-        "seed": 0,
-        "threads": 1,
-    }
+    lens = SfmCamera(model="SIMPLE_RADIAL", width=400, height=300, params=(480.0, 200.0, 150.0, 0.0))
+    job = SfmJob(
+        names=tuple(str(number) for number in range(6)),
+        lenses=(lens,) * 6,
+        lens_of=tuple(range(6)),
+        max_features=800,
+        max_image_size=400,
+    )
     asked: dict[str, list[Any]] = {}
     real = features._match_images
 
@@ -61,11 +56,11 @@ def test_a_glance_parts_what_has_nothing_in_common(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(features, "_match_images", watched)
     find_matches(tmp_path, job)
-    assert list(asked) == ["matches"]  # so few cameras need no glance
+    assert list(asked) == ["matches"]  # few cameras: no preview
     assert len(asked["matches"]) == 15
     monkeypatch.setattr(features, "FEW", 5)
     find_matches(tmp_path, job)
-    assert len(asked["glance"]) == 15
+    assert len(asked["preview"]) == 15
     together = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
     assert asked["matches"] == [(file_name(a, 0), file_name(b, 0)) for a, b in together]
-    assert not list(tmp_path.glob("glance*"))
+    assert not list(tmp_path.glob("preview*"))

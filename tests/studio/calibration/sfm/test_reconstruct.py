@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from studio.calibration import CalibrateSettings, calibrate_from_images, compare_rigs
+from studio.calibration.report import CalibrationReport
 from studio.cameras import Camera, Rig
-from studio.errors import Cancelled, StudioError
+from studio.errors import Cancelled
+from tests.support.errors import refuses
+from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
 
 FAST = CalibrateSettings(max_features=1500)
@@ -73,15 +76,7 @@ def scene() -> tuple[dict[str, np.ndarray], Rig]:
     for index in range(6):
         angle = np.radians(-125 + 14 * index)
         center = np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.0 + 0.3 * (index % 2)])
-        forward = np.array([0, 0.3, 0.6]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
-        K = np.array([[330.0, 0, SIZE[0] / 2], [0, 330.0, SIZE[1] / 2], [0, 0, 1]])
-        cameras.append(Camera(f"view {index}", *SIZE, K, pose))
+        cameras.append(camera_at(f"view {index}", center, [0, 0.3, 0.6], focal=330.0, size=SIZE))
     rig = Rig(tuple(cameras))
     planes = room(np.random.default_rng(0))
     return {camera.name: render(camera, planes) for camera in rig}, rig
@@ -110,9 +105,9 @@ def test_cameras_are_found(scene: tuple[dict[str, np.ndarray], Rig], solved: Any
     for camera in result.rig:
         assert camera.fx == pytest.approx(330.0, rel=0.02)
         assert (camera.width, camera.height) == SIZE
-    assert result.report["unregistered"] == {}
-    assert result.report["reprojection"]["mean"] < 0.5
-    json.dumps(result.report)  # it goes into a file
+    assert result.report.unregistered == {}
+    assert result.report.reprojection.mean < 0.5
+    assert CalibrationReport.model_validate_json(json.dumps(result.report.to_dict())) == result.report
 
 
 def test_points_are_in_the_cameras_world(scene: tuple[dict[str, np.ndarray], Rig], solved: Any) -> None:
@@ -174,19 +169,19 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
         settings=FAST,
         **ONE_THREAD,
     )
-    assert result.report["sync_frames"] == 2
-    assert result.report["mapper"] == "known poses"
+    assert result.report.sync_frames == 2
+    assert result.report.mapper == "known poses"
     assert compare_rigs(result.rig, truth).center_percent < 0.6
-    moved = {name: figures["center"] for name, figures in result.report["moved"].items()}
+    moved = {name: motion.center for name, motion in result.report.moved.items()}
     assert max(moved, key=lambda name: moved[name]) == pushed
     assert moved[pushed] == pytest.approx(0.02, abs=0.008)
     for camera in result.rig:  # on the older solution as well as it can be, whose lenses it has
         assert np.linalg.norm(camera.center - truth[camera.name].center) < 0.02
         np.testing.assert_array_equal(camera.K, truth[camera.name].K)
     first, second = truth.names[:2]
-    with pytest.raises(StudioError, match=r"'view 1' has pictures of 1 moments, 'view 0' of 2"):
+    with refuses("calibration.image_count", value=1, camera="view 1", expected=2):
         calibrate_from_images({first: [images[first]] * 2, second: [images[second]]}, workdir=tmp_path)
-    with pytest.raises(StudioError, match="intrinsics_groups names camera 'nobody'"):
+    with refuses("calibration.intrinsics_groups", camera="nobody", setting="calibrate.intrinsics_groups"):
         calibrate_from_images(
             images, workdir=tmp_path, settings=CalibrateSettings(intrinsics_groups=((first, "nobody"),))
         )
@@ -200,13 +195,15 @@ def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_
     images = dict(list(scene[0].items())[:4])
     images["wall"] = np.full((*SIZE[::-1], 3), 90, np.uint8)
     settings = FAST.replace(mapper="incremental")
-    with pytest.raises(StudioError, match=r"placed 4 of 5 cameras, not 'wall': only 0 features"):
+    with refuses("calibration.unregistered", value=["wall"]) as caught:
         calibrate_from_images(images, workdir=tmp_path / "a", settings=settings, **ONE_THREAD)
+    assert caught.value.fields["unregistered"] == {"wall": "only 0 features in its image"}
+    assert "registered 4 of 5 cameras; not registered: 'wall': only 0 features in its image" in str(caught.value)
     result = calibrate_from_images(
         images, workdir=tmp_path / "b", settings=settings, **ONE_THREAD, allow_unregistered=True
     )
     assert "wall" not in result.rig
-    assert list(result.report["unregistered"]) == ["wall"]
+    assert list(result.report.unregistered) == ["wall"]
 
 
 def test_masks_keep_features_out(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
@@ -236,22 +233,22 @@ def test_cancel_stops_colmap(scene: tuple[dict[str, np.ndarray], Rig], tmp_path:
 
 def test_hopeless_images(tmp_path: Path) -> None:
     flat = {name: np.full((60, 80, 3), 120, np.uint8) for name in ("a", "b", "c")}
-    with pytest.raises(StudioError, match="found no solution for these 3 images"):
+    with refuses("calibration.no_solution", value=3):
         calibrate_from_images(flat, workdir=tmp_path, settings=FAST, **ONE_THREAD)
 
 
 def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     images, truth = scene
     name = next(iter(images))
-    with pytest.raises(StudioError, match="at least two images, found 1"):
+    with refuses("calibration.too_few_images", value=1, expected=2):
         calibrate_from_images({name: images[name]}, workdir=tmp_path)
-    with pytest.raises(StudioError, match=r"the mask is 5x5, the image 360x270"):
+    with refuses("calibration.mask_size", value=[5, 5], camera=name, expected=[360, 270]):
         calibrate_from_images(images, {name: np.ones((5, 5), np.uint8)}, workdir=tmp_path)
-    with pytest.raises(StudioError, match="leaves nothing of the image"):
+    with refuses("calibration.mask_empty", camera=name):
         calibrate_from_images(images, {name: np.zeros(SIZE[::-1], np.uint8)}, workdir=tmp_path)
-    with pytest.raises(StudioError, match=r"must be \(H, W, 3\) uint8"):
+    with refuses("calibration.image_format", camera=name):
         calibrate_from_images({**images, name: images[name][..., 0]}, workdir=tmp_path)
-    with pytest.raises(StudioError, match="known lens is for 180x135"):
+    with refuses("calibration.intrinsics_size", value=[180, 135], camera=name, expected=[360, 270]):
         calibrate_from_images(images, workdir=tmp_path, known={name: truth[name].scaled(0.5)})
     with refuses_setting("camera_model"):
         CalibrateSettings(camera_model="BENT")  # type: ignore[arg-type]
@@ -274,4 +271,4 @@ def test_letters_beyond_ascii_in_the_work_folder_and_in_names(
         **ONE_THREAD,
     )
     assert result.rig.names == tuple(names.values())
-    assert result.report["unregistered"] == {}
+    assert result.report.unregistered == {}

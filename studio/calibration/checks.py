@@ -1,0 +1,24 @@
+"""Checks shared by all kinds of calibration."""
+
+from __future__ import annotations
+
+from studio.cameras import Camera
+from studio.errors import StudioError
+
+
+def check_intrinsics_size(camera: Camera, size: tuple[int, int]) -> None:
+    """Refuse known intrinsics for images of another size (width, height).
+
+    Raises:
+        StudioError: the size differs (calibration.intrinsics_size).
+    """
+    if (camera.width, camera.height) != size:
+        raise StudioError(
+            "calibration.intrinsics_size",
+            f"camera '{camera.name}': the images are {size[0]}x{size[1]}, but its known intrinsics are for "
+            f"{camera.width}x{camera.height}",
+            value=[camera.width, camera.height],
+            fix="Scale one of them.",
+            camera=camera.name,
+            expected=list(size),
+        )

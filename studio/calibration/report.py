@@ -1,0 +1,210 @@
+"""Models of a calibration's report, as calibrate/report.json stores it.
+
+The same frozen models write it (`CalibrationReport.to_dict`) and read it (`CalibrationReport.model_validate`). Only
+fields that were set are written: the three kinds of calibration set different ones.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+Quality = Literal["excellent", "acceptable", "review"]
+"""Bands of the mean reprojection error: under 0.5 pixels, under 1 pixel, more (or another reason for doubt)."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class ErrorStatistics(_Model):
+    """Reprojection errors in pixels: mean, median and 95th percentile."""
+
+    mean: float
+    median: float
+    p95: float
+
+
+class CameraReport(ErrorStatistics):
+    """Reprojection errors and image coverage of one camera."""
+
+    quality: Quality
+    observations: int
+    """Number of observations."""
+    coverage: float
+    """Share of a 4x4 grid over the image with at least one observation, 0 to 1."""
+    coverage_map: list[list[int]]
+    """Observations in each cell of an 8x8 grid over the image, row by row."""
+    focal: float
+    """Horizontal focal length in pixels."""
+    distortion: list[float]
+    """OpenCV distortion coefficients."""
+    usual_focal: float | None = None
+    """Median focal length of the cameras with the same image size, set if this camera's is far from it."""
+
+
+class Neighbor(_Model):
+    """The nearest other camera."""
+
+    name: str
+    distance: float
+    """Distance of the centers in world units."""
+    angle: float
+    """Degrees between the two cameras, seen from the point that the rig looks at."""
+
+
+class RigGeometry(_Model):
+    """Arrangement of the cameras."""
+
+    radius: float
+    """Mean distance of the cameras from the point that they look at, world units."""
+    neighbors: dict[str, Neighbor]
+    """Camera name to its nearest other camera."""
+    triangulation_angle: float = 0.0
+    """Median over the points of the widest angle between two of their rays, degrees."""
+
+
+class SharedIntrinsicsReport(_Model):
+    """Whether shared intrinsics fit a set of cameras as well as separate ones."""
+
+    images: list[str]
+    """Camera names."""
+    shared: bool
+    """Whether these cameras share their intrinsics in the result."""
+    misfit: float
+    """Growth of the misfit per parameter given up; 1 is expected by chance."""
+
+
+class CameraMotion(_Model):
+    """Distance of a camera from its pose in the earlier solution."""
+
+    center: float
+    """Distance of the centers, units of the earlier solution."""
+    degrees: float
+    """Angle of the rotation."""
+
+
+class TargetReport(_Model):
+    """Figures of a calibration from a target."""
+
+    sync_frames: int
+    """Sync frames used."""
+    views: int
+    """Observations of the target used."""
+    corners: int
+    """Corners in them."""
+    views_left_out: int
+    """Observations rejected as outliers."""
+    corners_left_out: int
+    """Corners rejected as outliers."""
+    shared: dict[str, int]
+    """"cam0 cam1" to the number of sync frames in which both see the target."""
+    scale_bias: float | None = None
+    """Relative error of distances between triangulated corners (0.001 is 1 mm per meter)."""
+    corner_error_mm: float | None = None
+    """RMS distance of the triangulated corners from the target, millimeters."""
+
+
+class IntrinsicsReport(ErrorStatistics):
+    """Reprojection errors of one camera's intrinsics calibration."""
+
+    views: int
+    """Images of the target used."""
+
+
+class TiePointReport(_Model):
+    """Figures of one tie point."""
+
+    error: float | None
+    """Mean reprojection error in pixels; None without marks."""
+    cameras: int
+    """Number of cameras with a mark."""
+    off: float | None = None
+    """Distance from its measured position in meters, if it has one."""
+
+
+class RejectedMark(_Model):
+    """A mark that was rejected as an outlier."""
+
+    point: str
+    camera: str
+    error: float | None
+    """Reprojection error in pixels; None if the point is behind the camera."""
+
+
+class FloorReport(_Model):
+    """The floor plane that the world was aligned with."""
+
+    tilt: float
+    """Degrees by which the up direction changed."""
+    height: float
+    """Height by which the origin was raised, world units."""
+    share: float
+    """Share of the points on the floor, 0 to 1."""
+
+
+class ReprojectionReport(_Model):
+    """Reprojection errors of a solution, and the arrangement of its cameras and points."""
+
+    reprojection: ErrorStatistics
+    """Errors over all observations."""
+    quality: Quality
+    points: int
+    observations: int
+    mean_track_length: float
+    """Mean number of cameras that observe a point."""
+    tracks: dict[str, int]
+    """Track length to number of points."""
+    geometry: RigGeometry
+    cameras: dict[str, CameraReport]
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready, with the fields that were set."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+
+class CalibrationReport(ReprojectionReport):
+    """Report of a calibration."""
+
+    unregistered: dict[str, str] = {}
+    """Cameras without a pose, with the reason."""
+
+    # structure from motion
+    mapper: str | None = None
+    """The attempt that found the solution: incremental, lenient, global, known poses."""
+    features: dict[str, int] = {}
+    """Features per camera."""
+    matches: dict[str, int] = {}
+    """Verified matches per camera."""
+    match_inlier_ratio: float | None = None
+    """Share of the verified matches that agree with the solution, 0 to 1."""
+    sharing: list[SharedIntrinsicsReport] = []
+    sync_frames: int | None = None
+    """Images per camera."""
+    moved: dict[str, CameraMotion] = {}
+    seconds: float | None = None
+    """Run time."""
+
+    # calibration target
+    boards: TargetReport | None = None
+
+    # tie points
+    tie_points: dict[str, TiePointReport] = {}
+    left_out: list[RejectedMark] = []
+    uncertain: dict[str, float] = {}
+    """1-sigma uncertainty of each camera's position, as a share of the distance to the points."""
+    world_accuracy: float | None = None
+    """Standard deviation of measured positions, meters."""
+    known_lenses: list[str] = []
+    """Cameras with given intrinsics."""
+    metric: bool | None = None
+    """Whether world units are meters."""
+
+    # added by the calibrate stage
+    source: str | None = None
+    file: str | None = None
+    frame: int | None = None
+    frames: list[int] = []
+    lenses: dict[str, IntrinsicsReport] = {}
+    floor: FloorReport | None = None
