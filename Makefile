@@ -10,7 +10,7 @@ PYTEST_ARGS ?=
 FRESH_ARGS ?=
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo gui test fresh-test lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo gui test fresh-test tsan lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -35,6 +35,12 @@ test: setup-tests ## install what is missing and run all tests (PYTEST_ARGS="-k 
 
 fresh-test: ## set up and run in a minimal Debian that is built for it (root only; FRESH_SUITE=trixie: another release)
 	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
+
+tsan: system ## check the C++ kernels for data races with ThreadSanitizer
+	@$(INSTALL) --dev
+	@PATH="$$PWD/.venv/bin:$$PATH" cmake -S . -B build/tsan -G Ninja -DV3STUDIO_TSAN=ON
+	@PATH="$$PWD/.venv/bin:$$PATH" cmake --build build/tsan
+	@setarch --addr-no-randomize build/tsan/kernels_tsan
 
 lint: system ## ruff (rules and format) and mypy
 	@$(INSTALL) --dev

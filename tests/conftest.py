@@ -14,6 +14,7 @@ def _few_threads() -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "gpu: needs a CUDA device; skipped where there is none")
+    config.addinivalue_line("markers", "slow: takes minutes; `-m 'not slow'` leaves it out")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
