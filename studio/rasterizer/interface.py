@@ -22,7 +22,10 @@ def _unavailable(backend: str) -> tuple[str, str] | None:
     """None if the backend can be used here, else (problem, fix)."""
     if backend == "cpu":
         if importlib.util.find_spec("studio.rasterizer._kernels") is None:
-            return "the CPU kernels are not built", "Install the package (`pip install -e .`), or use backend='reference'"
+            return (
+                "the CPU kernels are not built",
+                "Install the package (`pip install -e .`), or use backend='reference'",
+            )
     elif backend == "cuda":
         if not torch.cuda.is_available():
             return "the cuda backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
