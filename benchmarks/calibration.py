@@ -19,7 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from studio.calibration import SfmSettings, calibrate_from_images, compare_rigs
+from studio.calibration import CalibrateSettings, calibrate_from_images, compare_rigs
 from studio.cameras import Camera, Rig
 from studio.export.camera_path import look_at
 
@@ -143,7 +143,7 @@ def main() -> int:
         result = calibrate_from_images(
             images,
             workdir=Path(work),
-            settings=SfmSettings(max_features=options.features),
+            settings=CalibrateSettings(max_features=options.features),
             reference=truth,
             progress=progress,
         )

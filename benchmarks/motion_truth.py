@@ -18,7 +18,6 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +59,6 @@ def main() -> int:
     arguments = parser.parse_args()
 
     from pipelines.config import load_config
-    from pipelines.stages.arguments import train_settings
     from pipelines.stages.base import Context
     from pipelines.stages.params import derived_seed
     from pipelines.takes.frame_files import read_frame
@@ -71,7 +69,7 @@ def main() -> int:
     config = load_config(take.config)
     context = Context(take, config)
     footage = context.footage.calibrated
-    settings = replace(train_settings(config.train), finetune_iterations=0)
+    settings = config.train.replace(finetune_iterations=0)
     rows: list[dict[str, Any]] = []
     print(f"{'frame':>6} {'error':>9} {'moved':>9} {'ratio':>6} {'tied':>5} {'seconds':>8}   (world units)")
     for group in context.groups:

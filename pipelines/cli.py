@@ -234,7 +234,7 @@ def _stages_of_now(arguments: Sequence[str]) -> list[str]:
     words = list(arguments)
     if not words or words[0].startswith("-"):
         return words
-    from pipelines.config.renamed import STAGES, tell
+    from pipelines.config.renamed import STAGES, note_renames
 
     for index, word in enumerate(words):
         option, equals, value = word.partition("=")
@@ -243,7 +243,7 @@ def _stages_of_now(arguments: Sequence[str]) -> list[str]:
         elif option == "--until" and equals:
             words[index] = f"{option}={STAGES.get(value, value)}"
         if words[index] != word:
-            tell("the command line", [f"{value or word} is now {words[index].removeprefix('--until=')}"])
+            note_renames("command line", [f"{value or word} is now {words[index].removeprefix('--until=')}"])
     return words
 
 

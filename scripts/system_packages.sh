@@ -47,6 +47,7 @@ if [ "${1:-}" = --tests ]; then
     need xauth program xauth
     need xdotool program xdotool
     need imagemagick program import
+    need chromium program chromium # the browser player's tests
 fi
 [ ${#missing[@]} -eq 0 ] && exit 0
 

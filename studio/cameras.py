@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from studio.errors import StudioError
+from studio.rays import nearest_point_to_rays
 from studio.validation import array, whole
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
@@ -160,6 +161,51 @@ class Camera:
             pixels = pixels.reshape(-1, 2)
         return pixels, depth
 
+    def normalized(self, pixels: np.ndarray) -> np.ndarray:
+        """Normalized image coordinates x / z, y / z in camera axes, without lens distortion.
+
+        Args:
+            pixels: (N, 2), origin at the image corner; rows with NaN give NaN.
+
+        Returns:
+            (N, 2) float64. Lens distortion is inverted by iteration; far outside the image it may not converge.
+        """
+        pixels = np.asarray(pixels, np.float64).reshape(-1, 2)
+        if self.is_pinhole:
+            result: np.ndarray = np.linalg.solve(self.K, np.column_stack([pixels, np.ones(len(pixels))]).T)[:2].T
+            return result
+        import cv2
+
+        found = np.full_like(pixels, np.nan)
+        known = np.isfinite(pixels).all(axis=1)
+        if known.any():
+            until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+            points = cv2.undistortPoints(pixels[known][:, None], self.K, self.distortion, criteria=until)
+            found[known] = points.reshape(-1, 2)
+        return found
+
+    def unproject(self, pixels: np.ndarray, depth: float | np.ndarray = 1.0) -> np.ndarray:
+        """World points that `project` to the given pixels and depths.
+
+        Args:
+            pixels: (N, 2), origin at the image corner.
+            depth: distance along the viewing axis, one value or (N,).
+
+        Returns:
+            (N, 3) world coordinates, NaN where the pixel is.
+        """
+        xy = self.normalized(pixels)
+        local = np.column_stack([xy, np.ones(len(xy))]) * np.broadcast_to(depth, len(xy))[:, None]
+        world: np.ndarray = (local - self.translation) @ self.rotation
+        return world
+
+    def ray_directions(self, pixels: np.ndarray) -> np.ndarray:
+        """(N, 3) unit directions in world coordinates from `center` through pixels (N, 2)."""
+        xy = self.normalized(pixels)
+        rays = np.column_stack([xy, np.ones(len(xy))]) @ self.rotation
+        result: np.ndarray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        return result
+
     def undistorted(self) -> Camera:
         """The pinhole camera that undistorted images belong to: same K, pose and size, no distortion."""
         return replace(self, distortion=np.zeros(0))
@@ -261,11 +307,25 @@ class Rig:
     def focus(self) -> np.ndarray:
         """(3,): the point nearest, in least squares, to all viewing axes."""
         directions = np.array([camera.forward for camera in self.cameras])
-        projectors = np.eye(3)[None] - directions[:, :, None] * directions[:, None, :]
-        total = projectors.sum(0)
-        right = np.einsum("cij,cj->i", projectors, self.centers)
-        return np.linalg.lstsq(total, right, rcond=1e-6)[0]
+        return nearest_point_to_rays(self.centers, directions)
 
     def subset(self, names: Sequence[str]) -> Rig:
         """The named cameras only, in the given order."""
         return Rig(tuple(self[name] for name in names))
+
+
+def look_at_pose(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """World-to-camera matrix (4, 4) float64 of an upright camera at `eye` whose viewing axis goes through `target`.
+
+    Args:
+        eye, target: (3,) world coordinates, not equal.
+        up: (3,) direction of any length that is not parallel to the viewing axis; it appears upwards in the image.
+    """
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = -rotation @ eye
+    return pose

@@ -1,28 +1,147 @@
-"""What all settings models are. Each room of the library declares its own settings once, on this base."""
+"""The base of all settings models, and what a field says about itself beside its type.
+
+Each room of the library declares its settings once, as fields of a frozen pydantic model in its `settings.py`. A field
+has a default, bounds, its documentation (the string below it) and, in `Annotated`, what its change invalidates
+(`Affects`) and the heading it is listed under (`Heading`). The pipelines' settings file, `v3studio config`, the window
+and the staleness check all read these models; nothing is declared a second time.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
+
+RESULTS = {
+    "cameras_from_file": "cameras read from the capture's calibration file",
+    "cameras_from_images": "cameras calibrated from the footage by structure from motion",
+    "cameras_from_target": "cameras calibrated from footage of a calibration target",
+    "cameras_from_points": "cameras calibrated from manually marked tie points",
+    "calibration_masks": "masks used to restrict feature detection during calibration",
+    "training_views": "images, masks and cameras as training sees them",
+    "grouping": "which frames form a group",
+    "initial_points": "the initial points of each keyframe",
+    "keyframe": "trained keyframes, and with them all frames after them",
+    "later_frames": "trained frames after a keyframe",
+    "videos": "the encoded groups of the stream",
+    "manifest": "the stream's manifest",
+    "evaluation": "the evaluation and its report",
+}
+"""Results that settings affect, with what they are. A result is stale when a setting that affects it has changed."""
+
+
+@dataclass(frozen=True)
+class Affects:
+    """Results that become stale when the field changes. `Affects()`: none.
+
+    A field without it affects what the field that holds its model affects, else what `Settings.affects` of its class
+    says.
+
+    Raises:
+        ValueError: a name is not in `RESULTS`.
+    """
+
+    results: tuple[str, ...]
+
+    def __init__(self, *results: str) -> None:
+        unknown = [name for name in results if name not in RESULTS]
+        if unknown:
+            raise ValueError(f"'{unknown[0]}' is not a result; known results: {', '.join(RESULTS)}")
+        object.__setattr__(self, "results", results)
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Heading of the field and of those after it, up to the next heading."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Unbounded:
+    """Why a number has no bounds."""
+
+    reason: str
+
+
+class Conflict(ValueError):
+    """What validators of settings raise; pydantic turns it into a ValidationError that holds it.
+
+    Attributes:
+        problem: what is wrong, as a clause.
+        fix: what to do, as a sentence; "" if that is obvious.
+        names: fields that contradict each other, without their section; empty in the validator of a single field.
+    """
+
+    def __init__(self, problem: str, fix: str = "", *names: str) -> None:
+        super().__init__(f"{problem}. {fix}" if fix else problem)
+        self.problem, self.fix, self.names = problem, fix, names
 
 
 class Settings(BaseModel):
-    """Frozen, strict about unknown names, and documented: the text under a field is its documentation everywhere.
+    """Base of all settings: frozen, unknown names are refused, defaults are validated, no NaN or infinity.
 
     Raises:
-        pydantic.ValidationError: (a ValueError) an unknown name, or a value that its field refuses.
+        pydantic.ValidationError: (a ValueError) on construction: an unknown name, a value outside its bounds, or values
+            that contradict each other. `error.errors()` has the field's name as `loc`.
     """
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, use_attribute_docstrings=True, validate_default=True, allow_inf_nan=False
     )
 
-    headings: ClassVar[dict[str, str]] = {}
-    """Heading over a setting and those after it, by the setting's name, for the window and the documentation."""
+    affects: ClassVar[Affects | None] = None
+    """What fields without an `Affects` of their own affect. None: what the field that holds the model affects."""
+
+    def replace(self, **changes: Any) -> Self:
+        """A validated copy with other values.
+
+        Raises:
+            pydantic.ValidationError: as on construction.
+        """
+        return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 
-Color = tuple[
-    Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]
-]
+_Marker = TypeVar("_Marker", Affects, Heading, Unbounded)
+
+
+def marker(field: FieldInfo, kind: type[_Marker]) -> _Marker | None:
+    """The field's marker of that kind in `Annotated`; None if it has none."""
+    return next((item for item in field.metadata if isinstance(item, kind)), None)
+
+
+def submodel(field: FieldInfo) -> type[Settings] | None:
+    """The field's settings model; None for a plain value."""
+    kind = field.annotation
+    return kind if isinstance(kind, type) and issubclass(kind, Settings) else None
+
+
+def affected(model: type[Settings], prefix: str = "", outer: Affects | None = None) -> dict[str, tuple[str, ...]]:
+    """Results that each field of a model affects.
+
+    Args:
+        model: fields of nested models are included.
+        prefix: put before each name.
+        outer: for fields that say nothing themselves.
+
+    Returns:
+        dotted name to results; every leaf is in it.
+    """
+    outer = model.affects or outer
+    found: dict[str, tuple[str, ...]] = {}
+    for name, field in model.model_fields.items():
+        own = marker(field, Affects) or outer
+        inner = submodel(field)
+        if inner is None:
+            found[f"{prefix}{name}"] = own.results if own else ()
+        else:
+            found |= affected(inner, f"{prefix}{name}.", own)
+    return found
+
+
+Unit = Annotated[float, Field(ge=0, le=1)]
+"""0 to 1."""
+Color = tuple[Unit, Unit, Unit]
 """Red, green, blue; 0 to 1."""

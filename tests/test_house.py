@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FLOORS = ("gui", "pipelines", "studio")  # each may import the ones after it
+FLOORS = ("v3studio", "gui", "pipelines", "v3web", "studio")  # each may import the ones after it
 HEAVY = ("torch", "open3d", "pycolmap", "pymeshlab", "cv2", "av", "matplotlib", "onnxruntime")
 
 

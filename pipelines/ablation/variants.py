@@ -56,6 +56,7 @@ OPTIONS = (
     Variant("fixed-positions", "positions are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
     Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
+    Variant("regularize-motion", "losses on what the motion profile codes", {"train.regularize": "motion"}),
     Variant("simulated-quantization", "fine-tuned on rounded attributes", {"train.simulate_quantization": True}),
     Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),
     Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),

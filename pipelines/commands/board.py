@@ -31,7 +31,9 @@ def add_board_command(commands: Any) -> None:
 
 def _board(arguments: argparse.Namespace) -> int:
     import yaml
+    from pydantic import ValidationError
 
+    from pipelines.config.loading import COMMAND_LINE, refused
     from studio.calibration import CalibrationTarget, write_target_pdf
     from studio.errors import StudioError
 
@@ -49,15 +51,18 @@ def _board(arguments: argparse.Namespace) -> int:
             f"--marker is {marker:g} mm; give the side of a marker in millimeters, above 0 and below that of a square, "
             f"which is {arguments.square:g} mm."
         )
-    board = CalibrationTarget(
-        kind=arguments.kind,
-        columns=arguments.columns,
-        rows=arguments.rows,
-        square=arguments.square / 1000,
-        marker=marker / 1000,
-        dictionary=arguments.dictionary,
-        inverted=arguments.inverted,
-    )
+    try:
+        board = CalibrationTarget(
+            kind=arguments.kind,
+            columns=arguments.columns,
+            rows=arguments.rows,
+            square=arguments.square / 1000,
+            marker=marker / 1000,
+            dictionary=arguments.dictionary,
+            inverted=arguments.inverted,
+        )
+    except ValidationError as error:
+        raise refused(error, COMMAND_LINE, "calibrate.board.") from None
     width, height = write_target_pdf(board, arguments.file, paper=arguments.paper)
     names = ["kind", "columns", "rows", "square"]
     names += ["marker", "dictionary"] if board.kind == "charuco" else []
@@ -87,19 +92,16 @@ def add_sync_command(commands: Any) -> None:
 
 
 def _sync(arguments: argparse.Namespace) -> int:
-    from dataclasses import replace
-
     from pipelines.config import load_config
-    from pipelines.stages.arguments import capture_spec
     from studio.capture import open_footage, refuse_unknown_cameras
     from studio.capture.sync import check_sync
 
     capture = load_config(arguments.config, arguments.overrides).capture
-    spec = replace(capture_spec(capture), offsets={}, masks="none", evaluation_mattes="")
+    spec = capture.replace(offsets={}, masks="none", evaluation_mattes="")
     footage = open_footage(spec, None, strict=False)
     try:
         # they do not count here, where offsets are looked for; one that names no camera is a slip all the same
-        refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "The setting capture.offsets")
+        refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "capture.offsets")
         report = check_sync(footage, method=arguments.method, seconds=arguments.seconds)
     finally:
         footage.close()
@@ -114,9 +116,9 @@ def _sync(arguments: argparse.Namespace) -> int:
         return 0
     for name, offset in report.offsets.items():
         print(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")
-    for sentence in report.sentences():
-        print(sentence)
-    if not report.sentences():
+    for warning in report.warnings():
+        print(warning)
+    if not report.warnings():
         print(f"By their {report.method} all cameras are within half a frame of each other.")
     elif report.whole:
         words = ", ".join(f"{name}: {offset}" for name, offset in report.whole.items())

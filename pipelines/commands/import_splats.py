@@ -39,19 +39,19 @@ def _import(arguments: argparse.Namespace) -> int:
 
     from pipelines.commands.working import working
     from pipelines.config import load_config
-    from pipelines.stages.arguments import bake_settings
     from studio.imports import open_import
     from studio.imports.baking import bake_video
 
     config = load_config(None, arguments.overrides)
-    settings = bake_settings(config.bake, config.run.threads)
     json_output = arguments.output if arguments.json else None
     with working("look", json_output) as progress:
         video = open_import(arguments.source, arguments.fps, progress)
     if up is not None:
         video = replace(video, up=np.array(up))
     with working("bake", json_output) as progress:
-        manifest = bake_video(video, arguments.out, settings, arguments.group_size, progress)
+        manifest = bake_video(
+            video, arguments.out, config.bake, arguments.group_size, progress, threads=config.run.threads
+        )
     if not arguments.json:
         print(
             f"{manifest.frame_count} frames in {len(manifest.groups)} groups, {manifest.total_bytes:,} bytes, "

@@ -1,4 +1,4 @@
-"""All settings with their documentation, as a YAML file that can be edited and run."""
+"""All settings with their documentation, as a YAML file that can be edited and used."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import yaml
 from pydantic.fields import FieldInfo
 
-from pipelines.config.section import Section
-from pipelines.config.sections import Config
+from pipelines.config.config import Config
+from studio.settings import Heading, Settings, marker
 
 _WIDTH = 110
 
 
 def describe(config: Config | None = None) -> str:
-    """YAML of a configuration (the defaults without one), each setting under its documentation and bounds."""
-    lines = ["# All settings of V3 Studio. What is left out of a file has the value shown by `v3studio config`.", ""]
+    """YAML of a configuration (None: the defaults), each setting below its documentation and bounds."""
+    lines = [
+        "# All settings of V3 Studio. Settings missing from a file have the default that `v3studio config` shows.",
+        "",
+    ]
     lines += _section(config or Config(), 0)
     return "\n".join(lines).rstrip() + "\n"
 
 
 def allowed_values(field: FieldInfo) -> str:
-    """Bounds and choices of a setting in words: "0 to 51", "one of cpu, cuda"; "" where anything goes."""
+    """Bounds and choices of a setting in words: "0 to 51", "one of cpu, cuda"; "" if there are none."""
     parts = []
     choices = list(_choices(field.annotation))
     if choices:
@@ -45,15 +48,16 @@ def allowed_values(field: FieldInfo) -> str:
     return ", ".join(parts)
 
 
-def _section(model: Section, depth: int) -> Iterator[str]:
+def _section(model: Settings, depth: int) -> Iterator[str]:
     indent = "  " * depth
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
-        if name in type(model).headings:
-            yield f"{indent}# --- {type(model).headings[name]} ---"
+        heading = marker(field, Heading)
+        if heading is not None:
+            yield f"{indent}# --- {heading.text} ---"
             yield ""
         yield from _comment(field, indent)
-        if isinstance(value, Section):
+        if isinstance(value, Settings):
             yield f"{indent}{name}:"
             yield from _section(value, depth + 1)
         else:
@@ -84,7 +88,7 @@ def _choices(annotation: Any) -> Iterator[Any]:
 
 
 def _inner_rules(annotation: Any) -> Iterator[Any]:
-    """Rules inside Annotated types; those of a tuple's or mapping's items count as well."""
+    """Bounds inside Annotated types, including those of the items of tuples and mappings."""
     if get_origin(annotation) is Annotated:
         for rule in annotation.__metadata__:
             yield from getattr(rule, "metadata", [rule]) if isinstance(rule, FieldInfo) else [rule]

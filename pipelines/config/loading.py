@@ -1,32 +1,36 @@
-"""From a YAML file and command-line overrides to a `Config`, with errors a user can act on."""
+"""Reads settings from a YAML file and the command line, with errors that say what to fix."""
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
-from pipelines.config.renamed import first_tree, renamed, renamed_override, tell
-from pipelines.config.sections import Config
-from studio.errors import StudioError
+from pipelines.config.config import Config
+from pipelines.config.renamed import first_tree, note_renames, renamed, renamed_override
+from studio.errors import Message, StudioError
 from studio.paths import need_utf8
+from studio.settings import Conflict, Settings, submodel
+
+COMMAND_LINE = "command line"
+"""Named in place of a file in errors about overrides."""
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML's safe loader that refuses a key written twice and reads 1e-3 as a number (YAML 1.2, as users expect)."""
+    """PyYAML's safe loader, but duplicate keys are errors, and 1e-3 is a number as in YAML 1.2."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
             return super().construct_object(node, deep=deep)
-        except (ValueError, KeyError):  # 2026-02-30, or !!int with something else behind it
-            kind = {"timestamp": "date", "bool": "truth value"}.get(str(node.tag).rpartition(":")[2], "number")
+        except (ValueError, KeyError):  # 2026-02-30, or !!int followed by text
+            kind = {"timestamp": "date", "bool": "Boolean"}.get(str(node.tag).rpartition(":")[2], "number")
             raise yaml.constructor.ConstructorError(
-                None, None, f"'{node.value}' is no {kind} though it is written as one", node.start_mark
+                None, None, f"'{node.value}' is not a valid {kind}", node.start_mark
             ) from None
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -34,9 +38,7 @@ class _Loader(yaml.SafeLoader):
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, str) and key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key '{key}' is written twice", key_node.start_mark
-                )
+                raise yaml.constructor.ConstructorError(None, None, f"duplicate key '{key}'", key_node.start_mark)
             if isinstance(key, str):
                 seen.add(key)
         return super().construct_mapping(node, deep=deep)
@@ -51,93 +53,126 @@ _Loader.add_constructor("!float12", _number)
 
 
 def parse_override(text: str) -> tuple[str, Any]:
-    """`train.max-splats=20000` to ("train.max_splats", 20000); the value is read as YAML.
+    """`train.max-splats=20000` to ("train.max_splats", 20000); the value is parsed as YAML.
 
     Raises:
-        StudioError: there is no '=', no section, or the value is no YAML.
+        StudioError: no '=', no section, or the value is not YAML (`settings.override_syntax`).
     """
     name, equals, value = text.partition("=")
     name = name.strip().replace("-", "_")
     if not equals or "." not in name:
-        raise StudioError(f"'{text}' is not a setting; write section.name=value, as in train.max_splats=20000.")
+        raise StudioError(
+            "settings.override_syntax",
+            f"'{text}' is not of the form section.name=value",
+            value=text,
+            fix="Example: train.max_splats=20000.",
+        )
     try:
         return name, yaml.load(value, Loader=_Loader)  # a SafeLoader
     except yaml.YAMLError:
-        raise StudioError(f"The value of {name}, '{value}', cannot be read; quote it if it is text.") from None
+        raise StudioError(
+            "settings.override_syntax",
+            f"the value of {name}, '{value}', is not valid YAML",
+            value=value,
+            fix="Quote it if it is text.",
+            setting=name,
+        ) from None
 
 
 def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) -> Config:
-    """Read and check a configuration.
+    """Read and validate settings.
 
     Args:
-        path: YAML file; None takes the defaults. Relative `capture.root` is relative to this file's folder.
-        overrides: (dotted name, value) pairs, later ones win; a relative `capture.root` is relative to the working
-            folder.
+        path: YAML file; None: the defaults. A relative `capture.root` is relative to this file's folder.
+        overrides: (dotted name, value) pairs; later ones win. A relative `capture.root` is relative to the working
+            directory.
 
     Raises:
-        StudioError: the file cannot be read, a key is unknown or a value impossible.
+        StudioError: the file cannot be read (see `read_yaml`), a setting is unknown (`settings.unknown`) or has an
+            invalid value (`settings.invalid`).
     """
     values: dict[str, Any] = {}
     if path is not None:
         values, changes = renamed(read_yaml(path), str(path))
-        tell(str(path), changes)
+        note_renames(str(path), changes)
         _anchor_root(values, path.parent, str(path))
-    origin: dict[str, str] = {}
-    for given, given_value in overrides:
-        name, value, changes = renamed_override(given, given_value)
-        tell("the command line", changes)
+    given: set[str] = set()
+    for old_name, old_value in overrides:
+        name, value, changes = renamed_override(old_name, old_value)
+        note_renames(COMMAND_LINE, changes)
         *sections, last = name.split(".")
         target = values
         for section in sections:
             found = target.setdefault(section, {})
             if not isinstance(found, dict):
-                raise StudioError(f"--{name}: '{section}' has no settings of its own.{_nearest_sentence(name)}")
+                raise StudioError(
+                    "settings.unknown",
+                    f"unknown setting {name}: {section} is not a section",
+                    file=COMMAND_LINE,
+                    value=value,
+                    fix=_nearest_sentence(name),
+                    setting=name,
+                )
             target = found
         target[last] = value
-        origin[name] = "the command line"
+        given.add(name)
         if name == "capture.root":
-            _anchor_root(values, Path.cwd(), "the command line")
+            _anchor_root(values, Path.cwd(), COMMAND_LINE)
     try:
         return Config.model_validate(values)
     except ValidationError as error:
-        raise StudioError(_explain(error, path, origin)) from None
+        raise refused(error, path, given=given) from None
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file (an empty file is an empty mapping).
+    """The sections in a YAML file; an empty file has none.
 
     Raises:
-        StudioError: not there, not readable, not YAML, or not a mapping of sections.
+        StudioError: `settings.file_not_found`, `settings.unreadable`, or not YAML or not sections
+            (`settings.not_yaml`).
     """
+    fix = "Specify a YAML file of settings."
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise StudioError(f"{path}: there is no such file; give the path of a YAML configuration.") from None
+        raise StudioError("settings.file_not_found", "no such file", file=path, fix=fix) from None
     except IsADirectoryError:
-        raise StudioError(f"{path} is a folder; give the path of a YAML configuration.") from None
+        raise StudioError("settings.unreadable", "is a folder", file=path, fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise StudioError(f"{path}: cannot be read ({error}); give a YAML file of settings.") from None
+        raise StudioError("settings.unreadable", f"cannot be read ({error})", file=path, fix=fix) from None
     try:
         values = yaml.load(text, Loader=_Loader)  # a SafeLoader
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark is not None else ""
-        raise StudioError(f"{path}{where}: {getattr(error, 'problem', None) or 'not YAML'}; mend the file.") from None
+        line = mark.line + 1 if mark is not None else None
+        problem = getattr(error, "problem", None) or "not YAML"
+        raise StudioError(
+            "settings.not_yaml",
+            problem if line is None else f"line {line}: {problem}",
+            file=path,
+            fix="Fix the file.",
+            line=line,
+        ) from None
     if values is None:
         return {}
     if not isinstance(values, dict):
-        raise StudioError(f"{path}: expected sections such as 'capture:' and 'train:', found {type(values).__name__}.")
+        raise StudioError(
+            "settings.not_yaml",
+            f"expected sections such as 'capture:' and 'train:', found {type(values).__name__}",
+            file=path,
+            fix="Put settings below their section.",
+        )
     # "train:" with everything under it commented out is an empty section
     return {name: {} if value is None else value for name, value in values.items()}
 
 
 def dump_config(config: Config) -> str:
-    """YAML that `load_config` reads back to the same settings."""
+    """YAML that `load_config` reads back as the same settings."""
     return dump_tree(config.model_dump(mode="json"))
 
 
 def digest_text(config: Config) -> str:
-    """The same with the names that settings had first: what stays the same when a setting is renamed."""
+    """The same under the original names of settings: does not change when a setting is renamed."""
     return dump_tree(first_tree(config.model_dump(mode="json")))
 
 
@@ -147,38 +182,44 @@ def dump_tree(tree: dict[str, Any]) -> str:
 
 
 def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
-    """Make `capture.root` absolute, seen from `folder`. Raises StudioError where it can be no path."""
+    """Make `capture.root` absolute, relative to `folder`. Raises StudioError if it cannot be a path."""
     capture = values.get("capture")
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
         try:
             root = Path(capture["root"]).expanduser()
             root = root if root.is_absolute() else (folder.absolute() / root).resolve()
             capture["root"] = str(root)
-        except (ValueError, RuntimeError) as error:  # a NUL in it, a user that is not there
+        except (ValueError, RuntimeError) as error:  # a NUL character, an unknown user
             raise StudioError(
-                f"{where}: capture.root = {capture['root']!r} can be no folder ({error}); give that of the footage."
+                "settings.invalid",
+                f"capture.root = {capture['root']!r} is not a valid path ({error})",
+                file=where,
+                value=capture["root"],
+                fix="Set it to the folder of the footage.",
+                setting="capture.root",
             ) from None
         need_utf8(root)
 
 
-def all_names(model: type[BaseModel] = Config, prefix: str = "") -> Iterator[str]:
+def all_names(model: type[Settings] = Config, prefix: str = "") -> Iterator[str]:
     """Dotted names of all settings (leaves only)."""
     for name, field in model.model_fields.items():
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            yield from all_names(field.annotation, f"{prefix}{name}.")
+        inner = submodel(field)
+        if inner is not None:
+            yield from all_names(inner, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}"
 
 
 def nearest_name(name: str) -> str | None:
-    """The known setting or section nearest to a dotted name, or None where nothing is near."""
+    """The known setting or section most similar to a dotted name; None if none is similar."""
     known = list(all_names())
     sections = {known_name.rsplit(".", 1)[0] for known_name in known}
     if "." not in name:
         near = difflib.get_close_matches(name, sorted(sections), n=1, cutoff=0.5)
         if near:
             return near[0]
-    # the same last part in another section is what is mostly meant; else the whole name decides
+    # most mistakes are a right name in a wrong section
     last = name.rsplit(".", 1)[-1]
     twins = [candidate for candidate in known if candidate.rsplit(".", 1)[-1] == last]
     if twins:
@@ -193,38 +234,65 @@ def nearest_name(name: str) -> str | None:
 
 def _nearest_sentence(name: str) -> str:
     near = nearest_name(name)
-    return f" The nearest is {near}." if near else " `v3studio config` prints them all."
+    return f"Did you mean {near}?" if near else "`v3studio config` lists all settings."
 
 
-def _explain(error: ValidationError, path: Path | None, origin: Mapping[str, str]) -> str:
-    """One sentence a mistake: file, name, value found, mend."""
-    sentences = []
-    for problem in error.errors():
-        location = [str(part) for part in problem["loc"]]
-        name = ".".join(location)
-        setting = next((".".join(location[:n]) for n in range(len(location), 0, -1) if _known(location[:n])), name)
-        where = origin.get(setting) or origin.get(name) or (str(path) if path else "the settings")
-        if name and any(given.startswith(f"{name}.") for given in origin):  # a rule over several settings
-            where = f"{where} with the command line"
-        kind, found = problem["type"], problem.get("input")
-        if kind == "extra_forbidden":
-            sentences.append(f"{where}: {name} is not a setting.{_nearest_sentence(name)}")
-        elif kind == "value_error":
-            sentences.append(f"{where}: {name}: {problem['ctx']['error']}{_found(found)}.")
-        elif kind in ("model_type", "model_attributes_type"):
-            sentences.append(f"{where}: {name} = {found!r} must be a section with settings of its own.")
+def refused(
+    error: ValidationError, file: Path | str | None, prefix: str = "", given: Collection[str] = ()
+) -> StudioError:
+    """pydantic's error in our words: one sentence per mistake, with file, setting, value and fix.
+
+    Args:
+        error: raised by a settings model.
+        file: file that the settings are from, or what else they are from.
+        prefix: dotted name of the model's section, with a dot at the end; "" for `Config`.
+        given: dotted names of settings from the command line.
+
+    Returns:
+        `settings.unknown` or `settings.invalid`; with several mistakes `settings.invalid`, whose field `mistakes` has
+        each as `Message.to_dict()`.
+    """
+    mistakes = [_mistake(dict(problem), file, prefix, given) for problem in error.errors()]
+    if len(mistakes) == 1:
+        (one,) = mistakes
+        return StudioError(one.code, one.problem, file=one.file, value=one.value, fix=one.fix, **one.fields)
+    lines = "\n".join(str(mistake) for mistake in mistakes)
+    return StudioError("settings.invalid", lines, mistakes=[mistake.to_dict() for mistake in mistakes])
+
+
+def _mistake(problem: dict[str, Any], file: Path | str | None, prefix: str, given: Collection[str]) -> Message:
+    location = [*filter(None, prefix.split(".")), *map(str, problem["loc"])]
+    name = ".".join(location)
+    known = set(all_names())
+    setting = next(
+        (".".join(location[:n]) for n in range(len(location), 0, -1) if ".".join(location[:n]) in known), name
+    )
+    where: Path | str = file or "settings"
+    if setting in given or name in given:
+        where = COMMAND_LINE
+    elif any(one.startswith(f"{name}.") for one in given):  # a rule over several settings
+        where = f"{where} and {COMMAND_LINE}" if file else COMMAND_LINE
+    kind, found = problem["type"], problem.get("input")
+    if kind == "extra_forbidden":
+        return Message(
+            "settings.unknown", f"unknown setting {name}", where, found, _nearest_sentence(name), {"setting": name}
+        )
+    fields: dict[str, Any] = {"setting": setting}
+    fix = ""
+    cause = problem.get("ctx", {}).get("error")
+    if isinstance(cause, Conflict):
+        text, fix = cause.problem, cause.fix
+        if cause.names:
+            fields["settings"] = [f"{name}.{one}" for one in cause.names]
+            text = f"{name}: {text}"
+            found = None
         else:
-            message = problem["msg"].replace("Input should", "must", 1)
-            sentences.append(f"{where}: {name} = {_plain(found)} {message}.")
-    return "\n".join(sentences)
-
-
-def _known(location: list[str]) -> bool:
-    return ".".join(location) in set(all_names())
-
-
-def _found(value: Any) -> str:
-    return f" (found {value!r})" if isinstance(value, (str, int, float)) else ""
+            text = f"{name} = {_plain(found)} {'' if text.startswith('must') else 'is invalid: '}{text}"
+    elif kind in ("model_type", "model_attributes_type"):
+        text, fix = f"{name} = {found!r} is not a section", f"Put settings below it, one per line ({name}: ...)."
+    else:
+        text = f"{name} = {_plain(found)} is invalid: {problem['msg'].replace('Input should', 'must', 1)}"
+    return Message("settings.invalid", text, where, found, fix, fields)
 
 
 def _plain(value: Any) -> str:

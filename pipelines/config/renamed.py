@@ -1,7 +1,6 @@
-"""What settings, values and stages were called before. Old names are taken, and told once in one line.
+"""Renamed settings, values and stages. Old names are accepted, with a one-line note.
 
-Digests (what a result was made from) are taken over the names that things had first, so that a new name makes nothing
-stale: see `first_names`.
+Digests (what a result was made from) use the original names, so that a rename makes nothing stale: see `first_names`.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Any
 from studio.errors import StudioError
 
 STAGES = {"initialise": "initialize"}
-"""Stages, and their folders in a take and sections of settings, before and now."""
+"""Stages, which are also folders of a take and sections of settings: old name to new."""
 
 SETTINGS = {
     "calibrate.lens": "calibrate.camera_model",
@@ -29,39 +28,42 @@ SETTINGS = {
     "train.motion_neighbours": "train.motion_neighbors",
     "train.simulate_quantisation": "train.simulate_quantization",
 }
-"""Dotted names of settings, before and now. A section of `STAGES` is renamed as a whole."""
+"""Dotted names of settings, old to new. Sections in `STAGES` are renamed as a whole."""
 
 VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
-"""Of a setting as it is called now: values before and now."""
+"""Values of settings, old to new, by the setting's new name."""
+
+ADDED = {"train.regularize": "planes"}
+"""Settings added after takes of format 2 were first written, each with the value that changes nothing."""
 
 REPORT_KEYS = {"explained": "match_inlier_ratio", "neighbours": "neighbors"}
-"""Keys of calibrate/report.json, before and now."""
+"""Keys of calibrate/report.json, old to new."""
 
 _FIRST_STAGES = {now: before for before, now in STAGES.items()}
 _FIRST_SETTINGS = {now: before for before, now in SETTINGS.items()}
 _FIRST_VALUES = {name: {now: before for before, now in values.items()} for name, values in VALUES.items()}
-_told: set[str] = set()
+_noted: set[str] = set()
 
 
 def current_name(name: str) -> str:
-    """What a dotted name of a setting (or a stage) is called now."""
+    """The new name of a setting (dotted) or stage."""
     section, dot, rest = name.partition(".")
     return SETTINGS.get(name) or f"{STAGES.get(section, section)}{dot}{rest}"
 
 
 def first_name(name: str) -> str:
-    """What a dotted name of a setting (or a stage) was called first."""
+    """The original name of a setting (dotted) or stage."""
     section, dot, rest = name.partition(".")
     return _FIRST_SETTINGS.get(name) or f"{_FIRST_STAGES.get(section, section)}{dot}{rest}"
 
 
 def current_value(name: str, value: Any) -> Any:
-    """What the value of a setting, by its name of now, is called now."""
+    """The new name of a value; `name` is the setting's new name."""
     return VALUES.get(name, {}).get(value, value) if isinstance(value, str) else value
 
 
 def current_names(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings by dotted name, and "result of STAGE", with the names and values of now."""
+    """Params (settings by dotted name, and "result of STAGE") under the new names and values."""
     found = {}
     for key, value in params.items():
         name = _result_of(key, STAGES) or current_name(key)
@@ -70,7 +72,7 @@ def current_names(params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def first_names(params: Mapping[str, Any]) -> dict[str, Any]:
-    """The other way: with the names and values that settings had first, which digests are taken over."""
+    """Params under the original names and values, which digests are made of."""
     found = {}
     for key, value in params.items():
         values = _FIRST_VALUES.get(key, {})
@@ -80,40 +82,39 @@ def first_names(params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def first_tree(tree: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """All sections of settings, in their order, with the names and values that they had first."""
-    return {
-        first_name(section): {
-            key.partition(".")[2]: value
-            for key, value in first_names({f"{section}.{name}": value for name, value in values.items()}).items()
-        }
-        for section, values in tree.items()
-    }
+    """All sections, in their order, under the original names and values, without `ADDED` settings at their default."""
+    found: dict[str, dict[str, Any]] = {}
+    for section, values in tree.items():
+        kept = {f"{section}.{name}": value for name, value in values.items()}
+        kept = {name: value for name, value in kept.items() if name not in ADDED or ADDED[name] != value}
+        found[first_name(section)] = {key.partition(".")[2]: value for key, value in first_names(kept).items()}
+    return found
 
 
 def current_path(path: str) -> str:
-    """Path of a file relative to its take, as it is called now."""
+    """The new path of a file, relative to its take."""
     head, slash, rest = path.partition("/")
     return f"{STAGES.get(head, head)}{slash}{rest}"
 
 
 def first_path(path: str) -> str:
-    """Path of a file relative to its take, as it was called first."""
+    """The original path of a file, relative to its take."""
     head, slash, rest = path.partition("/")
     return f"{_FIRST_STAGES.get(head, head)}{slash}{rest}"
 
 
 def renamed(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
-    """Sections of settings with the names and values of now.
+    """Sections of settings under the new names and values.
 
     Args:
         values: sections by name, as read from a file.
-        where: the file, for messages.
+        where: file name for errors.
 
     Returns:
         the sections, and what was renamed ("calibrate.lens is now calibrate.camera_model").
 
     Raises:
-        StudioError: a setting is given under its old name and under its new one.
+        StudioError: a setting is given under its old and its new name (`settings.both_names`).
     """
     found: dict[str, Any] = {}
     changes: list[str] = []
@@ -122,9 +123,7 @@ def renamed(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list
         if section != old_section:
             changes.append(f"{old_section} is now {section}")
             if section in values:
-                raise StudioError(
-                    f"{where}: {old_section} is now called {section}, and both are given; keep {section}."
-                )
+                raise _both(where, old_section, section)
         if not isinstance(content, Mapping):
             found[section] = content
             continue
@@ -135,7 +134,7 @@ def renamed(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list
             if name != old:
                 changes.append(f"{old} is now {name}")
                 if name.partition(".")[2] in content:
-                    raise StudioError(f"{where}: {old} is now called {name}, and both are given; keep {name}.")
+                    raise _both(where, old, name)
             now = current_value(name, value)
             if now != value:
                 changes.append(f"{name}: {value} is now {now}")
@@ -145,21 +144,31 @@ def renamed(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list
 
 
 def renamed_override(name: str, value: Any) -> tuple[str, Any, list[str]]:
-    """A (dotted name, value) pair of the command line with the names of now, and what was renamed."""
+    """An override (dotted name, value) under its new name and value, and what was renamed."""
     now = current_name(name)
     new = current_value(now, value)
     changes = [f"{name} is now {now}"] if now != name else []
     return now, new, changes + ([f"{now}: {value} is now {new}"] if new != value else [])
 
 
-def tell(where: str, changes: list[str]) -> None:
-    """One line on stderr, once in a process for each file and set of names."""
+def note_renames(where: str, changes: list[str]) -> None:
+    """Print one line on stderr, once per process for each file and set of names."""
     if not changes:
         return
     line = f"{where}: {', '.join(dict.fromkeys(changes))}."
-    if line not in _told:
-        _told.add(line)
+    if line not in _noted:
+        _noted.add(line)
         print(f"note: {line}", file=sys.stderr)
+
+
+def _both(where: str, old: str, new: str) -> StudioError:
+    return StudioError(
+        "settings.both_names",
+        f"{old} was renamed to {new}, and both are set",
+        file=where,
+        fix=f"Keep {new}.",
+        setting=new,
+    )
 
 
 def _result_of(key: str, stages: Mapping[str, str]) -> str | None:

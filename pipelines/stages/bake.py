@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipelines.reports.pictures import draw
-from pipelines.stages.arguments import bake_settings
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.params import Params, key_of, settings_of
+from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.takes.atomic_files import digest_of_file, link_or_copy, read_json, remove, write_json
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
@@ -41,7 +40,7 @@ class BakeStage:
     def params(self, context: Context) -> Params:
         """How frames become video, and what the manifest says beside them."""
         return {
-            **settings_of(context.config, "bake", "capture.background", "capture.held_out", "capture.held_out_every"),
+            **settings_affecting(context.config, "videos", "manifest"),
             "frames a second": float(context.footage.raw.fps),
         }
 
@@ -61,7 +60,7 @@ class BakeStage:
         groups = context.groups
         new = self._folder(context)
         new.mkdir(parents=True, exist_ok=True)
-        settings = bake_settings(context.config.bake, context.config.run.threads)
+        settings = context.config.bake
         entries: list[GroupEntry] = []
         for position, group in enumerate(groups):
             start, stop = position / len(groups), (position + 1) / len(groups)
@@ -104,7 +103,9 @@ class BakeStage:
     def _key(self, context: Context, group: Group) -> str:
         frames = [context.take.trained_frame(group.index, index) for index in group.indices]
         content = [digest_of_file(path) if path.is_file() else None for path in frames]
-        return key_of(self.name, self.version, settings_of(context.config, "bake"), group.index, group.first, content)
+        return key_of(
+            self.name, self.version, settings_affecting(context.config, "videos"), group.index, group.first, content
+        )
 
     def _place(self, context: Context, group: Group) -> Path | None:
         """Folder that holds the group as this recipe bakes it: in the working folder or in the old stream."""
@@ -131,9 +132,10 @@ class BakeStage:
             self._folder(context),
             group.index,
             group.first,
-            bake_settings(context.config.bake, context.config.run.threads),
+            context.config.bake,
             progress=reporter.part(label, start, stop),
             quality=DrawnError(context, group) if context.config.bake.target_psnr is not None else None,
+            threads=context.config.run.threads,
         )
         files = sorted((self._folder(context) / group_name(group.index)).iterdir())
         write_json(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from pipelines.config import Config
 from pipelines.events import Emit, Event, Log, Metrics, Preview, Progress, Warned
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.arguments import choose_device
+from pipelines.stages.device import choose_device
 from pipelines.stages.footage import TakeFootage
 from pipelines.stages.grouping import groups_of
 from pipelines.stages.params import Params

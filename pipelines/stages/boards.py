@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.stages.arguments import board, board_settings
 from pipelines.stages.base import Context, StageReporter
 from studio.errors import StudioError
 
@@ -16,12 +15,6 @@ if TYPE_CHECKING:
     from studio.calibration import CalibrationResult, TargetObservation
     from studio.cameras import Camera
     from studio.capture import Footage
-
-BOARD_SETTINGS = (
-    "calibrate.board", "calibrate.board_images", "calibrate.intrinsics_images", "calibrate.board_frames",
-    "calibrate.board_origin", "calibrate.board_upright", "calibrate.camera_model", "calibrate.refine_principal_point",
-)  # fmt: skip
-"""Settings that the result of a board's calibration follows from."""
 
 
 def board_digest(context: Context) -> list[str]:
@@ -55,10 +48,11 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
         for number, ((_, name), view) in enumerate(own.items()):
             views[alone - number, name] = view
     result = calibrate_from_target(
-        board(section.board),
+        section.board,
         views,
         sizes,
-        settings=board_settings(section, context.config.run),
+        settings=section,
+        threads=context.config.run.threads,
         progress=reporter.part("solving", 0.8, 1.0),
     )
     left_out, used = result.report["boards"]["views_left_out"], result.report["boards"]["views"]
@@ -83,15 +77,20 @@ def lenses_from_boards(
     section = context.config.calibrate
     views, sizes = _views(context, section.intrinsics_images, reporter, start, stop)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
-    return calibrate_lenses(board(section.board), own, sizes, board_settings(section, context.config.run))
+    return calibrate_lenses(section.board, own, sizes, section, context.config.run.threads)
 
 
 def _open(context: Context, pattern: str) -> Footage:
-    from studio.capture import CaptureSpec, open_footage
+    from studio.capture import CaptureSettings, open_footage
 
     capture = context.config.capture
-    spec = CaptureSpec(
-        capture.root, images=pattern, masks="none", cameras=capture.cameras, color_matrix=capture.color_matrix, fps=1.0
+    spec = CaptureSettings(
+        root=capture.root,
+        images=pattern,
+        masks="none",
+        cameras=capture.cameras,
+        color_matrix=capture.color_matrix,
+        fps=1.0,
     )
     return open_footage(spec, None, strict=False)
 
@@ -122,7 +121,7 @@ def _views(
         return detect_target(
             readers,
             sync_frames,
-            board(context.config.calibrate.board),
+            context.config.calibrate.board,
             reporter.part("looking for the board", start, stop),
         )
     finally:

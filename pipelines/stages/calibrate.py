@@ -14,9 +14,9 @@ from pipelines.reports.calibration import (
     calibration_warnings,
     render_calibration,
 )
-from pipelines.stages.arguments import camera_file, sfm_settings, tie_settings
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.boards import BOARD_SETTINGS, board_digest, calibrate_with_boards, lenses_from_boards
+from pipelines.stages.boards import board_digest, calibrate_with_boards, lenses_from_boards
+from pipelines.stages.camera_file import camera_file
 from pipelines.stages.known_cameras import (
     at_footage_size,
     check_sizes,
@@ -26,7 +26,7 @@ from pipelines.stages.known_cameras import (
     known_file,
     tie_file,
 )
-from pipelines.stages.params import Params, settings_of, without
+from pipelines.stages.params import Params, settings_affecting
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_json
 from pipelines.takes.point_files import write_points
 from studio.errors import StudioError
@@ -34,13 +34,6 @@ from studio.errors import StudioError
 if TYPE_CHECKING:
     from studio.cameras import Camera, Rig
     from studio.capture import Footage
-
-TIE_SETTINGS = (
-    "calibrate.tie_accuracy", "calibrate.tie_world_accuracy", "calibrate.board", "calibrate.board_frames",
-    "calibrate.camera_model", "calibrate.intrinsics_images", "calibrate.shared_intrinsics", "calibrate.scale_between",
-    "calibrate.scale_distance", "calibrate.refine_principal_point", "capture.color_matrix", "capture.size_rule",
-)  # fmt: skip
-"""Settings that cameras from tie points follow from."""
 
 
 class CalibrateStage:
@@ -55,30 +48,23 @@ class CalibrateStage:
     def params(self, context: Context) -> Params:
         """A calibration file's content, or the footage and how it is calibrated."""
         given = _given(context)
+        config = context.config
         if given is not None:
-            return {"camera file": _digest(given), "capture.cameras": list(context.config.capture.cameras)}
-        if context.config.calibrate.board_images:
-            return {
-                "board footage": board_digest(context),
-                **settings_of(context.config, "capture.cameras", "capture.color_matrix", *BOARD_SETTINGS),
-            }
-        if context.config.calibrate.tie_points:
+            return {"camera file": _digest(given), **settings_affecting(config, "cameras_from_file")}
+        if config.calibrate.board_images:
+            return {"board footage": board_digest(context), **settings_affecting(config, "cameras_from_target")}
+        if config.calibrate.tie_points:
             return {
                 "tie points": _digest(tie_file(context)),
                 "sizes": {name: context.footage.raw.raw_size(name) for name in context.footage.raw.camera_names},
-                **settings_of(context.config, "capture.cameras", "run.seed", *TIE_SETTINGS),
+                **settings_affecting(config, "cameras_from_points"),
                 **_lens_files(context),
             }
-        capture = settings_of(
-            context.config, "capture.images", "capture.cameras", "capture.color_matrix", "capture.offsets"
-        )
-        if context.config.calibrate.look_at != "everything":
-            capture |= without(settings_of(context.config, "capture"), *_NO_MATTER_FOR_MASKS)
+        masked = config.calibrate.look_at != "everything"
         return {
             "footage": context.footage.digest,
             "frames": self._frames(context),
-            **capture,
-            **without(settings_of(context.config, "calibrate", "run.seed"), "calibrate.frame", "calibrate.frames"),
+            **settings_affecting(config, "cameras_from_images", *(("calibration_masks",) if masked else ())),
             **_lens_files(context),
         }
 
@@ -198,7 +184,9 @@ class CalibrateStage:
             known=lenses,
             poses=before if section.known_poses else None,
             focal_lengths={} if lenses else focal_lengths(footage, frames[0]),
-            settings=sfm_settings(section, context.config.run),
+            settings=section,
+            threads=context.config.run.threads,
+            seed=context.config.run.seed,
             distance=distance,
             progress=reporter.part("structure from motion", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
@@ -229,7 +217,8 @@ class CalibrateStage:
             known=lenses,
             focal_lengths={} if lenses else focal_lengths(footage, footage.frames[0]),
             distance=known_distance(section, names),
-            settings=tie_settings(section, context.config.run),
+            settings=section,
+            seed=context.config.run.seed,
             progress=reporter.part("placing the cameras", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         _keep_points(context, result.points, result.colors)
@@ -283,13 +272,6 @@ def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.
     """255 where features may be."""
     performer = footage.raw_matte(camera, frame) >= 128
     return np.where(performer != room, 255, 0).astype(np.uint8)
-
-
-_NO_MATTER_FOR_MASKS = (
-    "capture.root", "capture.rig", "capture.fps", "capture.background", "capture.held_out", "capture.held_out_every",
-    "capture.evaluation_mattes", "capture.cache_megabytes", "capture.stop", "capture.start", "capture.step",
-    "capture.scale", "capture.size_rule", "capture.despill",
-)  # fmt: skip
 
 
 def _digest(path: Path) -> Any:

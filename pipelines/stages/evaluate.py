@@ -12,7 +12,7 @@ import numpy as np
 from pipelines.reports.evaluation import Sample, render_report
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.params import Params, settings_of, without
+from pipelines.stages.params import Params, settings_affecting
 from pipelines.takes.atomic_files import write_json, write_text
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
@@ -49,8 +49,7 @@ class EvaluateStage:
         return {
             "footage": context.footage.digest,
             "frames": list(context.footage.raw.frames),
-            **without(settings_of(context.config, "capture"), "capture.root", "capture.rig", "capture.cache_megabytes"),
-            **settings_of(context.config, "evaluate"),
+            **settings_affecting(context.config, "evaluation"),
         }
 
     def results(self, context: Context) -> list[Path]:

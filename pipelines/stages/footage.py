@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from pipelines.config import Config
-from pipelines.stages.arguments import capture_spec
-from pipelines.stages.params import Params, settings_of, without
+from pipelines.stages.params import Params, settings_affecting
 from pipelines.takes.take import Take
 
 if TYPE_CHECKING:
-    from studio.capture import CaptureSpec, Footage
-
-CAPTURE_FOR_TRAINING_LEAVES = (
-    "capture.root", "capture.rig", "capture.fps", "capture.background", "capture.evaluation_mattes",
-    "capture.cache_megabytes", "capture.start", "capture.stop", "capture.step",
-)  # fmt: skip
-"""Settings of the capture that do not change what training sees; which frames it sees is asked of the groups."""
+    from studio.cameras import Rig
+    from studio.capture import Footage
 
 
 @dataclass
@@ -35,9 +29,7 @@ class TakeFootage:
         Raises:
             StudioError: it cannot be opened.
         """
-        from studio.capture import open_footage
-
-        return open_footage(self._spec(), None, cache_folder=self.take.footage_cache)
+        return self._open(None)
 
     @cached_property
     def calibrated(self) -> Footage:
@@ -47,17 +39,16 @@ class TakeFootage:
             StudioError: it cannot be opened, or there are no cameras yet.
         """
         from studio.camera_files import read_rig
-        from studio.capture import open_footage
 
-        return open_footage(self._spec(), read_rig(self.take.rig), cache_folder=self.take.footage_cache)
+        return self._open(read_rig(self.take.rig))
 
     @cached_property
     def digest(self) -> str:
         """What the files are. All frames count, whichever are used: a longer take keeps what a shorter one made."""
         from studio.capture import open_footage
 
-        spec = replace(self._spec(), start=None, stop=None, step=1)
-        return open_footage(spec, None, strict=False).digest()
+        everything = self.config.capture.replace(start=None, stop=None, step=1)
+        return open_footage(everything, None, strict=False).digest()
 
     def forget_cameras(self) -> None:
         """Open the footage anew when it is next asked for (cameras have changed)."""
@@ -65,7 +56,12 @@ class TakeFootage:
 
     def seen_by_training(self) -> Params:
         """The footage and the settings that decide what a training view looks like."""
-        return {"footage": self.digest, **without(settings_of(self.config, "capture"), *CAPTURE_FOR_TRAINING_LEAVES)}
+        return {"footage": self.digest, **settings_affecting(self.config, "training_views")}
 
-    def _spec(self) -> CaptureSpec:
-        return capture_spec(self.config.capture, self.config.run)
+    def _open(self, rig: Rig | None) -> Footage:
+        from studio.capture import open_footage
+
+        run = self.config.run
+        return open_footage(
+            self.config.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads
+        )

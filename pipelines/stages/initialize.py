@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipelines.stages import grouping
-from pipelines.stages.arguments import hull_settings
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.params import Params, derived_seed, key_of, settings_of
+from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_json, remove, write_json
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
@@ -50,7 +49,7 @@ class InitializeStage:
         """What training sees, how hulls are carved, and where groups begin."""
         return {
             **context.footage.seen_by_training(),
-            **settings_of(context.config, "initialize", "run.seed"),
+            **settings_affecting(context.config, "initial_points"),
             "keyframes": [group.keyframe for group in context.groups],
             **({} if context.config.train.grouping == "fixed" else {"groups by motion": grouping.key(context.footage)}),
         }
@@ -83,7 +82,7 @@ class InitializeStage:
         return {"groups": len(groups), "points_per_group": context.config.initialize.points, "faces": counts}
 
     def _key(self, context: Context, group: Group) -> str:
-        parts = {**context.footage.seen_by_training(), **settings_of(context.config, "initialize", "run.seed")}
+        parts = {**context.footage.seen_by_training(), **settings_affecting(context.config, "initial_points")}
         return key_of(self.name, self.version, parts, result_of(context.take, "calibrate"), group.index, group.keyframe)
 
     def _is_done(self, context: Context, group: Group) -> bool:
@@ -104,12 +103,9 @@ class InitializeStage:
     ) -> None:
         from studio.meshing import initialize_points
 
-        settings = context.config.initialize
         found = initialize_points(
             TrainingViews(context.footage.calibrated, group.keyframe),
-            settings.points,
-            settings=hull_settings(settings),
-            max_faces=settings.max_faces,
+            context.config.initialize,
             seed=derived_seed(context.config.run.seed, self.name, group.index),
             progress=reporter.part(f"{label}: visual hull", start, stop),
         )
@@ -129,7 +125,7 @@ class InitializeStage:
             "vertices": len(found.mesh.vertices),
             "faces": len(found.mesh.faces),
             "disagreement": {camera: round(float(value), 4) for camera, value in found.disagreement.items()},
-            "warnings": found.warnings,
+            "warnings": [str(warning) for warning in found.warnings],
             "files": {name: digest_of_file(folder / name) for name in ("mesh.ply", "points.ply")},
         }
         write_json(folder / "report.json", report)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.config import CalibrateSection
 from pipelines.stages.base import Context
+from studio.calibration.settings import CalibrateSettings
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def check_sizes(context: Context, rig: Rig, path: Path) -> None:
             at_footage_size(context, camera.name, camera)
 
 
-def known_distance(section: CalibrateSection, names: Sequence[str]) -> tuple[str, str, float] | None:
+def known_distance(section: CalibrateSettings, names: Sequence[str]) -> tuple[str, str, float] | None:
     """calibrate.scale_between and scale_distance; `names` are the cameras that there are.
 
     Raises:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from pipelines.config import Config
-from pipelines.config.renamed import first_name, first_names
+from pipelines.config.renamed import ADDED, first_name, first_names
 from pipelines.takes.atomic_files import digest_of
+from studio.settings import affected
 
 Params = dict[str, Any]
 """What a result is made from: settings by dotted name, digests of inputs and of other stages' results."""
@@ -14,7 +16,11 @@ Params = dict[str, Any]
 
 def settings_of(config: Config, *names: str) -> Params:
     """Settings by dotted name; a section stands for all settings in it (`capture.root` never counts: a capture may
-    move, its files' digest tells whether it is the same)."""
+    move, its files' digest tells whether it is the same).
+
+    A setting of `ADDED` is left out at the value that keeps the behavior from before it existed, so that results made
+    then stay valid.
+    """
     tree = config.model_dump(mode="json")
     found: Params = {}
 
@@ -22,7 +28,7 @@ def settings_of(config: Config, *names: str) -> Params:
         if isinstance(value, dict):
             for key, item in value.items():
                 collect(f"{prefix}.{key}", item)
-        else:
+        elif prefix not in ADDED or ADDED[prefix] != value:
             found[prefix] = value
 
     for name in names:
@@ -31,6 +37,16 @@ def settings_of(config: Config, *names: str) -> Params:
             value = value[part]
         collect(name, value)
     return found
+
+
+@cache
+def _affected() -> dict[str, tuple[str, ...]]:
+    return affected(Config)
+
+
+def settings_affecting(config: Config, *results: str) -> Params:
+    """Settings by dotted name that affect one of the results (`studio.settings.RESULTS`), as said at their fields."""
+    return settings_of(config, *(name for name, own in _affected().items() if not set(results).isdisjoint(own)))
 
 
 def without(params: Params, *names: str) -> Params:

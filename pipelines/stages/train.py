@@ -6,10 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipelines.stages.arguments import NOT_TRAINING
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
-from pipelines.stages.params import Params, key_of, settings_of, without
+from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
 from pipelines.takes.atomic_files import read_json, remove
@@ -97,26 +96,25 @@ class TrainStage:
 
         problems = check_footage(context.footage.calibrated, tell, frames=frames)
         if problems:
-            raise StudioError("\n".join(problems))
+            raise StudioError("\n".join(str(problem) for problem in problems))
 
     def _recipe(self, context: Context) -> Params:
         """Of all frames."""
-        settings = without(settings_of(context.config, "train"), *(f"train.{name}" for name in NOT_TRAINING))
-        return {**context.footage.seen_by_training(), **settings, **settings_of(context.config, "run.seed")}
+        return {
+            **context.footage.seen_by_training(),
+            **settings_affecting(context.config, "keyframe", "later_frames"),
+        }
 
     def _keys(self, context: Context, group: Group) -> list[str]:
         """Key of each frame of the group, in order."""
-        from studio.training.settings import AFTER_KEYFRAME
-
         points = context.take.initialize_group(group.index) / "report.json"
         files = read_json(points).get("files") if points.is_file() else None
         recipe = self._recipe(context)
-        later_names = [f"train.{name}" for name in AFTER_KEYFRAME]
-        later = {name: recipe[name] for name in later_names}
+        later = settings_affecting(context.config, "later_frames")
         start = key_of(
             self.name,
             self.version,
-            without(recipe, *later_names),
+            without(recipe, *later),
             result_of(context.take, "calibrate"),
             files,
             group.index,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from pipelines.config import TrainSection
 from pipelines.takes.groups import Group
+from studio.training.settings import TrainSettings
 
 
 class TrainClock:
@@ -15,7 +15,7 @@ class TrainClock:
     (keyframe, other) replace that as soon as there are some.
     """
 
-    def __init__(self, groups: Sequence[Group], finished: Mapping[int, int], settings: TrainSection) -> None:
+    def __init__(self, groups: Sequence[Group], finished: Mapping[int, int], settings: TrainSettings) -> None:
         todo = [position for group in groups for position in range(finished[group.index], len(group.frames))]
         self._left = {True: todo.count(0), False: len(todo) - todo.count(0)}
         rounds = max(1, settings.prune_rounds)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.pictures import draw, write_picture
-from pipelines.stages.arguments import train_settings
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.params import derived_seed
 from pipelines.stages.train_clock import TrainClock
@@ -44,7 +43,7 @@ class GroupWork:
 
     def __init__(self, context: Context, reporter: StageReporter, clock: TrainClock) -> None:
         self.context, self.reporter, self.clock = context, reporter, clock
-        self.settings: TrainSettings = train_settings(context.config.train)
+        self.settings: TrainSettings = context.config.train
         self.stop = Cancellation()
         self._lock = threading.Lock()  # over the clock, the labels and when the last preview was made
         self._labels: dict[int, str] = {}

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from studio.camera_files.common import camera_names, naming, read_text, write_atomic
-from studio.camera_files.rotations import matrix_to_quaternion, quaternion_to_matrix
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from studio.rotations import matrices_to_quats, quats_to_matrices
 
 # name -> (id, number of parameters); the ids are those of the binary form
 MODELS = {
@@ -137,7 +137,7 @@ def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: l
             if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
                 raise StudioError(f"image '{pose.name}' has the unusable rotation {pose.quat}.")
             transform = np.eye(4)
-            transform[:3, :3] = quaternion_to_matrix(quat)
+            transform[:3, :3] = quats_to_matrices(quat)
             transform[:3, 3] = pose.translation
             result.append(Camera(name, lens.width, lens.height, K, transform, distortion))
     with naming(image_path):
@@ -259,7 +259,7 @@ def write_colmap(rig: Rig, folder: Path, *, image_pattern: str = "{camera}.png")
     for key, camera in enumerate(rig, 1):
         model, parameters = lens_model(camera)
         lenses.append(" ".join([str(key), model, str(camera.width), str(camera.height), *map(repr, parameters)]))
-        pose = [*matrix_to_quaternion(camera.rotation).tolist(), *camera.translation.tolist()]
+        pose = [*matrices_to_quats(camera.rotation).tolist(), *camera.translation.tolist()]
         images += [" ".join([str(key), *map(repr, pose), str(key), image_pattern.format(camera=camera.name)]), ""]
     files = {"cameras.txt": lenses, "images.txt": images, "points3D.txt": ["# no points"]}
     for name, lines in files.items():

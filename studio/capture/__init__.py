@@ -1,14 +1,19 @@
-"""Footage: frames x cameras in files -> image, matte and camera of a view."""
+"""Footage of a capture: images, mattes and cameras, by camera and frame."""
 
-from studio.capture.checks import check_footage
-from studio.capture.footage import Footage, FootageView
-from studio.capture.mattes.matte_source import MatteSource
-from studio.capture.mattes.matting_function import FunctionMatteSource, MattingFunction
-from studio.capture.open_footage import match_rig, open_footage, refuse_unknown_cameras
-from studio.capture.spec import CaptureSpec
+from typing import TYPE_CHECKING
+
+from studio.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from studio.capture.checks import check_footage
+    from studio.capture.footage import Footage, FootageView
+    from studio.capture.mattes.matte_source import MatteSource
+    from studio.capture.mattes.matting_function import FunctionMatteSource, MattingFunction
+    from studio.capture.open_footage import match_rig, open_footage, refuse_unknown_cameras
+    from studio.capture.settings import CaptureSettings
 
 __all__ = [
-    "CaptureSpec",
+    "CaptureSettings",
     "Footage",
     "FootageView",
     "FunctionMatteSource",
@@ -19,3 +24,5 @@ __all__ = [
     "open_footage",
     "refuse_unknown_cameras",
 ]
+
+lazy_exports(__name__)

@@ -1,4 +1,4 @@
-"""Reading all footage once and saying what is wrong with it."""
+"""Check of a whole capture: decode every frame and matte once, and report what is wrong."""
 
 from __future__ import annotations
 
@@ -9,25 +9,26 @@ from dataclasses import dataclass, field
 
 from studio.capture.footage import Footage
 from studio.capture.mattes.matte_source import FullMatteSource
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
-_EMPTY = 2e-5  # of the image: 20 pixels of a megapixel
+_EMPTY = 2e-5  # share of the image: 20 pixels per megapixel
 _FULL = 0.999
-_READERS = 4  # cameras that are read side by side, where there are so many cores
+_READERS = 4  # cameras that are decoded in parallel, if there are enough cores
+_MOST_ERRORS = 3  # reported per camera
 
 
 @dataclass
-class _Found:
-    """What is wrong with one camera's frames: sentences, and frames with such masks."""
+class _CameraProblems:
+    """Errors of one camera, and frame numbers with an empty or a full matte."""
 
-    broken: list[str] = field(default_factory=list)
+    errors: list[Message] = field(default_factory=list)
     empty: list[int] = field(default_factory=list)
     full: list[int] = field(default_factory=list)
 
 
 def number_ranges(numbers: list[int]) -> str:
-    """'3, 7-9 and 12' style list of frame numbers, shortened to the first few ranges."""
+    """Frame numbers as "3, 7-9, 12", cut after six ranges."""
     runs: list[tuple[int, int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][1] + 1:
@@ -36,23 +37,23 @@ def number_ranges(numbers: list[int]) -> str:
             runs.append((number, number))
     texts = [str(first) if first == last else f"{first}-{last}" for first, last in runs]
     if len(texts) > 6:
-        return f"{', '.join(texts[:6])} and more ({len(numbers)} in all)"
+        return f"{', '.join(texts[:6])} and more ({len(numbers)} in total)"
     return ", ".join(texts)
 
 
 def check_footage(
     footage: Footage, progress: ProgressFn = no_progress, frames: tuple[int, ...] | None = None
-) -> list[str]:
-    """Decode every frame and matte, several cameras side by side; and tell what is wrong.
+) -> list[Message]:
+    """Decode every frame and matte, several cameras in parallel, and report problems.
 
     Args:
-        footage: what is read.
-        progress: called with images read, of all.
-        frames: only these; None is all.
+        footage: the capture to check.
+        progress: called with the number of images decoded and their total; may raise `Cancelled`.
+        frames: frame numbers to check; None checks all.
 
     Returns:
-        An empty list where the footage is sound; else `Footage.problems`, and then
-        One sentence a problem, those of one kind and camera together.
+        `Footage.problems`, then per camera up to three errors (codes of `Footage.image` and `Footage.matte`), and at
+        most one `matte.empty` and one `matte.full` with the fields `camera` and `frames`. Empty if nothing is wrong.
     """
     frames = footage.frames if frames is None else frames
     total = len(frames) * len(footage.camera_names)
@@ -60,28 +61,28 @@ def check_footage(
     lock, stop = threading.Lock(), threading.Event()
     done = 0
 
-    def tell(count: int) -> None:
+    def advance(count: int) -> None:
         nonlocal done
         with lock:  # a `progress` need not be thread safe
             if not stop.is_set():
                 progress(done, total)
             done += count
 
-    def look(camera: str) -> _Found:
-        found = _Found()
+    def check_camera(camera: str) -> _CameraProblems:
+        found = _CameraProblems()
         for position, frame in enumerate(frames):
             if stop.is_set():
                 break
-            tell(1)
+            advance(1)
             try:
-                footage.image(camera, frame)  # as training will ask for it, so that short takes are kept
+                footage.image(camera, frame)  # fills the cache for training, where a short take fits
                 if not masked:
                     continue
                 matte = footage.matte(camera, frame)
             except StudioError as error:
-                found.broken.append(str(error))
-                if len(found.broken) > 3:  # a truncated video would give one sentence for each frame
-                    tell(len(frames) - position - 1)
+                found.errors.append(error.message)
+                if len(found.errors) > _MOST_ERRORS:  # a truncated video gives an error per frame
+                    advance(len(frames) - position - 1)
                     break
                 continue
             share = float((matte >= 128).mean())
@@ -93,23 +94,35 @@ def check_footage(
 
     with ThreadPoolExecutor(min(_READERS, len(os.sched_getaffinity(0))), thread_name_prefix="check") as readers:
         try:
-            looks = [readers.submit(look, camera) for camera in footage.camera_names]
-            results = [one.result() for one in looks]
+            tasks = [readers.submit(check_camera, camera) for camera in footage.camera_names]
+            results = [task.result() for task in tasks]
         except BaseException:
             stop.set()
             raise
     progress(total, total)
     problems = list(footage.problems)
     for camera, found in zip(footage.camera_names, results, strict=True):
-        problems += list(dict.fromkeys(found.broken))[:3]
+        problems += list({str(message): message for message in found.errors}.values())[:_MOST_ERRORS]
         if found.empty:
             problems.append(
-                f"Camera '{camera}': the mask is empty in frame {number_ranges(found.empty)}; mend the masks, or "
-                "leave the camera or the frames out."
+                Message(
+                    "matte.empty",
+                    f"Camera '{camera}': the mask is empty in {_frames(found.empty)}",
+                    fix="Fix the masks, or exclude the camera or the frames.",
+                    fields={"camera": camera, "frames": tuple(found.empty)},
+                )
             )
         if found.full:
             problems.append(
-                f"Camera '{camera}': the mask is all white in frame {number_ranges(found.full)}, so nothing is told "
-                "apart from the background; mend the masks (white is the performer, black the rest)."
+                Message(
+                    "matte.full",
+                    f"Camera '{camera}': the mask covers the whole image in {_frames(found.full)}",
+                    fix="Fix the masks: white is the performer, black the background.",
+                    fields={"camera": camera, "frames": tuple(found.full)},
+                )
             )
     return problems
+
+
+def _frames(numbers: list[int]) -> str:
+    return f"frame{'s' if len(numbers) > 1 else ''} {number_ranges(numbers)}"

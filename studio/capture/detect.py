@@ -1,4 +1,4 @@
-"""`images: auto` and its like: finding out how a capture's folder is laid out."""
+"""Detection of a capture's folder layout, for patterns set to "auto"."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, _walk, find_files
+from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, walk
 from studio.errors import StudioError
 
 MASK_FOLDERS = ("masks", "mask", "mattes", "matte", "alpha", "alphas")
@@ -14,14 +14,14 @@ PLATE_FOLDERS = ("clean_plates", "clean_plate", "bg", "background", "backgrounds
 _NOT_FOOTAGE = frozenset(
     (*MASK_FOLDERS, *PLATE_FOLDERS, "intrinsics", "intrinsic", "depth", "depths", "normals", "sparse", "meshes", "mesh")
 )
-# In the order of preference where several fit: what a camera recorded before what was made from it.
+# In order of preference: camera recordings before what was derived from them.
 _LAYOUTS = (
     "videos/{camera}.*",
     "video/{camera}.*",
     "rgbs/{camera}/{camera}_rgb{frame}.*",  # ActorsHQ
     "image_white/{frame}/{camera}.*",  # HiFi4G
     "image_white_undistortion/{frame}/{camera}.*",
-    "image/{frame}/img_{camera}.*",  # ReRF, its videos taken apart
+    "image/{frame}/img_{camera}.*",  # ReRF, videos split into frames
     "image/{camera}.*",  # ReRF
     "images/{camera}/{frame}.*",
     "images/{camera}/*_{frame}.*",
@@ -40,26 +40,29 @@ _LAYOUTS = (
 
 
 def detect_images(root: Path) -> tuple[str, list[Match]]:
-    """The layout of the footage below `root`: a pattern and the files that it finds.
+    """Find the footage below `root`.
+
+    Returns:
+        A pattern and the files that match it.
 
     Raises:
-        StudioError: nothing usable was found, or several folders of videos fit equally well.
+        StudioError: `footage.not_found`, or `footage.ambiguous_layout` if several folders contain videos.
     """
     for layout in _LAYOUTS:
         matches = find_files(root, layout)
         matches = [match for match in matches if match.camera.lower() not in _NOT_FOOTAGE]
-        if layout == "{camera}.*":  # loose files: only videos, pictures beside a capture are rarely footage
+        if layout == "{camera}.*":  # loose files: videos only, loose images are rarely footage
             matches = [match for match in matches if match.path.suffix.lower() in VIDEO_EXTENSIONS]
         if layout == "images/{camera}.*" and _numbered(matches):
             continue
-        if layout == "image/{camera}.*":  # pictures there are moments, or belong to another layout
+        if layout == "image/{camera}.*":  # images there belong to another layout
             matches = [match for match in matches if match.path.suffix.lower() in VIDEO_EXTENSIONS]
         if layout == "{frame}/{camera}.*" and not _folders_are_frames(root, matches):
             continue
         if matches:
             return _with_extension(layout, matches), matches
     folders: dict[str, int] = {}
-    for relative in _walk(root, 4):
+    for relative in walk(root, 4):
         path = Path(relative)
         parts = {part.lower() for part in path.parts[:-1]}
         if path.suffix.lower() in VIDEO_EXTENSIONS and not parts & _NOT_FOOTAGE:
@@ -71,18 +74,26 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
         return _with_extension(layout, matches), matches
     if several:
         raise StudioError(
-            f"{root}: videos lie in {' and in '.join(several)}; say which are the footage, for example images: "
-            f"'{several[0]}/{{camera}}.*'."
+            "footage.ambiguous_layout",
+            f"found videos in {' and '.join(several)}",
+            file=root,
+            value=several,
+            fix=f"Choose the footage with capture.images, for example '{several[0]}/{{camera}}.*'.",
+            setting="capture.images",
         )
     raise StudioError(
-        f"{root}: no footage was found; put videos in videos/, or images in images/CAMERA/FRAME.png, or say where they "
-        "are, for example images: 'rushes/{camera}.mp4'."
+        "footage.not_found",
+        "no footage found",
+        file=root,
+        fix="Put videos in videos/ or images in images/CAMERA/FRAME.png, or set capture.images, for example "
+        "'rushes/{camera}.mp4'.",
+        setting="capture.images",
     )
 
 
 def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
-    """Whether numbers/numbers.png are frames/cameras, as in HiFi4G, where the cameras' file lies beside the folders;
-    without one they are cameras/frames."""
+    """Whether NUMBER/NUMBER.png means frame/camera, as in HiFi4G with its transforms.json next to the folders, rather
+    than camera/frame."""
     frames = {match.frame for match in matches}
     cameras = {match.camera for match in matches}
     if all(camera.isdigit() for camera in cameras):
@@ -96,7 +107,7 @@ def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
 
 
 def _numbered(matches: Sequence[Match]) -> bool:
-    """Whether names look like cam01_000000, cam01_000001 ...: several frames of each camera in one folder."""
+    """Whether names look like cam01_000000, cam01_000001, ...: all frames of all cameras in one folder."""
     stems: dict[str, int] = {}
     for match in matches:
         head, _, tail = match.camera.rpartition("_")
@@ -107,16 +118,21 @@ def _numbered(matches: Sequence[Match]) -> bool:
 
 
 def _with_extension(layout: str, matches: Sequence[Match]) -> str:
-    """The layout with the extension that its files share, where they do."""
+    """The layout with `.*` replaced by the extension if all files share one."""
     extensions = {match.path.suffix for match in matches}
     return layout[:-2] + extensions.pop() if len(extensions) == 1 and layout.endswith(".*") else layout
 
 
 def detect_beside(root: Path, folders: Sequence[str], cameras: Sequence[str]) -> tuple[str, list[Match]] | None:
-    """Masks or clean plates: the first of `folders` below `root` with files named after the cameras.
+    """Find masks or clean plates: the first of `folders` below `root` with files named after the cameras.
+
+    Args:
+        root: the capture's folder.
+        folders: names to look for, such as `MASK_FOLDERS`.
+        cameras: names of the footage's cameras.
 
     Returns:
-        The pattern and its files, those of other cameras left out; None where there is no such folder.
+        A pattern and the files of `cameras` that match it; None if there are none.
     """
     wanted = set(cameras)
     for folder in folders:
@@ -141,8 +157,3 @@ def detect_beside(root: Path, folders: Sequence[str], cameras: Sequence[str]) ->
         if matches:
             return _with_extension(layout, matches), matches
     return None
-
-
-def is_media(path: Path) -> bool:
-    """Whether the extension is one of an image or a video."""
-    return path.suffix.lower() in IMAGE_EXTENSIONS | VIDEO_EXTENSIONS

@@ -1,4 +1,4 @@
-"""One camera's frames, whatever files they lie in."""
+"""The frames of one camera, from images or a video."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from studio.errors import StudioError
 
 
 class FrameSource(Protocol):
-    """Frames of one camera as they lie in the files.
+    """Frames of one camera, as stored.
 
     Attributes:
-        camera: its name.
+        camera: the camera's name.
         frames: sorted frame numbers, as in the files.
-        width, height: pixels of every frame.
-        has_alpha: images come with an alpha channel.
-        fps: frames a second where the files say it.
+        width, height: size of every frame in pixels.
+        has_alpha: whether frames have an alpha channel.
+        fps: frames per second, None where the files do not specify it.
     """
 
     camera: str
@@ -35,20 +35,28 @@ class FrameSource(Protocol):
     fps: float | None
 
     def read(self, frame: int) -> np.ndarray:
-        """(H, W, 3) RGB or (H, W, 4) RGBA uint8. Raises StudioError where it cannot."""
+        """(H, W, 3) RGB or (H, W, 4) RGBA uint8.
+
+        Raises:
+            StudioError: no such frame, or its file cannot be read.
+        """
         ...
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        """The files behind the given frames (None: all)."""
-        ...
-
-    def where(self, frame: int) -> str:
-        """What to call this frame in a message."""
+        """The files that hold the given frames (None: all)."""
         ...
 
 
 class ImageSource:
-    """A `FrameSource` of one image file a frame."""
+    """A `FrameSource` with one image file per frame.
+
+    Args:
+        camera: the camera's name.
+        paths: frame number to image file; not empty.
+
+    Raises:
+        StudioError: the first image cannot be opened.
+    """
 
     def __init__(self, camera: str, paths: Mapping[int, Path]) -> None:
         self.camera = camera
@@ -60,31 +68,51 @@ class ImageSource:
         self.fps: float | None = None
 
     def read(self, frame: int) -> np.ndarray:
-        """See `FrameSource`; an image whose size differs from the camera's first is refused."""
+        """See `FrameSource`. All images must match the camera's first in size and alpha channel.
+
+        Raises:
+            StudioError: `footage.no_such_frame`, `footage.size_changed`, `footage.alpha_missing`, or as `read_image`.
+        """
         path = self._paths.get(frame)
         if path is None:
-            raise StudioError(f"Camera '{self.camera}' has no image for frame {frame}.")
+            raise StudioError(
+                "footage.no_such_frame",
+                f"Camera '{self.camera}' has no image for frame {frame}",
+                value=frame,
+                camera=self.camera,
+                frame=frame,
+            )
         image = read_image(path)
         if image.shape[:2] != (self.height, self.width):
             raise StudioError(
-                f"The image {path} is {image.shape[1]}x{image.shape[0]}, but camera '{self.camera}' began with "
-                f"{self.width}x{self.height}; all frames of a camera must have one size."
+                "footage.size_changed",
+                f"the image is {image.shape[1]}x{image.shape[0]}, but the first image of camera '{self.camera}' is "
+                f"{self.width}x{self.height}",
+                file=path,
+                value=(image.shape[1], image.shape[0]),
+                fix="All frames of a camera must have the same size.",
+                camera=self.camera,
+                frame=frame,
+                expected=(self.width, self.height),
             )
         if image.shape[2] == 3 and self.has_alpha:
-            raise StudioError(f"The image {path} has no alpha channel, but the first image of '{self.camera}' has one.")
+            raise StudioError(
+                "footage.alpha_missing",
+                f"the image has no alpha channel, but the first image of camera '{self.camera}' has one",
+                file=path,
+                fix="Replace the file or exclude the frame.",
+                camera=self.camera,
+                frame=frame,
+            )
         return image if self.has_alpha else np.ascontiguousarray(image[:, :, :3])
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
         """See `FrameSource`."""
         return [self._paths[frame] for frame in (self.frames if frames is None else frames) if frame in self._paths]
 
-    def where(self, frame: int) -> str:
-        """See `FrameSource`."""
-        return str(self._paths.get(frame, f"frame {frame}"))
-
 
 class ShiftedSource:
-    """A `FrameSource` of a camera that was late or early: its frame f is the file's frame f + offset."""
+    """A `FrameSource` that compensates a sync offset: its frame f is frame f + offset of `source`."""
 
     def __init__(self, source: FrameSource, offset: int) -> None:
         self.source = source
@@ -103,21 +131,17 @@ class ShiftedSource:
         """See `FrameSource`."""
         return self.source.files(None if frames is None else [frame + self.offset for frame in frames])
 
-    def where(self, frame: int) -> str:
-        """See `FrameSource`."""
-        return self.source.where(frame + self.offset)
-
 
 class DecoderPool:
-    """Keeps at most `limit` video decoders open: the least recently used closes first."""
+    """Keeps at most `limit` video decoders open and closes the least recently used. Thread safe."""
 
     def __init__(self, limit: int) -> None:
         self.limit = max(1, limit)
         self._open: OrderedDict[int, VideoReader] = OrderedDict()
         self._lock = threading.Lock()
 
-    def used(self, reader: VideoReader) -> None:
-        """Say that `reader` is about to be read; may close others."""
+    def touch(self, reader: VideoReader) -> None:
+        """Mark `reader` as most recently used, and close decoders above the limit."""
         surplus: list[VideoReader] = []
         with self._lock:
             self._open[id(reader)] = reader
@@ -137,13 +161,17 @@ class DecoderPool:
 
 
 class VideoSource:
-    """A `FrameSource` of one video; frames are numbered from 0."""
+    """A `FrameSource` of one video; frames are numbered from 0.
+
+    Raises:
+        StudioError: the video cannot be opened, see `VideoReader`.
+    """
 
     def __init__(self, camera: str, path: Path, pool: DecoderPool, color_matrix: str = "auto") -> None:
         self.camera = camera
         self._pool = pool
         self.reader = VideoReader(path, color_matrix)
-        pool.used(self.reader)
+        pool.touch(self.reader)
         self.frames = tuple(range(self.reader.frame_count))
         self.width, self.height = self.reader.width, self.reader.height
         self.has_alpha = self.reader.has_alpha
@@ -151,23 +179,19 @@ class VideoSource:
 
     def read(self, frame: int) -> np.ndarray:
         """See `FrameSource`."""
-        self._pool.used(self.reader)
+        self._pool.touch(self.reader)
         return self.reader.read(frame)
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
         """See `FrameSource`."""
         return [self.reader.path]
 
-    def where(self, frame: int) -> str:
-        """See `FrameSource`."""
-        return f"frame {frame} of {self.reader.path}"
-
 
 def decoder_limit(width: int, height: int) -> int:
-    """How many decoders for videos of this size may be open: a quarter of the free memory, at least four."""
+    """How many decoders of videos of this size (pixels) fit into a quarter of the free memory; at least 4."""
     import psutil
 
-    # A decoder holds up to 16 reference frames and a few more, at 1.5 bytes a pixel.
+    # A decoder holds up to 16 reference frames and a few more, at 1.5 bytes per pixel.
     each = width * height * 1.5 * 18 + (1 << 20)
     return max(4, int(psutil.virtual_memory().available / 4 / each))
 
@@ -175,12 +199,20 @@ def decoder_limit(width: int, height: int) -> int:
 def make_sources(
     matches: list[Match], pool: DecoderPool, color_matrix: str = "auto", offsets: Mapping[str, int] | None = None
 ) -> dict[str, FrameSource]:
-    """A source a camera from the files that a pattern found; still images without `{frame}` become frame 0.
+    """One source per camera from the files that match a pattern. Images without `{frame}` become frame 0.
 
-    `offsets` are the frames that cameras are late, as in `CaptureSpec`.
+    Args:
+        matches: files from `find_files`.
+        pool: bounds the number of open decoders.
+        color_matrix: see `VideoReader`.
+        offsets: camera to sync offset in frames, as in `CaptureSettings`.
+
+    Returns:
+        camera name to source, in the order of `matches`.
 
     Raises:
-        StudioError: a file cannot be opened; a pattern with `{frame}` found videos; images and videos are mixed.
+        StudioError: a file cannot be opened; `footage.video_as_frame`: a pattern with `{frame}` matches videos;
+            `footage.mixed_media`: images and videos are mixed.
     """
     groups: dict[str, list[Match]] = {}
     for match in matches:
@@ -190,8 +222,11 @@ def make_sources(
         videos = [match for match in group if match.path.suffix.lower() in VIDEO_EXTENSIONS]
         if videos and (len(group) > 1 or videos[0].frame is not None):
             raise StudioError(
-                f"Camera '{camera}': {videos[0].path} is a video, but the pattern takes it for one of several frames; "
-                "leave {frame} out of the pattern for videos."
+                "footage.video_as_frame",
+                f"this is a video, but the pattern treats it as a single frame of camera '{camera}'",
+                file=videos[0].path,
+                fix="Remove {frame} from the pattern.",
+                camera=camera,
             )
         if videos:
             sources[camera] = VideoSource(camera, videos[0].path, pool, color_matrix)
@@ -200,8 +235,11 @@ def make_sources(
     if len({isinstance(source, VideoSource) for source in sources.values()}) > 1:
         kinds = {isinstance(source, VideoSource): camera for camera, source in sources.items()}
         raise StudioError(
-            f"Camera '{kinds[True]}' is a video and camera '{kinds[False]}' is images; a capture must be one or the "
-            "other: narrow the images pattern."
+            "footage.mixed_media",
+            f"Camera '{kinds[True]}' is a video and camera '{kinds[False]}' is an image sequence",
+            fix="A capture must be either videos or images; narrow the pattern in capture.images.",
+            cameras=[kinds[True], kinds[False]],
+            setting="capture.images",
         )
     for camera, offset in (offsets or {}).items():
         if offset and camera in sources:

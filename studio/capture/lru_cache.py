@@ -1,4 +1,4 @@
-"""A cache of arrays that keeps within a number of bytes."""
+"""A cache of arrays with a size limit in bytes."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 
 class ByteCache:
-    """Least recently used arrays go first. Thread safe. Arrays inside are never written to."""
+    """Evicts the least recently used arrays first. Thread safe. Cached arrays must not be modified."""
 
     def __init__(self, limit: int) -> None:
-        """`limit`: bytes of all arrays together; an array larger than that is not kept."""
+        """`limit`: total size of all arrays in bytes; larger arrays are not cached."""
         self.limit = limit
         self._arrays: OrderedDict[Hashable, tuple[np.ndarray, ...]] = OrderedDict()
         self._bytes = 0
@@ -21,11 +21,11 @@ class ByteCache:
 
     @property
     def used(self) -> int:
-        """Bytes held now."""
+        """Bytes currently cached."""
         return self._bytes
 
     def get(self, key: Hashable) -> tuple[np.ndarray, ...] | None:
-        """The arrays stored under `key`, or None."""
+        """The arrays cached under `key`, or None."""
         with self._lock:
             arrays = self._arrays.get(key)
             if arrays is not None:
@@ -33,17 +33,17 @@ class ByteCache:
             return arrays
 
     def holds(self, key: Hashable) -> bool:
-        """Whether there is something under `key`."""
+        """Whether `key` is cached."""
         with self._lock:
             return key in self._arrays
 
     def drop(self, key: Hashable) -> None:
-        """Forget what is stored under `key`, if anything."""
+        """Remove `key` if it is cached."""
         with self._lock:
             self._bytes -= sum(array.nbytes for array in self._arrays.pop(key, ()))
 
     def put(self, key: Hashable, *arrays: np.ndarray) -> None:
-        """Keep arrays under `key`, pushing out the least recently used ones where they do not fit."""
+        """Cache arrays under `key`, evicting the least recently used ones if necessary."""
         size = sum(array.nbytes for array in arrays)
         with self._lock:
             old = self._arrays.pop(key, None)
@@ -52,7 +52,7 @@ class ByteCache:
             if size > self.limit:
                 return
             while self._arrays and self._bytes + size > self.limit:
-                _, gone = self._arrays.popitem(last=False)
-                self._bytes -= sum(array.nbytes for array in gone)
+                _, evicted = self._arrays.popitem(last=False)
+                self._bytes -= sum(array.nbytes for array in evicted)
             self._arrays[key] = arrays
             self._bytes += size

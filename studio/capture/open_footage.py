@@ -1,4 +1,4 @@
-"""From a `CaptureSpec` to `Footage`: find the files, match them with the rig, choose frames and masks."""
+"""Open `Footage`: find the files, match cameras with the rig, select frames and the matte source."""
 
 from __future__ import annotations
 
@@ -15,33 +15,49 @@ from studio.capture.frame_sources import DecoderPool, FrameSource, decoder_limit
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.choose import exact_mattes, mask_source
 from studio.capture.patterns import Match, find_files, natural_key
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings
 from studio.capture.warp import Warp, fit_size
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 
 def open_footage(
-    spec: CaptureSpec, rig: Rig | None = None, *, strict: bool = True, cache_folder: Path | None = None
+    spec: CaptureSettings,
+    rig: Rig | None = None,
+    *,
+    strict: bool = True,
+    cache_folder: Path | None = None,
+    device: str = "auto",
+    threads: int = 0,
 ) -> Footage:
-    """Open a capture. Finds and opens its files, reads one frame a camera, and decodes the rest when asked.
+    """Open a capture: find and open its files, read one frame per camera. Other frames are decoded on demand.
 
     Args:
-        spec: where it lies and how to read it.
-        rig: its cameras, with lens distortion, at the size they were calibrated at; None before calibration
-            (`Footage.image` is then scaled only, and `Footage.rig` raises). Names must be those of the footage; a file
-            extension in a rig's name (COLMAP has them) is passed over.
-        strict: raise where cameras lack frames that others have. Otherwise such problems stand in
-            `Footage.problems`, and `Footage.frames` are those that all cameras have.
-        cache_folder: where backgrounds recovered from the footage (masks "median_background") and mattes made by a
-            model are kept, so that another process need not make them again; None keeps them in memory only.
+        spec: where the capture is and how to read it.
+        rig: the cameras, with lens distortion, at the size they were calibrated at; None before calibration
+            (`Footage.image` is then only scaled, and `Footage.rig` raises). Names must match the footage; a file
+            extension in a rig's camera name, as COLMAP writes it, is ignored.
+        strict: raise if cameras lack frames that others have. Otherwise such problems are listed in
+            `Footage.problems`, and `Footage.frames` are the frames that all cameras have.
+        cache_folder: where to cache backgrounds estimated from the footage (masks "median_background") and mattes of
+            a matting model for other processes; None caches them in memory only.
+        device, threads: what a matting model runs on, as in `OnnxModel`.
+
+    Returns:
+        the footage.
 
     Raises:
-        StudioError: nothing found, a file cannot be opened, two files for one camera and frame, cameras of rig and
-            footage differ, sizes that do not fit the calibration, an unknown camera name in the settings, frames or
-            masks missing.
+        StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
+            unknown camera in the settings, missing frames, an aspect ratio that differs from the calibration's;
+            `calibration.camera_missing`; `matte.*`: mattes are missing.
     """
     if not spec.root.is_dir():
-        raise StudioError(f"The capture folder {spec.root} is not there; give its folder in capture.root.")
+        raise StudioError(
+            "footage.folder_missing",
+            "capture folder not found",
+            file=spec.root,
+            fix="Set capture.root to the folder of the capture.",
+            setting="capture.root",
+        )
     pattern, matches = _find_images(spec)
     matches = _chosen(spec, matches)
     pool = DecoderPool(4)
@@ -51,17 +67,17 @@ def open_footage(
         pool.close()
         raise
     pool.limit = min(decoder_limit(source.width, source.height) for source in sources.values())
-    refuse_unknown_cameras(tuple(spec.offsets), tuple(sources), "The setting offsets")
+    refuse_unknown_cameras(tuple(spec.offsets), tuple(sources), "capture.offsets")
     frames, problems = _frames(spec, sources)
     if strict and problems:
-        raise StudioError(problems[0] if len(problems) == 1 else f"{problems[0]} ({len(problems) - 1} more like it.)")
+        raise _all_of(problems)
     fps, fps_note = _fps(spec, sources)
     notes = [_found(spec, pattern, sources, frames), fps_note]
-    cache = ByteCache(spec.cache_bytes if spec.cache_bytes is not None else _cache_bytes())
+    cache = ByteCache(_cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20)
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = _held_out(spec, tuple(sources))
-    masked = frames if strict else ()  # frames that must have their mask
-    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder)
+    masked = frames if strict else ()  # frames that must have a mask
+    matte_source, mask_note = mask_source(spec, sources, masked, pool, cache_folder, device, threads)
     exact, exact_note = exact_mattes(spec, tuple(sources), masked)
     notes += [mask_note, exact_note]
     if held_out:
@@ -78,59 +94,86 @@ def _cache_bytes() -> int:
     return int(min(2 << 30, psutil.virtual_memory().total // 8))
 
 
-def _find_images(spec: CaptureSpec) -> tuple[str, list[Match]]:
+def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
     if spec.images == "auto":
         return detect_images(spec.root)
     matches = find_files(spec.root, spec.images)
     if not matches:
-        raise StudioError(f"{spec.root}: no image or video fits the pattern '{spec.images}'.")
+        raise StudioError(
+            "footage.not_found",
+            f"no image or video matches the pattern '{spec.images}'",
+            file=spec.root,
+            value=spec.images,
+            fix="Check capture.images.",
+            setting="capture.images",
+        )
     return spec.images, matches
 
 
-def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], where: str) -> None:
-    """See to it that settings name cameras that there are.
+def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], setting: str) -> None:
+    """Check that a setting names existing cameras.
 
     Args:
-        names: what they name.
-        known: the footage's cameras.
-        where: begins the sentence, as in "The setting held_out".
+        names: cameras named by the setting.
+        known: cameras of the footage.
+        setting: full name of the setting, such as "capture.held_out".
 
     Raises:
-        StudioError: one is not there.
+        StudioError: `footage.unknown_camera`, with the fields `setting`, `known` and `suggestion` (may be None).
     """
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-            hint = f"did you mean '{near[0]}'? There" if near else "there"
+            hint = f"Did you mean '{near[0]}'? " if near else ""
             raise StudioError(
-                f"{where} names camera '{name}', which the footage has not; {hint} is {', '.join(known)}."
+                "footage.unknown_camera",
+                f"{setting}: no camera '{name}' in the footage",
+                value=name,
+                fix=f"{hint}Cameras: {', '.join(known)}.",
+                setting=setting,
+                known=tuple(known),
+                suggestion=near[0] if near else None,
             )
 
 
-def _chosen(spec: CaptureSpec, matches: list[Match]) -> list[Match]:
+def _chosen(spec: CaptureSettings, matches: list[Match]) -> list[Match]:
     if not spec.cameras:
         return matches
     known = list(dict.fromkeys(match.camera for match in matches))
-    refuse_unknown_cameras(spec.cameras, known, "The setting cameras")
+    refuse_unknown_cameras(spec.cameras, known, "capture.cameras")
     return [match for match in matches if match.camera in spec.cameras]
 
 
-def _frames(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[str]]:
-    """The frames that all cameras have within start, stop and step, and sentences on those that some lack."""
+def _all_of(problems: Sequence[Message]) -> StudioError:
+    """The first problem as an error; its text says how many more there are."""
+    first = problems[0]
+    more = f" ({len(problems) - 1} more like this)" if len(problems) > 1 else ""
+    return StudioError(
+        first.code, first.problem + more, file=first.file, value=first.value, fix=first.fix, **first.fields
+    )
+
+
+def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[Message]]:
+    """The frames that all cameras have within start, stop and step, and one problem per camera that lacks some."""
 
     def inside(frame: int, first: int) -> bool:
         low = spec.start if spec.start is not None else first
         return frame >= low and (spec.stop is None or frame < spec.stop) and (frame - low) % spec.step == 0
 
-    everything = sorted(set().union(*(source.frames for source in sources.values())))
-    if spec.offsets:  # what late cameras lack at the ends is no fault of the footage
-        shared = set(everything).intersection(*(source.frames for source in sources.values()))
-        everything = [frame for frame in everything if shared and min(shared) <= frame <= max(shared)] or everything
-    wanted = [frame for frame in everything if inside(frame, everything[0])]
+    every_frame = sorted(set().union(*(source.frames for source in sources.values())))
+    if spec.offsets:  # frames that shifted cameras lack at the ends are not an error
+        shared = set(every_frame).intersection(*(source.frames for source in sources.values()))
+        every_frame = [frame for frame in every_frame if shared and min(shared) <= frame <= max(shared)] or every_frame
+    wanted = [frame for frame in every_frame if inside(frame, every_frame[0])]
     if not wanted:
         raise StudioError(
-            f"{spec.root}: the footage has frames {everything[0]} to {everything[-1]}, none of which lies in the range "
-            f"asked for (start {spec.start}, stop {spec.stop}, step {spec.step})."
+            "footage.no_frames",
+            f"no frames in the selected range (start {spec.start}, stop {spec.stop}, step {spec.step}); the footage "
+            f"has frames {every_frame[0]} to {every_frame[-1]}",
+            file=spec.root,
+            fix="Change capture.start or capture.stop.",
+            setting="capture.start",
+            available=(every_frame[0], every_frame[-1]),
         )
     common = set(wanted).intersection(*(source.frames for source in sources.values()))
     problems = []
@@ -140,44 +183,59 @@ def _frames(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[tupl
         if not missing:
             continue
         if missing == wanted[-len(missing) :] and len(missing) < len(wanted):
+            last = source.frames[-1]
             problems.append(
-                f"Camera '{camera}' ends after frame {source.frames[-1]}, but others go on to frame {wanted[-1]}; mend "
-                f"the footage, or set stop to {source.frames[-1] + 1} to use what all cameras have."
+                Message(
+                    "footage.camera_ends_early",
+                    f"Camera '{camera}' ends after frame {last}, but others continue to frame {wanted[-1]}",
+                    value=last,
+                    fix=f"Replace its footage, or set capture.stop to {last + 1} to use only common frames.",
+                    fields={"camera": camera, "expected": wanted[-1], "setting": "capture.stop"},
+                )
             )
         else:
+            plural = "s" if len(missing) > 1 else ""
             problems.append(
-                f"Camera '{camera}' has no frame {number_ranges(missing)}, which other cameras have; add the missing "
-                "files, or leave the camera or the frames out."
+                Message(
+                    "footage.frames_missing",
+                    f"Camera '{camera}' lacks frame{plural} {number_ranges(missing)}, which other cameras have",
+                    fix="Add the missing files, or exclude the camera or the frames.",
+                    fields={"camera": camera, "frames": tuple(missing)},
+                )
             )
     frames = tuple(frame for frame in wanted if frame in common)
     if not frames and not problems:
-        raise StudioError(f"{spec.root}: there is no frame that all cameras have.")
+        raise StudioError("footage.no_common_frame", "no frame is available from all cameras", file=spec.root)
     return frames, problems
 
 
-def _fps(spec: CaptureSpec, sources: Mapping[str, FrameSource]) -> tuple[float, str]:
+def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[float, str]:
     if spec.fps is not None:
         return spec.fps, ""
     rates = {camera: source.fps for camera, source in sources.items() if source.fps}
     if not rates:
         several = max(len(source.frames) for source in sources.values()) > 1
-        return 30.0, "The files do not say how many frames a second; 30 are taken (set fps)." if several else ""
+        return 30.0, "The files do not specify a frame rate: using 30 fps (set capture.fps)." if several else ""
     slowest, fastest = min(rates, key=lambda name: rates[name]), max(rates, key=lambda name: rates[name])
     if rates[fastest] > 1.005 * rates[slowest]:
         raise StudioError(
-            f"Camera '{slowest}' runs at {rates[slowest]:g} frames a second and '{fastest}' at {rates[fastest]:g}; "
-            "synchronized footage has one rate: convert it, or set fps to say that the frames do correspond."
+            "footage.fps_mismatch",
+            f"Camera '{slowest}' has {rates[slowest]:g} fps and camera '{fastest}' {rates[fastest]:g} fps",
+            value=(rates[slowest], rates[fastest]),
+            fix="Convert the footage to one frame rate, or set capture.fps if the frames do correspond.",
+            cameras=(slowest, fastest),
+            setting="capture.fps",
         )
     return float(rates[fastest]), ""
 
 
-def _found(spec: CaptureSpec, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
+def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSource], frames: tuple[int, ...]) -> str:
     sizes = sorted({(source.width, source.height) for source in sources.values()})
     size = " and ".join(f"{width}x{height}" for width, height in sizes)
-    span = "no common frame"
+    span = "no common frames"
     if frames:
         span = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames ({frames[0]} to {frames[-1]})"
-    return f"Footage '{pattern}' below {spec.root}: {len(sources)} cameras, {span}, {size}."
+    return f"Footage '{pattern}' in {spec.root}: {len(sources)} cameras, {span}, {size}."
 
 
 def _stem(name: str) -> str:
@@ -185,10 +243,18 @@ def _stem(name: str) -> str:
 
 
 def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
-    """The rig's camera of each name, renamed to it: by equal names, else by names without extension and folder.
+    """Match the cameras of a rig with those of the footage: by equal names, else by names without folder and extension.
+
+    Args:
+        rig: the calibrated cameras.
+        names: cameras of the footage.
+
+    Returns:
+        name in the footage to the rig's camera, renamed to it.
 
     Raises:
-        StudioError: a camera of the footage is not in the rig, or the other way round.
+        StudioError: `calibration.camera_missing`: a camera of the footage is not in the rig;
+            `footage.camera_missing`: a camera of the rig is not in the footage.
     """
     cameras = {camera.name: camera for camera in rig}
     if not set(names) <= set(cameras):
@@ -202,29 +268,41 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
             cameras = stems
     without = [name for name in names if name not in cameras]
     if without:
+        known = sorted(cameras, key=natural_key)
         raise StudioError(
-            f"The footage has camera '{without[0]}'"
-            + (f" and {len(without) - 1} more" if len(without) > 1 else "")
-            + f" that the calibration does not know (it has {', '.join(sorted(cameras, key=natural_key))}); rename the "
-            "files, calibrate again, or list the cameras to use in the setting cameras."
+            "calibration.camera_missing",
+            f"{_and_more('Camera', without)} of the footage not found in the calibration, which has {', '.join(known)}",
+            value=without[0],
+            fix="Rename the files, calibrate again, or select cameras with capture.cameras.",
+            cameras=tuple(without),
+            known=tuple(known),
+            setting="capture.cameras",
         )
     extra = [name for name in cameras if name not in names]
     if extra:
         raise StudioError(
-            f"The calibration has camera '{extra[0]}'"
-            + (f" and {len(extra) - 1} more" if len(extra) > 1 else "")
-            + " of which there is no footage; add the missing files, or list the cameras to use in the setting cameras."
+            "footage.camera_missing",
+            f"{_and_more('Camera', extra)} of the calibration not found in the footage",
+            value=extra[0],
+            fix="Add the missing files, or select cameras with capture.cameras.",
+            cameras=tuple(extra),
+            setting="capture.cameras",
         )
     return {name: replace(cameras[name], name=name) for name in names}
 
 
+def _and_more(noun: str, names: Sequence[str]) -> str:
+    """Camera 'a', or: Camera 'a' and 3 more."""
+    return f"{noun} '{names[0]}'" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+
+
 def _warps(
-    spec: CaptureSpec, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
+    spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
 ) -> dict[str, Warp]:
     names = tuple(sources)
     if spec.cameras:
-        kept = [camera for camera in rig if camera.name in names or _stem(camera.name) in names]
-        rig = Rig(tuple(kept))
+        selected = [camera for camera in rig if camera.name in names or _stem(camera.name) in names]
+        rig = Rig(tuple(selected))
     warps = {}
     for name, camera in match_rig(rig, names).items():
         source = sources[name]
@@ -237,10 +315,15 @@ def _warps(
     return warps
 
 
-def _held_out(spec: CaptureSpec, names: tuple[str, ...]) -> tuple[str, ...]:
-    refuse_unknown_cameras(spec.held_out, names, "The setting held_out")
+def _held_out(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:
+    refuse_unknown_cameras(spec.held_out, names, "capture.held_out")
     nth = set(names[spec.held_out_every - 1 :: spec.held_out_every]) if spec.held_out_every else set()
     chosen = tuple(name for name in names if name in nth or name in spec.held_out)
     if len(chosen) == len(names):
-        raise StudioError(f"All {len(names)} cameras are held out; leave at least one to train on.")
+        raise StudioError(
+            "footage.all_held_out",
+            f"All {len(names)} cameras are held out",
+            fix="Leave at least one camera to train on: change capture.held_out or capture.held_out_every.",
+            setting="capture.held_out",
+        )
     return chosen

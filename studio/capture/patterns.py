@@ -1,4 +1,4 @@
-"""Paths with `{camera}` and `{frame}` in them: which files of a capture belong to which camera and frame."""
+"""Path patterns with `{camera}` and `{frame}`: which file belongs to which camera and frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TOKEN = re.compile(r"\{camera\}|\{frame(?::0?(\d*)d)?\}|\*\*/|\*|\?|\{[^}]*\}")
 
 @dataclass(frozen=True)
 class Match:
-    """One file that a pattern found. `frame` is None where the pattern has no `{frame}`."""
+    """A file that matches a pattern. `frame` is None if the pattern has no `{frame}`."""
 
     path: Path
     camera: str
@@ -26,7 +26,7 @@ class Match:
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Sorts cam2 before cam10."""
+    """Sort key that puts cam2 before cam10."""
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 
@@ -49,20 +49,28 @@ def _expression(pattern: str, whole: str) -> re.Pattern[str]:
             parts.append(f"(?P={name})" if name in seen else f"(?P<{name}>{body})")
             seen.add(name)
         else:
-            raise StudioError(f"Pattern '{whole}': {text} is not known; use {{camera}}, {{frame}} or {{frame:06d}}.")
+            raise StudioError(
+                "footage.bad_pattern",
+                f"Pattern '{whole}': unknown placeholder {text}",
+                value=whole,
+                fix="Use {camera}, {frame} or {frame:06d}.",
+                placeholder=text,
+            )
     parts.append(re.escape(pattern[position:]))
     return re.compile("".join(parts))
 
 
-def _walk(folder: Path, depth: int) -> Iterator[str]:
-    """Relative '/'-paths of the files at most `depth` folders below `folder`, sorted within each folder."""
+def walk(folder: Path, depth: int) -> Iterator[str]:
+    """Relative paths, with '/', of the files at most `depth` folders below `folder`, sorted within each folder."""
     stack = [("", 0)]
     while stack:
         relative, level = stack.pop()
         try:
             entries = sorted(os.scandir(folder / relative if relative else folder), key=lambda entry: entry.name)
         except OSError as error:
-            raise StudioError(f"The folder {folder / relative} cannot be read ({error.strerror}).") from None
+            raise StudioError(
+                "footage.folder_unreadable", f"cannot read the folder ({error.strerror})", file=folder / relative
+            ) from None
         for entry in entries:
             path = f"{relative}/{entry.name}" if relative else entry.name
             if entry.is_dir():
@@ -73,18 +81,27 @@ def _walk(folder: Path, depth: int) -> Iterator[str]:
 
 
 def find_files(root: Path, pattern: str) -> list[Match]:
-    """All image and video files below `root` that fit `pattern`, sorted by camera and frame.
+    """All image and video files below `root` that match `pattern`, sorted by camera and frame.
 
     Args:
         root: the capture's folder.
-        pattern: see `CaptureSpec`; must contain `{camera}`.
+        pattern: see `CaptureSettings`; must contain `{camera}`.
+
+    Returns:
+        the files; empty if nothing matches.
 
     Raises:
-        StudioError: the pattern has no `{camera}` or an unknown placeholder; two files belong to the same camera and
-            frame; the folder cannot be read.
+        StudioError: `footage.bad_pattern`: no `{camera}`, or an unknown placeholder; `footage.duplicate_file`: two
+            files match the same camera and frame; `footage.folder_unreadable`.
     """
     if "{camera}" not in pattern:
-        raise StudioError(f"Pattern '{pattern}': it must contain {{camera}}, which stands for a camera's name.")
+        raise StudioError(
+            "footage.bad_pattern",
+            f"Pattern '{pattern}' has no {{camera}}",
+            value=pattern,
+            fix="Put {camera} where the path holds the camera's name, for example videos/{camera}.mp4.",
+            placeholder="{camera}",
+        )
     components = pattern.split("/")
     fixed = 0
     while fixed < len(components) - 1 and not _TOKEN.search(components[fixed] + "/"):
@@ -96,7 +113,7 @@ def find_files(root: Path, pattern: str) -> list[Match]:
         return []
     depth = 8 if "**/" in rest else rest.count("/")
     found: dict[tuple[str, int | None], Match] = {}
-    for relative in _walk(base, depth):
+    for relative in walk(base, depth):
         match = expression.fullmatch(relative)
         if match is None or Path(relative).suffix.lower() not in IMAGE_EXTENSIONS | VIDEO_EXTENSIONS:
             continue
@@ -107,8 +124,14 @@ def find_files(root: Path, pattern: str) -> list[Match]:
         if key in found:
             what = f"camera '{key[0]}'" if frame is None else f"frame {frame} of camera '{key[0]}'"
             raise StudioError(
-                f"Two files are {what}: {found[key].path} and {path}; remove or rename one, or narrow the pattern "
-                f"'{pattern}'."
+                "footage.duplicate_file",
+                f"both this file and {found[key].path} match {what}",
+                file=path,
+                value=pattern,
+                fix=f"Remove or rename one of them, or narrow the pattern '{pattern}'.",
+                camera=key[0],
+                frame=frame,
+                other=found[key].path,
             )
         found[key] = Match(path, groups["camera"], frame)
     return sorted(found.values(), key=lambda match: (natural_key(match.camera), match.frame or 0))

@@ -1,4 +1,4 @@
-"""What is made once a camera, when first asked for, and then kept."""
+"""A value per camera, computed once on demand."""
 
 from __future__ import annotations
 
@@ -10,20 +10,23 @@ T = TypeVar("T")
 
 
 class PerCameraCache(Generic[T]):
-    """Thread safe; cameras do not wait for each other. What raised is tried again next time."""
+    """Thread safe: each camera's value is computed once, and cameras do not wait for each other.
+
+    If the computation raises, the next call tries again.
+    """
 
     def __init__(self, make: Callable[[str], T]) -> None:
-        """`make`: from a camera's name to the thing."""
+        """`make`: computes the value from a camera's name."""
         self._make = make
-        self._made: dict[str, T] = {}
+        self._values: dict[str, T] = {}
         self._locks: dict[str, threading.Lock] = {}
         self._lock = threading.Lock()
 
     def __call__(self, camera: str) -> T:
-        """The camera's."""
+        """The value of `camera`. Raises what `make` raises."""
         with self._lock:
             lock = self._locks.setdefault(camera, threading.Lock())
         with lock:
-            if camera not in self._made:
-                self._made[camera] = self._make(camera)
-            return self._made[camera]
+            if camera not in self._values:
+                self._values[camera] = self._make(camera)
+            return self._values[camera]

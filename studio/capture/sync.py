@@ -1,4 +1,4 @@
-"""Whether cameras show the same instant in the same frame, told from their sound or from what moves in them."""
+"""Synchronization check: offsets between cameras, estimated from sound or from motion in the image."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ import numpy as np
 
 from studio.capture.footage import Footage
 from studio.capture.patterns import VIDEO_EXTENSIONS
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
 SOUND_RATE = 500
-"""Values a second of the loudness that sounds are compared by."""
-_SURE = 0.35
-"""Correlation below which two cameras' signals say nothing of their offset."""
+"""Sample rate of the loudness signals that are compared, per second."""
+_MIN_CORRELATION = 0.35
+"""Correlation below which the offset of two cameras is unknown."""
+_MIN_FRAMES = 12
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,10 @@ class SyncReport:
 
     Attributes:
         method: "sound" or "motion".
-        offsets: camera to frames that it lags behind: its frame f + offset shows what the others show in frame f. The
-            median of all is 0. Fractions of a frame are kept.
-        confidence: camera to the best correlation with another camera, 0 to 1.
-        unsure: cameras whose signal is like no other's: nothing is known of their offset.
+        offsets: camera to lag in frames: its frame f + offset was taken at the same time as frame f of the others. The
+            median is 0. Fractions of a frame are included; cameras with an unknown offset are not.
+        confidence: camera to its best correlation with another camera, 0..1.
+        unsure: cameras whose offset is unknown, because their signal correlates with no other.
     """
 
     method: str
@@ -40,35 +41,45 @@ class SyncReport:
 
     @property
     def whole(self) -> dict[str, int]:
-        """Offsets in whole frames of the cameras that are late or early by half a frame or more."""
+        """Offsets rounded to whole frames, without the cameras that round to 0."""
         return {name: round(offset) for name, offset in self.offsets.items() if round(offset)}
 
-    def sentences(self) -> list[str]:
-        """What to warn of."""
+    def warnings(self) -> list[Message]:
+        """`sync.offset` per camera that is late or early, with the fields `camera` and `method`; `sync.unknown` per
+        camera in `unsure`."""
         found = []
         for name, offset in self.whole.items():
-            when = "late" if offset > 0 else "early"
+            frames = f"{abs(offset)} frame{'s' if abs(offset) > 1 else ''}"
             found.append(
-                f"Camera '{name}' is {abs(offset)} frame{'s' if abs(offset) > 1 else ''} {when} by its {self.method}; "
-                f"set capture.offsets to {{{name}: {offset}}} to put it right."
+                Message(
+                    "sync.offset",
+                    f"Camera '{name}' is {frames} {'late' if offset > 0 else 'early'}, judged by {self.method}",
+                    value=offset,
+                    fix=f"Set capture.offsets to {{{name}: {offset}}}.",
+                    fields={"camera": name, "method": self.method, "setting": "capture.offsets"},
+                )
             )
         for name in self.unsure:
             found.append(
-                f"The {self.method} of camera '{name}' is like no other camera's; its synchronization is unknown."
+                Message(
+                    "sync.unknown",
+                    f"Camera '{name}': its {self.method} matches no other camera, so its offset is unknown",
+                    fields={"camera": name, "method": self.method},
+                )
             )
         return found
 
 
 def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, float], dict[str, float]]:
-    """By how many samples each signal lags, from the correlations of all pairs.
+    """Lag of each signal, from the correlations of all pairs.
 
     Args:
-        signals: name to (N,) samples of one rate that begin at the same moment, if all is well.
-        most: largest lag looked for.
+        signals: name to (N,) samples, all at the same rate; if synchronized, all start at the same time.
+        most: largest lag to search, in samples.
 
     Returns:
-        name to lag (its median over the names is 0) and name to its best correlation. Names whose correlations are all
-        under `_SURE` have lag NaN.
+        name to lag in samples (the median is 0; NaN where no correlation reaches 0.35), and name to its best
+        correlation, 0..1.
     """
     names = list(signals)
     pairs = []
@@ -78,7 +89,7 @@ def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, 
         pairs.append((first, second, lag, strength))
         for index in (first, second):
             best[names[index]] = max(best[names[index]], strength)
-    sure = [pair for pair in pairs if pair[3] >= _SURE]
+    sure = [pair for pair in pairs if pair[3] >= _MIN_CORRELATION]
     lags = _solve(len(names), sure)
     known = [lag for lag in lags if np.isfinite(lag)]
     middle = float(np.median(known)) if known else 0.0
@@ -86,7 +97,7 @@ def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, 
 
 
 def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float]:
-    """How many samples b lags behind a, and how alike they then are (Pearson, over where they overlap)."""
+    """How many samples b lags behind a, and the Pearson correlation of the overlap at that lag."""
     length = min(len(a), len(b))
     most = min(most, length // 2)
     strengths = []
@@ -98,7 +109,7 @@ def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float]:
         strengths.append(float((left * right).sum()) / scale if scale > 1e-12 else 0.0)
     best = int(np.argmax(strengths))
     shift = 0.0
-    if 0 < best < len(strengths) - 1:  # the top of the parabola through three values
+    if 0 < best < len(strengths) - 1:  # maximum of the parabola through three values
         before, at, after = strengths[best - 1 : best + 2]
         bend = before - 2 * at + after
         shift = 0.5 * (before - after) / bend if bend < -1e-12 else 0.0
@@ -106,7 +117,7 @@ def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float]:
 
 
 def _solve(count: int, pairs: Sequence[tuple[int, int, float, float]]) -> np.ndarray:
-    """Lags (count,) that agree best with those of pairs, pairs that disagree weighing less and less; NaN alone."""
+    """(count,) lags from pairwise lags by robust least squares (IRLS); NaN for signals without a pair."""
     lags = np.full(count, np.nan)
     used = sorted({index for pair in pairs for index in pair[:2]})
     if not used:
@@ -120,7 +131,7 @@ def _solve(count: int, pairs: Sequence[tuple[int, int, float, float]]) -> np.nda
     trust = np.ones(len(pairs))
     for _ in range(10):
         weight = (weights * trust)[:, None]
-        # the last row fixes what pairs leave open: the sum is 0
+        # pairs only give differences: the last row sets the sum to 0
         left = np.vstack([rows * weight, np.full((1, len(used)), 1e-6)])
         found = np.linalg.lstsq(left, np.append(wanted * weight[:, 0], 0), rcond=None)[0]
         trust = 1 / np.maximum(1, np.abs(rows @ found - wanted))
@@ -139,29 +150,42 @@ def check_sync(
 
     Args:
         footage: opened without offsets.
-        method: "sound" (all videos have it), "motion", or "auto": sound where all have it.
-        seconds: largest offset looked for.
-        progress: called for every camera and, by motion, every frame.
+        method: "sound", "motion", or "auto": sound if all cameras have it, else motion.
+        seconds: largest offset to search.
+        progress: called for every camera and frame when motion is measured; may raise `Cancelled`.
 
     Raises:
-        StudioError: seconds that cannot be, fewer than two cameras, too few frames, or no sound where it was asked for.
+        StudioError: `sync.seconds`, `sync.one_camera`, `sync.no_sound` (method "sound"), or `sync.too_few_frames`
+            (motion needs 12).
     """
     if not 0 < seconds < float("inf"):
-        raise StudioError(f"Offsets of up to {seconds:g} s cannot be looked for; give seconds above 0, as in 1.")
+        raise StudioError(
+            "sync.seconds",
+            f"The largest offset to search is {seconds:g} s",
+            value=seconds,
+            fix="It must be above 0 and finite; example: 1.",
+        )
     names = footage.camera_names
     if len(names) < 2:
-        raise StudioError("Synchronization is between cameras; there is only one.")
+        raise StudioError("sync.one_camera", "The footage has only one camera; there is nothing to synchronize")
     sounds = _sounds(footage) if method in ("auto", "sound") else {}
     if method == "sound" and len(sounds) < len(names):
         silent = next(name for name in names if name not in sounds)
-        raise StudioError(f"Camera '{silent}' has no sound; check the synchronization by motion.")
+        raise StudioError(
+            "sync.no_sound", f"Camera '{silent}' has no sound", fix="Use the method motion.", camera=silent
+        )
     if sounds and len(sounds) == len(names):
         lags, best = offsets_of(sounds, round(seconds * SOUND_RATE))
         lags = {name: lag / SOUND_RATE * footage.fps for name, lag in lags.items()}
         used = "sound"
     else:
-        if len(footage.frames) < 12:
-            raise StudioError(f"Motion tells offsets from 12 frames or more; the footage has {len(footage.frames)}.")
+        if len(footage.frames) < _MIN_FRAMES:
+            raise StudioError(
+                "sync.too_few_frames",
+                f"The footage has {len(footage.frames)} frames; motion needs at least {_MIN_FRAMES}",
+                value=len(footage.frames),
+                expected=_MIN_FRAMES,
+            )
         signals = motion_signals(footage, progress)
         lags, best = offsets_of(signals, min(round(seconds * footage.fps), len(footage.frames) // 3))
         used = "motion"
@@ -175,7 +199,7 @@ def check_sync(
 
 
 def motion_signals(footage: Footage, progress: ProgressFn = no_progress) -> dict[str, np.ndarray]:
-    """Of each camera how much changes from frame to frame: (frames - 1,), in gray levels of a small picture."""
+    """Camera to (frames - 1,) mean change between consecutive frames, in square roots of gray levels."""
     import cv2
 
     found = {}
@@ -190,7 +214,7 @@ def motion_signals(footage: Footage, progress: ProgressFn = no_progress) -> dict
             gray = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
             if before is not None:
                 change = np.abs(gray - before)
-                # what sensors and encoders change everywhere is no motion
+                # noise and compression change all pixels: subtract that
                 values.append(float(np.maximum(change - 2 * np.median(change) - 2, 0).mean()))
             before = gray
         found[name] = np.sqrt(np.array(values))
@@ -210,10 +234,13 @@ def _sounds(footage: Footage) -> dict[str, np.ndarray]:
 
 
 def sound_signal(file: Path) -> np.ndarray | None:
-    """How the loudness of a video rises, `SOUND_RATE` values a second from its first picture on; None without sound.
+    """Increase of a video's loudness over time.
+
+    Returns:
+        (N,) float32, `SOUND_RATE` values per second from the first video frame on; None without sound.
 
     Raises:
-        StudioError: the file cannot be read.
+        StudioError: `footage.video_unreadable`.
     """
     import av
 
@@ -221,15 +248,15 @@ def sound_signal(file: Path) -> np.ndarray | None:
         with av.open(str(file)) as container:
             if not container.streams.audio:
                 return None
-            picture: Any = container.streams.video[0]
-            first = float(picture.start_time * picture.time_base) if picture.start_time is not None else 0.0
+            video: Any = container.streams.video[0]
+            first = float(video.start_time * video.time_base) if video.start_time is not None else 0.0
             resample = av.AudioResampler(format="flt", layout="mono", rate=16000)
             parts, start = [], None
             for frame in container.decode(audio=0):
                 start = frame.time if start is None else start
                 parts += [piece.to_ndarray().ravel() for piece in resample.resample(frame)]
     except (av.FFmpegError, OSError) as error:
-        raise StudioError(f"{file}: its sound cannot be read ({error}).") from None
+        raise StudioError("footage.video_unreadable", f"cannot read the sound ({error})", file=file) from None
     if not parts:
         return None
     samples = np.concatenate(parts)

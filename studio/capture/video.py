@@ -1,4 +1,4 @@
-"""Random access into a video by frame index, exact also with B-frames, and fast when read forwards."""
+"""Frame-accurate random access to a video, B-frames included; sequential reading is fast."""
 
 from __future__ import annotations
 
@@ -11,25 +11,30 @@ import numpy as np
 
 from studio.errors import StudioError
 
-# swscale: bicubic, chroma interpolated horizontally too, exact rounding. The default repeats chroma samples, which
-# shows at silhouettes and costs about 1 dB of color accuracy in 4:2:0 footage.
+# swscale flags: bicubic, full horizontal chroma interpolation, accurate rounding. The default repeats chroma samples,
+# which is visible at silhouettes and costs about 1 dB of color accuracy in 4:2:0 footage.
 _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
+_ENCODE_AGAIN = "Copy or encode the video again."
 
 
 class VideoReader:
     """One video file. Frames are numbered from 0 in presentation order. Thread safe (one decoder, one lock).
 
+    Args:
+        path: the file.
+        color_matrix: YUV to RGB: "auto" (the file's tag, BT.601 if untagged), "bt601" or "bt709".
+
     Attributes:
         path: the file.
-        width, height: pixels, after the rotation that the file asks for (multiples of 90 degrees).
-        frame_count: frames that the container lists.
-        fps: average frames a second, or None.
-        has_alpha: frames have an alpha channel.
+        width, height: in pixels, after the file's display rotation (multiples of 90 degrees).
+        frame_count: number of frames listed by the container.
+        fps: average frame rate in frames per second, or None.
+        has_alpha: whether frames have an alpha channel.
 
     Raises:
-        StudioError: the file is missing, not a video, truncated so that it cannot be opened, or its first frame cannot
-            be decoded.
+        StudioError: `footage.video_missing`, `footage.video_unreadable` (truncated or not a video),
+            `footage.no_video_stream`, `footage.video_empty`, or the first frame cannot be decoded (see `read`).
     """
 
     def __init__(self, path: Path, color_matrix: str = "auto") -> None:
@@ -39,7 +44,7 @@ class VideoReader:
         self._container: Any = None
         self._stream: Any = None
         self._frames: Any = None
-        self._next = 0  # index of the frame that the decoder hands out next
+        self._next = 0  # index of the frame that the decoder returns next
         self._current: tuple[int, Any] | None = None
         self._timestamps: list[int] | None = None  # sorted presentation times, None until a seek needs them
         self._keyframes: list[int] = []  # indices of keyframes
@@ -50,12 +55,12 @@ class VideoReader:
             self.fps = float(stream.average_rate) if stream.average_rate else None
             entries = stream.index_entries
             listed = [entry for entry in entries if not entry.is_discard] if entries is not None else []
-            # The index that Matroska and others keep lists keyframes only; MP4's lists every frame.
+            # Matroska's and other containers' indices list keyframes only; MP4's lists every frame.
             whole = len(listed) > 1 and stream.frames > 0 and len(entries) == stream.frames
             self.frame_count = len(listed) if whole else self._scan()
             if self.frame_count == 0:
                 self.close()
-                raise StudioError(f"The video {self.path} has no frames.")
+                raise StudioError("footage.video_empty", "the video has no frames", file=self.path)
             frame = self._decode(0)
             self._turns = (round(frame.rotation / 90) % 4) if frame.rotation else 0
             turned = self._turns % 2 == 1
@@ -65,11 +70,11 @@ class VideoReader:
 
     @property
     def is_open(self) -> bool:
-        """Whether a decoder is held now."""
+        """Whether a decoder is open."""
         return self._container is not None
 
     def close(self) -> None:
-        """Give the decoder back; reading opens it again."""
+        """Close the decoder. The next read opens it again."""
         with self._lock:
             if self._container is not None:
                 self._container.close()
@@ -80,21 +85,40 @@ class VideoReader:
         """Frame `index` as (H, W, 3) RGB or, with `has_alpha`, (H, W, 4) RGBA, uint8, full range.
 
         Raises:
-            StudioError: there is no such frame, or it cannot be decoded.
+            StudioError: `footage.no_such_frame`, `footage.size_changed`, `footage.video_truncated` or
+                `footage.frame_undecodable`, with the field `frame`.
         """
         if not 0 <= index < self.frame_count:
-            raise StudioError(f"The video {self.path} has no frame {index}; it has 0 to {self.frame_count - 1}.")
+            raise StudioError(
+                "footage.no_such_frame",
+                f"no frame {index}; the video has frames 0 to {self.frame_count - 1}",
+                file=self.path,
+                value=index,
+                frame=index,
+            )
         with self._lock:
             frame = self._decode(index)
             if (frame.width, frame.height) != self._coded:
                 raise StudioError(
-                    f"The video {self.path} changes its size to {frame.width}x{frame.height} in frame {index}; "
-                    "encode it again at one size."
+                    "footage.size_changed",
+                    f"the size changes from {self._coded[0]}x{self._coded[1]} to {frame.width}x{frame.height} in frame "
+                    f"{index}",
+                    file=self.path,
+                    value=(frame.width, frame.height),
+                    fix="Re-encode the video at a single size.",
+                    frame=index,
+                    expected=self._coded,
                 )
             try:
                 image = self._to_rgb(frame)
             except (OSError, ValueError) as error:
-                raise StudioError(f"Frame {index} of {self.path} cannot be converted to RGB ({error}).") from None
+                raise StudioError(
+                    "footage.frame_undecodable",
+                    f"cannot convert frame {index} to RGB ({error})",
+                    file=self.path,
+                    fix=_ENCODE_AGAIN,
+                    frame=index,
+                ) from None
         return np.ascontiguousarray(np.rot90(image, self._turns)) if self._turns else image
 
     def _to_rgb(self, frame: Any) -> np.ndarray:
@@ -111,25 +135,28 @@ class VideoReader:
 
         self.close()
         if not self.path.is_file():
-            raise StudioError(f"The video {self.path} is not there.")
+            raise StudioError("footage.video_missing", "video not found", file=self.path)
         try:
             container = av.open(str(self.path))
         except (av.error.FFmpegError, OSError, ValueError):
             raise StudioError(
-                f"The video {self.path} cannot be opened: it is truncated or not a video; copy or encode it again."
+                "footage.video_unreadable",
+                "cannot open the file: it is truncated or not a video",
+                file=self.path,
+                fix=_ENCODE_AGAIN,
             ) from None
         if not container.streams.video:
             container.close()
-            raise StudioError(f"The file {self.path} has no video in it.")
+            raise StudioError("footage.no_video_stream", "the file has no video stream", file=self.path)
         self._container = container
         self._stream = container.streams.video[0]
-        # One thread a decoder: a capture keeps many decoders open, and frame threads would hold a frame buffer each.
+        # One thread per decoder: a capture keeps many decoders open, and each frame thread would hold a frame buffer.
         self._stream.codec_context.thread_count = 1
         self._frames = container.decode(self._stream)
         self._next = 0
 
     def _scan(self) -> int:
-        """Read all packets once (nothing is decoded) for the exact presentation times; returns the frame count."""
+        """Read all packets without decoding for the exact presentation times; returns the frame count."""
         import av
 
         times: list[int] = []
@@ -149,9 +176,11 @@ class VideoReader:
                     if packet.is_keyframe:
                         keys.append(packet.pts)
         except (av.error.FFmpegError, OSError) as error:
-            raise StudioError(f"The video {self.path} cannot be read ({error}); copy or encode it again.") from None
+            raise StudioError(
+                "footage.video_unreadable", f"cannot read the video ({error})", file=self.path, fix=_ENCODE_AGAIN
+            ) from None
         if not known or len(set(times)) != len(times):
-            self._seekable = False  # no usable times (raw streams, some AVI): count frames from the start instead
+            self._seekable = False  # no usable timestamps (raw streams, some AVI): count frames from the start
             self._timestamps = []
             return len(times)
         times.sort()
@@ -160,7 +189,7 @@ class VideoReader:
         return len(times)
 
     def _decode(self, index: int) -> Any:
-        """The decoded frame `index`; moves the decoder as little as it can."""
+        """The decoded frame `index`, with as little seeking as possible."""
         if self._current is not None and self._current[0] == index:
             return self._current[1]
         if self._container is None:
@@ -192,23 +221,35 @@ class VideoReader:
         except (StopIteration, av.error.EOFError):
             self.close()
             raise StudioError(
-                f"The video {self.path} ends after {at} of its {self.frame_count} frames: it is truncated; copy it "
-                f"again, or use frames below {at} only."
+                "footage.video_truncated",
+                f"the video ends after {at} of {self.frame_count} frames",
+                file=self.path,
+                value=at,
+                fix=f"Copy it again, or set capture.stop to {at}.",
+                frame=at,
+                expected=self.frame_count,
+                setting="capture.stop",
             ) from None
         except (av.error.FFmpegError, OSError, ValueError) as error:
             self.close()
             reason = getattr(error, "strerror", None) or error
             raise StudioError(
-                f"Frame {at} of {self.path} cannot be decoded ({reason}); copy or encode the video again."
+                "footage.frame_undecodable",
+                f"cannot decode frame {at} ({reason})",
+                file=self.path,
+                fix=_ENCODE_AGAIN,
+                frame=at,
             ) from None
         if frame.is_corrupt:
             self.close()
-            raise StudioError(f"Frame {at} of {self.path} is damaged; copy or encode the video again.")
+            raise StudioError(
+                "footage.frame_undecodable", f"frame {at} is damaged", file=self.path, fix=_ENCODE_AGAIN, frame=at
+            )
         self._next = at + 1
         return at, frame
 
     def _seek(self, index: int) -> None:
-        """Place the decoder so that stepping forwards reaches `index`."""
+        """Seek to the last keyframe at or before `index`."""
         import av
 
         if self._timestamps is None:
@@ -222,7 +263,7 @@ class VideoReader:
         try:
             self._container.seek(self._timestamps[start], stream=self._stream, backward=True, any_frame=False)
             self._frames = self._container.decode(self._stream)
-            # Frames of an open group that precede the keyframe in time may come first, damaged: pass over them.
+            # In an open GOP, damaged frames that precede the keyframe may come first: skip them.
             for frame in self._frames:
                 if frame.pts is None or frame.pts > self._timestamps[start]:
                     break
@@ -234,7 +275,7 @@ class VideoReader:
                 return
         except (av.error.FFmpegError, OSError, ValueError):
             pass
-        self._open()  # the container's seek index is unusable: the slow way is still exact
+        self._open()  # unusable seek index: decoding from the start is slow but exact
 
 
 def _chain(first: Any, rest: Any) -> Any:

@@ -1,4 +1,4 @@
-"""From a raw image to the one a pinhole camera of the rig would have taken: crop, undistort, scale."""
+"""Raw images to images of a pinhole camera: undistort and scale, and map the calibration to the footage's size."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ from studio.errors import StudioError
 
 @dataclass(frozen=True)
 class Fit:
-    """Where the calibrated picture lies in the footage's frames: left, top, width, height in footage pixels."""
+    """The calibrated image within the footage's frames.
+
+    Attributes:
+        left, top, width, height: in footage pixels.
+        note: a clause for the user if the fit was guessed, else "".
+    """
 
     left: float
     top: float
@@ -22,13 +27,16 @@ class Fit:
 
 
 def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
-    """Rows and columns at the border that are black all along: (left, top, right, bottom), in pixels.
+    """Width of the black bars at the borders: (left, top, right, bottom) in pixels.
 
     Args:
         image: (H, W, 3) uint8.
     """
     bright = image.max(axis=2)
-    rows, columns = bright.mean(axis=1) <= 20.0, bright.mean(axis=0) <= 20.0  # bars ring a little when compressed
+    rows, columns = (
+        bright.mean(axis=1) <= 20.0,
+        bright.mean(axis=0) <= 20.0,
+    )  # compression artifacts brighten bars slightly
 
     def run(flags: np.ndarray) -> int:
         return int(np.argmin(flags)) if not flags.all() else 0
@@ -37,13 +45,18 @@ def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
 
 
 def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarray | None) -> Fit:
-    """How footage of `width` x `height` relates to the size that `camera` was calibrated at.
+    """Fit the size that `camera` was calibrated at to footage of another size.
 
-    The same size and sizes in proportion (within a pixel of rounding) need no rule; others see
-    `CaptureSpec.size_rule`. `image`, a frame of the footage, is looked at by "auto".
+    Equal aspect ratios (within one pixel of rounding) need no rule.
+
+    Args:
+        camera: the calibrated camera.
+        width, height: size of the footage in pixels.
+        rule: see `CaptureSettings.size_rule`.
+        image: (H, W, 3) uint8 frame of the footage in which "auto" looks for black bars; may be None.
 
     Raises:
-        StudioError: the aspect ratios differ and the rule does not say what to do.
+        StudioError: `footage.aspect_ratio`: the aspect ratios differ and `rule` does not apply.
     """
     across, down = width / camera.width, height / camera.height
     if abs(across * camera.height - height) <= 1.0 or abs(down * camera.width - width) <= 1.0 or rule == "stretch":
@@ -62,21 +75,33 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
         sides = ((left, right), (top, bottom))
         near = [max(abs(a - e), abs(b - e)) <= max(1.0, 0.3 * e) for (a, b), e in zip(sides, expected, strict=True)]
         if all(near):
-            bars = f"{round(fit.left)} px left and right" if fit.left >= 0.5 else f"{round(fit.top)} px above and below"
-            return replace(fit, note=f"camera '{camera.name}' has black bars ({bars}), calibration fitted between them")
+            bars = f"{round(fit.left)} px left and right" if fit.left >= 0.5 else f"{round(fit.top)} px top and bottom"
+            return replace(fit, note=f"camera '{camera.name}' has black bars ({bars}); calibration mapped to the rest")
     raise StudioError(
-        f"Camera '{camera.name}': the footage is {width}x{height}, but it was calibrated at {camera.width}x"
-        f"{camera.height}, which is another aspect ratio; calibrate it at the footage's size, or set size_rule to "
-        "stretch, crop or letterbox to say how the footage was changed."
+        "footage.aspect_ratio",
+        f"Camera '{camera.name}': the aspect ratio of the footage, {width}x{height}, differs from the calibration's, "
+        f"{camera.width}x{camera.height}",
+        value=(width, height),
+        fix="Calibrate at the footage's size, or set capture.size_rule to stretch, crop or letterbox, depending on how "
+        "the footage was resized.",
+        camera=camera.name,
+        expected=(camera.width, camera.height),
+        setting="capture.size_rule",
     )
 
 
 class Warp:
     """Undistorts and scales images of one camera.
 
+    Args:
+        camera: the calibrated camera, with lens distortion.
+        width, height: size of the footage in pixels.
+        scale: size of the result relative to the footage, 0 < scale <= 1.
+        fit: see `fit_size`; None: the calibrated image fills the frame.
+
     Attributes:
-        source: the camera of the raw frames (with its lens distortion, at the footage's size).
-        camera: the pinhole camera of what `image` and `matte` return.
+        source: camera of the raw frames, with lens distortion, at the footage's size.
+        camera: pinhole camera of the result of `apply`.
     """
 
     def __init__(self, camera: Camera, width: int, height: int, scale: float, fit: Fit | None = None) -> None:
@@ -90,14 +115,14 @@ class Warp:
 
     @property
     def is_identity(self) -> bool:
-        """Nothing to do: no distortion and full size."""
+        """Whether there is nothing to do: no distortion and full size."""
         return self.source.is_pinhole and (self.camera.width, self.camera.height) == (
             self.source.width,
             self.source.height,
         )
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """cv2.remap's fixed-point maps from undistorted to raw pixels (6 bytes a pixel)."""
+        """Fixed-point maps for `cv2.remap` from undistorted to raw pixels, 6 bytes per pixel."""
         import cv2
 
         source = self.source
@@ -107,14 +132,15 @@ class Warp:
         return first, second
 
     def apply(self, raw: np.ndarray, maps: tuple[np.ndarray, np.ndarray] | None, smooth: bool) -> np.ndarray:
-        """Undistort (with `maps`, None for pinhole cameras) and scale an image or a matte.
+        """Undistort and scale an image or a matte.
 
         Args:
             raw: (H, W, 3) or (H, W) uint8 at the footage's size.
-            smooth: bicubic (images) rather than bilinear (mattes, which must not ring).
+            maps: from `maps`; None for pinhole cameras.
+            smooth: bicubic (for images) rather than bilinear (for mattes, which must not overshoot).
 
         Returns:
-            uint8 at `camera`'s size; pixels that the raw image did not see are 0.
+            (h, w, 3) or (h, w) uint8 at the size of `camera`; pixels outside the raw image are 0.
         """
         import cv2
 

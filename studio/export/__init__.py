@@ -1,4 +1,4 @@
-"""Gaussian videos for other programs: the VideoGS layout, PLY, SPZ and GLB sequences, and movies of moving cameras."""
+"""Export of splat videos: the VideoGS layout, PLY, SPZ and GLB sequences, and movies along camera paths."""
 
 from studio.export.camera_path import CameraPath, Key, path_to_json, read_path_keys, turntable
 from studio.export.movie import render_movie

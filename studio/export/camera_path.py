@@ -1,14 +1,14 @@
-"""Cameras keyed in time, smooth between the keys; and the turntable, which circles the subject once.
+"""Camera paths with smooth interpolation between keys, and the turntable around the subject.
 
-A path's file (JSON)::
+File format (JSON)::
 
     {"format": "v3studio-camera-path", "version": 1,
      "keys": [{"time": 0.0, "camera": {"name", "width", "height", "K", "world_to_camera", "distortion"}, "frame": 0},
               ...]}
 
-`time` is in seconds of the made video, ascending; `camera` as in rig.json; `frame`, optional but then in all keys, the
-frame of the Gaussian video that is shown at that time (it may stand still or run backwards). Without it the video
-plays at its own rate, again and again. A rig.json or cameras.json is taken as a path, too: one camera after another.
+`time` is in seconds of the movie, ascending; `camera` as in rig.json; `frame` is the frame of the splat video shown at
+that time (it may pause or run backwards), in all keys or in none. Without it, the splat video loops at its own rate. A
+rig.json or cameras.json is accepted as a path through its cameras.
 """
 
 from __future__ import annotations
@@ -25,18 +25,24 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from studio.camera_files import read_rig
 from studio.camera_files.common import read_json
-from studio.cameras import Camera, Rig
+from studio.cameras import Camera, Rig, look_at_pose
 from studio.errors import StudioError
 from studio.splat_video import SplatVideo
 
 FORMAT = "v3studio-camera-path"
 VERSION = 1
-_SAMPLED_FRAMES = 5  # of the video, to find where the subject is
+_SAMPLED_FRAMES = 5  # frames of the video from which the subject is located
 
 
 @dataclass(frozen=True, eq=False)
 class Key:
-    """A camera at a time. Attributes: time in seconds; camera; frame of the Gaussian video, or None."""
+    """A camera at a time.
+
+    Attributes:
+        time: seconds.
+        camera: the camera.
+        frame: of the splat video; None for its own rate.
+    """
 
     time: float
     camera: Camera
@@ -44,26 +50,29 @@ class Key:
 
 
 class CameraPath:
-    """Cameras over time: positions by a natural cubic spline, rotations by a cubic rotation spline (both without jerks
-    in speed), focal lengths and frames without overshoot. At a key's time the camera is exactly the key's.
+    """A camera over time: natural cubic spline for positions and cubic rotation spline for rotations, both with
+    continuous velocity; monotone interpolation for focal lengths and frames. Exact at the keys.
 
     Args:
         keys: at least one, times ascending.
-        width, height: of all pictures; keys of another shape are refused.
+        width, height: of the movie; all keys must have its aspect ratio.
 
     Raises:
-        StudioError: no keys, times that do not ascend, cameras of other shapes, or frames in some keys only.
+        StudioError: no keys, times not ascending, a camera with another aspect ratio, or frames in some keys only.
     """
 
     def __init__(self, keys: Sequence[Key], width: int, height: int) -> None:
         if not keys:
-            raise StudioError("A camera path needs at least one key.")
+            raise StudioError("camera_path.no_keys", "a camera path needs at least one key")
         self._times = np.array([key.time for key in keys], np.float64)
         if not np.isfinite(self._times).all() or (np.diff(self._times) <= 0).any():
-            raise StudioError(f"The times of a camera path must ascend; found {self._times.tolist()}.")
+            times = self._times.tolist()
+            raise StudioError("camera_path.times", f"times must be ascending; found {times}", value=times)
         frames = [key.frame for key in keys if key.frame is not None]
         if frames and len(frames) < len(keys):
-            raise StudioError("Give a frame in all keys of a camera path, or in none.")
+            raise StudioError(
+                "camera_path.frames", "some keys have a frame and some do not", fix="Set frame in all keys, or in none."
+            )
         cameras = [_fitted(key.camera, width, height) for key in keys]
         self._cameras = cameras
         self._frames = frames
@@ -82,11 +91,11 @@ class CameraPath:
 
     @property
     def has_frames(self) -> bool:
-        """Whether the keys say which frame is shown."""
+        """Whether the keys set the frame to show."""
         return bool(self._frames)
 
     def camera(self, seconds: float) -> Camera:
-        """The camera so long after the first key; before the first and after the last key it stands."""
+        """The camera at a time after the first key; constant before the first and after the last key."""
         if len(self._cameras) == 1:
             return self._cameras[0]
         time = float(np.clip(self._times[0] + seconds, self._times[0], self._times[-1]))
@@ -101,7 +110,7 @@ class CameraPath:
         return Camera(f"path at {seconds:.3f} s", first.width, first.height, K, pose)
 
     def frame(self, seconds: float) -> float:
-        """Frame of the Gaussian video at that time; only where `has_frames`."""
+        """Frame of the splat video at that time; requires `has_frames`."""
         if len(self._cameras) == 1:
             return float(self._frames[0])
         assert self._frame is not None
@@ -109,11 +118,16 @@ class CameraPath:
 
 
 def _fitted(camera: Camera, width: int, height: int) -> Camera:
-    """The camera at another size of the same shape, without lens distortion and skew (splats are drawn so)."""
+    """The camera at another size of the same aspect ratio, without lens distortion and skew, as for the rasterizer."""
     if abs(camera.width / camera.height / (width / height) - 1) > 0.01:
         raise StudioError(
-            f"Camera '{camera.name}' has the shape {camera.width}x{camera.height}, the video {width}x{height}; "
-            "give a size of the same shape."
+            "camera_path.aspect_ratio",
+            f"camera {camera.name} is {camera.width}x{camera.height}, which differs in aspect ratio from the movie's "
+            f"{width}x{height}",
+            value=(camera.width, camera.height),
+            fix="Choose a size of the same aspect ratio.",
+            camera=camera.name,
+            expected=(width, height),
         )
     K = camera.K.copy()
     K[0, 1] = 0.0
@@ -121,10 +135,10 @@ def _fitted(camera: Camera, width: int, height: int) -> Camera:
 
 
 def read_path_keys(path: Path, seconds: float) -> list[Key]:
-    """Keys of a camera path's file, or of the cameras of a rig's, spread evenly over `seconds`.
+    """Keys of a camera path file, or of the cameras of a rig file spread evenly over `seconds`.
 
     Raises:
-        StudioError: not there, not JSON, another format or version, or a key without time or camera.
+        StudioError: the file is missing or not JSON, has another format or version, or a key lacks time or camera.
     """
     values = read_json(path)
     if values.get("format") != FORMAT:
@@ -132,12 +146,17 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
         return _rig_keys(rig, seconds)
     if values.get("version") != VERSION:
         raise StudioError(
-            f"{path}: version {values.get('version')!r} found, this program reads {VERSION}; update V3 Studio."
+            "camera_path.unsupported_version",
+            f"version {values.get('version')!r}; this program reads version {VERSION}",
+            file=path,
+            value=values.get("version"),
+            fix="Update V3 Studio.",
+            expected=VERSION,
         )
     entries = values.get("keys")
     if not isinstance(entries, list) or not entries:
-        raise StudioError(f"{path}: 'keys' must be a list with at least one key.")
-    return [_key(f"{path}: key {index}", entry) for index, entry in enumerate(entries)]
+        raise StudioError("camera_path.no_keys", "'keys' must be a list with at least one key", file=path)
+    return [_key(path, index, entry) for index, entry in enumerate(entries)]
 
 
 def _rig_keys(rig: Rig, seconds: float) -> list[Key]:
@@ -145,22 +164,43 @@ def _rig_keys(rig: Rig, seconds: float) -> list[Key]:
     return [Key(index * step, camera) for index, camera in enumerate(rig)]
 
 
-def _key(where: str, entry: Any) -> Key:
+def _key(path: Path, index: int, entry: Any) -> Key:
     if not isinstance(entry, dict) or not isinstance(entry.get("camera"), dict):
-        raise StudioError(f"{where} has no 'camera'; give one as in rig.json.")
+        raise StudioError(
+            "camera_path.invalid_key",
+            f"key {index} has no 'camera'",
+            file=path,
+            fix="Add one as in rig.json.",
+            key=index,
+            name="camera",
+        )
     numbers = {}
     for name in ("time", "frame"):
         value = entry.get(name)
         if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-            raise StudioError(f"{where}: '{name}' is {value!r}; it must be a number.")
+            raise StudioError(
+                "camera_path.invalid_key",
+                f"'{name}' of key {index} is {value!r}; it must be a number",
+                file=path,
+                value=value,
+                key=index,
+                name=name,
+            )
         numbers[name] = value
     if numbers["time"] is None:
-        raise StudioError(f"{where} has no 'time'; give the seconds from the start of the video.")
+        raise StudioError(
+            "camera_path.invalid_key",
+            f"key {index} has no 'time'",
+            file=path,
+            fix="Add the seconds from the start of the movie.",
+            key=index,
+            name="time",
+        )
     return Key(float(numbers["time"]), Camera.from_dict(entry["camera"]), numbers["frame"])
 
 
 def path_to_json(keys: Sequence[Key]) -> dict[str, Any]:
-    """What `read_path_keys` reads."""
+    """JSON values that `read_path_keys` reads."""
     entries = []
     for key in keys:
         entry: dict[str, Any] = {"time": key.time, "camera": key.camera.to_dict()}
@@ -171,8 +211,10 @@ def path_to_json(keys: Sequence[Key]) -> dict[str, Any]:
 
 
 def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:
-    """Center (3,) and radius of the sphere that the visible subject moves in: of a few frames, splats that are half
-    transparent or more and the outermost 2 % left out, so that strays do not count."""
+    """Center (3,) and radius of a sphere around the subject in a few sampled frames.
+
+    Ignores splats with an opacity of 0.5 or less and the outermost 2 %, so that floaters do not count.
+    """
     points = []
     for index in np.unique(np.linspace(0, video.frame_count - 1, _SAMPLED_FRAMES).round().astype(int)):
         gaussians = video.read(int(index))
@@ -193,25 +235,31 @@ def turntable(
     elevation: float = 10.0,
     field_of_view: float = 40.0,
 ) -> Callable[[float], Camera]:
-    """A camera that circles the subject, as far away as shows all of it.
+    """A camera that circles the subject at the distance at which all of it is visible.
 
     Args:
-        video: tells where the subject is, what is up, and from where to start (its view's side).
-        width, height: of the pictures.
-        turns: how often round; negative goes the other way.
-        elevation: degrees above the subject's middle, -89 to 89.
-        field_of_view: degrees, of the shorter side.
+        video: provides the subject, the up direction and the start (the side of its view).
+        width, height: of the movie.
+        turns: number of turns; negative for the other direction.
+        elevation: degrees above the subject's center, -89 to 89.
+        field_of_view: degrees, of the shorter side, 1 to 150.
 
     Returns:
-        The camera at a share (0 to 1) of the whole way.
+        Function from a fraction (0 to 1) of the whole path to the camera.
 
     Raises:
         StudioError: an angle out of range.
     """
     if not -89 <= elevation <= 89:
-        raise StudioError(f"The turntable's elevation is {elevation}; give degrees from -89 to 89.")
+        raise StudioError(
+            "export.invalid_elevation", f"elevation is {elevation} degrees; it must be from -89 to 89", value=elevation
+        )
     if not 1 <= field_of_view <= 150:
-        raise StudioError(f"The turntable's field of view is {field_of_view}; give degrees from 1 to 150.")
+        raise StudioError(
+            "export.invalid_field_of_view",
+            f"field of view is {field_of_view} degrees; it must be from 1 to 150",
+            value=field_of_view,
+        )
     center, radius = subject_sphere(video)
     from studio.export.rigid_motion import upright
 
@@ -221,10 +269,10 @@ def turntable(
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     level, lift = math.cos(math.radians(elevation)), math.sin(math.radians(elevation))
 
-    def camera(share: float) -> Camera:
-        angle = 2 * math.pi * turns * share
+    def camera(fraction: float) -> Camera:
+        angle = 2 * math.pi * turns * fraction
         outwards = level * (math.cos(angle) * front + math.sin(angle) * right) + lift * up
-        return look_at(f"turntable {share:.4f}", width, height, K, center + distance * outwards, center, up)
+        return look_at(f"turntable {fraction:.4f}", width, height, K, center + distance * outwards, center, up)
 
     return camera
 
@@ -232,12 +280,5 @@ def turntable(
 def look_at(
     name: str, width: int, height: int, K: np.ndarray, eye: np.ndarray, target: np.ndarray, up: np.ndarray
 ) -> Camera:
-    """A camera at `eye` whose axis goes through `target`, upright. `up` must not lie along that axis."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = -rotation @ eye
-    return Camera(name, width, height, K, pose)
+    """An upright camera at `eye` that looks at `target`. `up` must not be parallel to the viewing direction."""
+    return Camera(name, width, height, K, look_at_pose(eye, target, up))

@@ -1,4 +1,4 @@
-"""A Gaussian video drawn from moving cameras, as an MP4 that every player plays."""
+"""Renders a splat video from a moving camera to an MP4 that every player supports."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.rasterizer import preferred_device, rasterize
 from studio.splat_video import SplatVideo
 
-_BT709 = 1  # FFmpeg's number for BT.709 as matrix, primaries and transfer; what players take HD video for
+_BT709 = 1  # FFmpeg's number for BT.709 matrix, primaries and transfer, which players assume for HD video
 _MPEG_RANGE = 1
 MAX_SIDE = 16384
 
@@ -32,34 +32,46 @@ def render_movie(
     crf: int = 18,
     progress: ProgressFn = no_progress,
 ) -> int:
-    """Draw and encode; the file appears when it is complete.
+    """Render and encode. The file appears when it is complete.
 
     Args:
-        video: what is drawn, over its background.
-        path: an .mp4 that does not exist.
-        camera: the camera at a time in seconds; all of one, even size.
-        frame: the frame of the video at a time; rounded down and taken round the video's end.
-        seconds, fps: length and rate of the movie.
-        crf: x264's quality, 0 (best) to 51.
-        progress: called with pictures drawn, of all.
+        video: rendered over its background.
+        path: .mp4 file; must not exist.
+        camera: camera at a time in seconds; all with the same, even size.
+        frame: frame of the video at a time; rounded down, modulo the number of frames.
+        seconds, fps: duration and frame rate of the movie.
+        crf: constant rate factor of x264, 0 (best) to 51.
+        progress: called with (pictures rendered, pictures).
 
     Returns:
-        Pictures drawn.
+        The number of pictures.
 
     Raises:
-        StudioError: a frame cannot be read, settings out of range, or the file exists or cannot be written.
+        StudioError: a frame cannot be read, a setting is out of range, or the file exists or cannot be written.
     """
     if path.suffix.lower() != ".mp4":
-        raise StudioError(f"{path}: movies are written as .mp4; give such a name.")
-    if not 0 < fps <= 240 or not 0 < seconds <= 86_400 or not 0 <= crf <= 51:
         raise StudioError(
-            f"{path}: {seconds:g} s at {fps:g} frames a second with CRF {crf} asked for; up to 86,400 s, 240 frames a "
-            "second and CRF 0 to 51 can be had."
+            "export.unsupported_format",
+            "movies are written as .mp4",
+            file=path,
+            value=path.suffix,
+            fix="Use that extension.",
         )
+    for name, value, valid, expected in (
+        ("fps", fps, 0 < fps <= 240, "above 0 and at most 240"),
+        ("seconds", seconds, 0 < seconds <= 86_400, "above 0 and at most 86,400"),
+        ("crf", crf, 0 <= crf <= 51, "from 0 to 51"),
+    ):
+        if not valid:
+            problem = f"{name} is {value:g}; it must be {expected}"
+            raise StudioError("export.invalid_setting", problem, file=path, value=value, name=name)
     first = camera(0.0)
     if first.width % 2 or first.height % 2 or max(first.width, first.height) > MAX_SIDE:
         raise StudioError(
-            f"{path}: a size of {first.width}x{first.height} was asked for; H.264 needs even numbers, up to {MAX_SIDE}."
+            "export.invalid_size",
+            f"the size is {first.width}x{first.height}; H.264 requires even numbers up to {MAX_SIDE}",
+            file=path,
+            value=(first.width, first.height),
         )
     count = max(1, round(seconds * fps))
     device = preferred_device()
@@ -84,7 +96,7 @@ def _picture(gaussians: Gaussians, camera: Camera, background: torch.Tensor) -> 
 
 
 class _Encoder:
-    """H.264 of 8-bit RGB pictures, BT.709, limited range. Use as a context manager."""
+    """H.264 encoder of 8-bit RGB pictures, BT.709, limited range. Use as a context manager."""
 
     def __init__(self, path: Path, width: int, height: int, fps: float, crf: int) -> None:
         import av
@@ -100,7 +112,7 @@ class _Encoder:
         self._stream = stream
 
     def add(self, picture: np.ndarray) -> None:
-        """The next picture, (H, W, 3) uint8."""
+        """Encode the next picture, (H, W, 3) uint8."""
         frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
         frame = frame.reformat(
             format="yuv420p", dst_colorspace="ITU709", src_color_range="JPEG", dst_color_range="MPEG"

@@ -1,4 +1,4 @@
-"""Exports appear whole or not at all: written under another name and renamed."""
+"""Atomic outputs: written under a temporary name, then renamed."""
 
 from __future__ import annotations
 
@@ -15,22 +15,26 @@ def _temporary(path: Path) -> Path:
     return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
 
 
-def _refuse(path: Path, what: str) -> None:
+def _check_target(path: Path, what: str) -> None:
     if not path.parent.is_dir():
-        raise StudioError(f"{path}: there is no folder {path.parent} to write it to; make it first.")
+        raise StudioError(
+            "export.no_parent_folder", f"the folder {path.parent} does not exist", file=path, fix="Create it first."
+        )
     if os.path.lexists(path):
-        raise StudioError(f"{path}: this exists already; delete it, or give another name for the {what}.")
+        raise StudioError(
+            "export.already_exists", f"the {what} exists already", file=path, fix="Delete it, or choose another name."
+        )
 
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A folder to fill; becomes `path` when the block ends well and is deleted when it does not.
+    """A temporary folder that becomes `path` when the block succeeds, and is deleted otherwise.
 
     Raises:
-        StudioError: `path` exists, or its parent does not; or the disk is full or may not be written to.
+        StudioError: `path` exists, its parent folder does not, or writing fails.
     """
     path = path.absolute()
-    _refuse(path, "folder")
+    _check_target(path, "folder")
     temporary = _temporary(path)
     try:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -38,21 +42,21 @@ def new_folder(path: Path) -> Iterator[Path]:
         yield temporary
         os.rename(temporary, path)
     except OSError as error:
-        raise StudioError(f"{path}: cannot be written ({error.strerror or error}).") from None
+        raise StudioError("export.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """The same for a file; its temporary name has the same ending, which writers choose the format by."""
+    """Same for a file. The temporary name has the same extension, since writers choose the format by it."""
     path = path.absolute()
-    _refuse(path, "file")
+    _check_target(path, "file")
     temporary = _temporary(path)
     try:
         yield temporary
         os.rename(temporary, path)
     except OSError as error:
-        raise StudioError(f"{path}: cannot be written ({error.strerror or error}).") from None
+        raise StudioError("export.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
     finally:
         temporary.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Turning splats as a whole, harmonics included, and the axes that viewers of other programs expect."""
+"""Rotation of whole splat sets including spherical harmonics, and the axis conventions of other viewers."""
 
 from __future__ import annotations
 
@@ -6,45 +6,43 @@ import functools
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 
 from studio.gaussians import Gaussians
 from studio.rasterizer.spherical_harmonics import sh_basis
+from studio.rotations import matrices_to_quats
 from studio.splat_video import SplatVideo
+from studio.torch_rotations import quat_multiply
 
 
 def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
-    """The splats turned about the origin; seen from a camera that is turned with them they look the same.
+    """Splats rotated about the origin. A camera rotated with them sees the same picture.
 
     Args:
         gaussians: N splats.
         rotation: (3, 3), orthonormal, determinant 1: new = rotation @ old.
 
     Returns:
-        New Gaussians of the same dtype and device; quaternions have length 1.
+        New Gaussians of the same dtype and device, with unit quaternions.
     """
     dtype, device = gaussians.means.dtype, gaussians.device
     matrix = torch.as_tensor(rotation, dtype=torch.float64)
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
-    a = torch.tensor([w, x, y, z], dtype=torch.float64)
-    b = gaussians.unit_quats.detach().cpu().double()
-    scalar = a[0] * b[:, :1] - (a[1:] * b[:, 1:]).sum(dim=1, keepdim=True)
-    vector = a[0] * b[:, 1:] + b[:, :1] * a[1:] + torch.linalg.cross(a[1:].expand_as(b[:, 1:]), b[:, 1:])
-    sh = _turning_of_harmonics(matrix, gaussians.sh_degree) @ gaussians.sh.detach().cpu().double()
+    turn = torch.from_numpy(matrices_to_quats(rotation))[None]
+    quats = quat_multiply(turn, gaussians.unit_quats.detach().cpu().double())
+    sh = _sh_rotation(matrix, gaussians.sh_degree) @ gaussians.sh.detach().cpu().double()
     return Gaussians(
         means=(gaussians.means.detach().cpu().double() @ matrix.T).to(device, dtype),
-        quats=torch.cat([scalar, vector], dim=1).to(device, dtype),
+        quats=quats.to(device, dtype),
         log_scales=gaussians.log_scales,
         logit_opacities=gaussians.logit_opacities,
         sh=sh.to(device, dtype),
     )
 
 
-def _turning_of_harmonics(matrix: torch.Tensor, degree: int) -> torch.Tensor:
-    """(K, K) float64: coefficients of the turned function from those of the function.
+def _sh_rotation(matrix: torch.Tensor, degree: int) -> torch.Tensor:
+    """(K, K) float64 matrix from SH coefficients of a function to those of the rotated function.
 
-    What was seen along d is seen along R d, so Y(R d) new = Y(d) old for all d. The harmonics up to a degree are closed
-    under turning: enough directions determine the matrix, and least squares give it without rest.
+    The value at d moves to R d, so Y(R d) new = Y(d) old for all d. Harmonics up to a degree are closed under rotation:
+    enough directions determine the matrix, and least squares has zero residual.
     """
     if degree == 0:
         return torch.ones(1, 1, dtype=torch.float64)
@@ -54,7 +52,7 @@ def _turning_of_harmonics(matrix: torch.Tensor, degree: int) -> torch.Tensor:
 
 @functools.cache
 def _directions(count: int = 64) -> torch.Tensor:
-    """(count, 3): spread evenly over the sphere (Fibonacci's spiral)."""
+    """(count, 3) unit vectors, evenly distributed over the sphere (Fibonacci spiral)."""
     index = torch.arange(count, dtype=torch.float64) + 0.5
     z = 1 - 2 * index / count
     angle = index * (np.pi * (3 - 5**0.5))
@@ -63,13 +61,13 @@ def _directions(count: int = 64) -> torch.Tensor:
 
 
 def upright(video: SplatVideo) -> np.ndarray:
-    """(3, 3) rotation from the video's world to y up with the subject's front, as its view sees it, toward +z.
+    """(3, 3) rotation from the video's world to y up, with the side that its view sees toward +z.
 
-    That is the frame of SPZ, glTF and three.js. Where `up` is not known it is taken to be -y, as in 3DGS's files.
+    That is the convention of SPZ, glTF and three.js. If the video has no `up`, -y is assumed, as in 3DGS files.
     """
     up = np.array([0.0, -1.0, 0.0]) if video.up is None else np.asarray(video.up, np.float64) / np.linalg.norm(video.up)
     toward = np.array([0.0, 0.0, -1.0]) if video.view is None else -video.view.forward
-    for candidate in (toward, *np.eye(3)):  # a view from straight above says nothing about the front
+    for candidate in (toward, *np.eye(3)):  # a view from straight above does not determine the front
         flat = candidate - up * (candidate @ up)
         if np.linalg.norm(flat) > 0.1:
             break

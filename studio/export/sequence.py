@@ -1,4 +1,4 @@
-"""A file a frame, numbered: PLY, SPZ or GLB. SuperSplat and others play a folder of numbered PLY files."""
+"""One numbered PLY, SPZ or GLB file per frame. SuperSplat and others play folders of numbered PLY files."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from studio.splat_video import SplatVideo
 
 
 def axes_of(video: SplatVideo, ending: str, upright_for_viewers: bool) -> np.ndarray | None:
-    """(3, 3) rotation to write a format with, or None to leave the world as it is.
+    """(3, 3) rotation to apply for a format, or None to keep the world axes.
 
     Args:
-        video: tells what is up and front.
+        video: provides the up and front directions.
         ending: ".ply", ".spz" or ".glb".
-        upright_for_viewers: turn to the format's own convention of up (and the view's side to the front).
+        upright_for_viewers: rotate to the up convention of the format, with the view's side to the front.
     """
     if not upright_for_viewers:
         return None
     rotation = upright(video)
-    # 3DGS's files have y down and z away from the viewer: half a turn about x
+    # 3DGS files have y down and z away from the viewer: 180 degrees about x
     return np.diag([1.0, -1.0, -1.0]) @ rotation if UP[ending][1] < 0 else rotation
 
 
@@ -35,17 +35,17 @@ def export_sequence(
     rotation: np.ndarray | None = None,
     progress: ProgressFn = no_progress,
 ) -> None:
-    """Write `folder/frame_0000.ply`, ...: each frame's number is its number in the video.
+    """Write `folder/frame_0000.ply`, ..., numbered as in the video.
 
     Args:
-        video: what to write.
-        folder: must not exist; appears when all of it is there.
+        video: the frames.
+        folder: must not exist; appears when it is complete.
         ending: ".ply", ".spz" or ".glb".
         rotation: from `axes_of`.
-        progress: called with frames written, of all.
+        progress: called with (frames written, frames).
 
     Raises:
-        StudioError: a frame cannot be read or does not fit the format, or the folder exists or cannot be written.
+        StudioError: a frame cannot be read or represented in the format, or the folder exists or cannot be written.
     """
     digits = max(4, len(str(max(video.number(index) for index in range(video.frame_count)))))
     with new_folder(folder) as temporary:
@@ -59,7 +59,7 @@ def export_sequence(
 
 
 def export_frame(video: SplatVideo, path: Path, rotation: np.ndarray | None = None) -> None:
-    """Write the first frame as one file; its ending says the format. Raises StudioError as `export_sequence`."""
+    """Write the first frame as one file, in the format of its extension. Raises StudioError as `export_sequence`."""
     gaussians = video.read(0)
     if rotation is not None:
         gaussians = turned(gaussians, rotation)

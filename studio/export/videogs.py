@@ -1,13 +1,13 @@
-"""The layout that the players of the paper's released code read ("VideoGS layout").
+"""The file layout of the paper's released players ("VideoGS layout").
 
     group_info.json      {"0": {"frame_index": [0, 19], "name_index": [0, 19]}, ...}     first and last, inclusive
     viewer_min_max.json  {"0": {"num": N, "info": [min, max, min, max, ...]}, ...}       by frame, counted from 0
-    group<g>/<c>.mp4     one H.264 file a channel
+    group<g>/<c>.mp4     one H.264 file per channel
 
-Attributes in the order of a 3DGS PLY: x y z, normals, f_dc, harmonics, opacity, scales, rotation, with activated values
-(linear scale, opacity 0 to 1, unit quaternion wxyz). Channels 2 i and 2 i + 1 are the low and high byte of position i;
-attribute a >= 3 is channel a + 3. Row-major squares with a side that is a multiple of 8, padded with 0; minimum,
-maximum and number are each frame's own.
+Attributes in the order of a 3DGS PLY: x y z, normals, f_dc, f_rest, opacity, scales, rotation, activated (linear scale,
+opacity 0 to 1, unit quaternion wxyz). Channels 2 i and 2 i + 1 are the low and high byte of position i; attribute
+a >= 3 is channel a + 3. Row-major squares with a side that is a multiple of 8, padded with 0; minimum, maximum and
+number of splats are per frame.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ POSITIONS, NORMALS = 3, 3
 
 
 def attribute_count(sh_degree: int) -> int:
-    """A: 3 positions, 3 normals, harmonics of three colors, opacity, 3 scales, 4 of rotation."""
+    """A: 3 for position, 3 for the normal, SH of three colors, opacity, 3 scales, 4 for rotation."""
     return 14 + 3 * (sh_degree + 1) ** 2
 
 
@@ -47,23 +47,23 @@ def export_videogs(
     threads: int = 0,
     progress: ProgressFn = no_progress,
 ) -> None:
-    """Write the layout; see the module.
+    """Write the layout described in the module.
 
-    QPs follow the paper: high bytes of positions lossless; above 22 color, scale and rotation stay at 22.
+    QPs follow the paper: high bytes of positions are lossless; above 22, color, scale and rotation stay at 22.
 
     Args:
-        video: what to write; its groups become the layout's.
-        folder: must not exist; appears when all of it is there.
+        video: the frames and groups.
+        folder: must not exist; appears when it is complete.
         qp: 0 (lossless) to 51.
         preset: of x264.
-        threads: channels encoded at once; 0 means one a core.
-        progress: called with frames written, of all.
+        threads: channels encoded in parallel; 0 is one per core.
+        progress: called with (frames written, frames).
 
     Raises:
-        StudioError: a frame cannot be read or baked, another QP, or the folder exists or cannot be written.
+        StudioError: a frame cannot be read or baked, the QP is out of range, or the folder exists or cannot be written.
     """
     if not 0 <= qp <= 51:
-        raise StudioError(f"VideoGS export: QP {qp} given; H.264 has 0 to 51.")
+        raise StudioError("export.invalid_qp", f"QP is {qp}; it must be from 0 to 51", value=qp)
     groups: dict[str, dict[str, list[int]]] = {}
     frames: dict[str, dict[str, object]] = {}
     with new_folder(folder) as temporary, ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
@@ -95,7 +95,7 @@ def export_videogs(
 
 
 def _attributes(video: SplatVideo, group: range) -> Iterator[np.ndarray]:
-    """(A, N) float32 a frame, activated, in Morton order of the group's first frame (neighbors compress)."""
+    """(A, N) float32 per frame, activated, in Morton order of the group's first frame, which compresses better."""
 
     def frames() -> Iterator[Gaussians]:
         for index in group:
@@ -122,7 +122,7 @@ def _encoders(folder: Path, attributes: int, side: int, qp: int, preset: str) ->
 
 
 def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) -> Iterator[np.ndarray]:
-    """The channels' pictures, (side, side) uint8 each."""
+    """Pictures of the channels, (side, side) uint8 each."""
 
     def picture(codes: np.ndarray) -> np.ndarray:
         plane = np.zeros(side * side, np.uint8)

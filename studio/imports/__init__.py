@@ -1,4 +1,4 @@
-"""Gaussian videos made by other programs, opened as `SplatVideo`: to be baked, played and compared."""
+"""Import of splat videos from other programs as `SplatVideo`, for baking, playback and comparison."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from studio.splat_video import SplatVideo
 
 
 def open_import(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
-    """Whatever lies at `place`: the VideoGS layout, a folder of .ply or .spz files, or a single such file.
+    """Open the VideoGS layout, a folder of .ply or .spz files, or a single such file.
 
     Args:
         place: folder or file.
-        fps: rate to play at; none of these formats has one.
-        progress: called with files looked at, of all.
+        fps: frame rate of playback; none of these formats has one.
+        progress: called with (files scanned, files).
 
     Raises:
-        StudioError: nothing of these, or it is damaged.
+        StudioError: none of these formats, or the files are damaged.
     """
     if is_videogs(place):
         return open_videogs(place, fps)

@@ -1,4 +1,4 @@
-"""A SplatVideo from elsewhere to a stream folder."""
+"""Bakes a SplatVideo to a stream."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from studio.stream import BakeSettings, Manifest, bake_group, write_manifest
 
 
 class _Frames(Sequence[Gaussians]):
-    """A run of frames, each read when it is asked for."""
+    """Lazily read frames of one group."""
 
     def __init__(self, video: SplatVideo, indices: range) -> None:
         self._video = video
@@ -26,7 +26,7 @@ class _Frames(Sequence[Gaussians]):
 
     def __getitem__(self, position: Any) -> Any:
         if isinstance(position, slice):
-            raise StudioError("Frames are read one by one, not by slices.")
+            raise TypeError("frames cannot be sliced")
         return self._video.read(self._indices[position])
 
     def __iter__(self) -> Iterator[Gaussians]:
@@ -34,23 +34,31 @@ class _Frames(Sequence[Gaussians]):
 
 
 def cut(video: SplatVideo, group_size: int) -> list[range]:
-    """The video's groups, cut further into groups of at most `group_size` frames."""
+    """Groups of the video, split into groups of at most `group_size` frames. Raises StudioError if it is below 1."""
     if group_size < 1:
-        raise StudioError(f"Groups of {group_size} frames were asked for; a group has at least one.")
+        raise StudioError(
+            "import.invalid_group_size", f"group size is {group_size}; it must be at least 1", value=group_size
+        )
     return [group[start : start + group_size] for group in video.groups for start in range(0, len(group), group_size)]
 
 
 def bake_video(
-    video: SplatVideo, folder: Path, settings: BakeSettings, group_size: int = 20, progress: ProgressFn = no_progress
+    video: SplatVideo,
+    folder: Path,
+    settings: BakeSettings,
+    group_size: int = 20,
+    progress: ProgressFn = no_progress,
+    threads: int = 0,
 ) -> Manifest:
-    """Bake all frames to a stream that appears at `folder` when it is complete.
+    """Bake all frames to a stream. The folder appears when it is complete.
 
     Args:
-        video: frames; its own groups are kept, and cut where they are longer than `group_size`.
+        video: the frames; its groups are kept, and split if they are longer than `group_size`.
         folder: must not exist.
-        settings: as for every bake.
-        group_size: frames a group at most.
-        progress: called with frames baked, of all.
+        settings: bake settings.
+        group_size: maximum number of frames per group.
+        progress: called with (frames baked, frames).
+        threads: CPU threads; 0: one per core.
 
     Raises:
         StudioError: a frame cannot be read or baked, or the folder exists or cannot be written.
@@ -64,8 +72,10 @@ def bake_video(
         entries = []
         for number, group in enumerate(cut(video, group_size)):
 
-            def told(done: int, total: int, start: int = group.start, **figures: Any) -> None:
+            def report(done: int, total: int, start: int = group.start, **figures: Any) -> None:
                 progress(start + done, video.frame_count, **figures)
 
-            entries.append(bake_group(_Frames(video, group), temporary, number, group.start, settings, told))
+            entries.append(
+                bake_group(_Frames(video, group), temporary, number, group.start, settings, report, threads=threads)
+            )
         return write_manifest(temporary, entries, video.fps, settings, metadata)

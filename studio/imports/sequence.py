@@ -1,4 +1,4 @@
-"""Folders of numbered splat files, one a frame, made by other programs (or by `studio.export.sequence`)."""
+"""Folders of numbered splat files, one per frame, from other programs or `studio.export.sequence`."""
 
 from __future__ import annotations
 
@@ -16,36 +16,45 @@ from studio.splat_files import UP, read_splats, splats_size
 from studio.splat_video import SplatVideo
 
 DEFAULT_FPS = 30.0
-"""Files of splats have no rate."""
+"""Splat files have no frame rate."""
 
-_SAMPLE = 4000  # splats looked at to tell whether two frames have the same splats in the same order
-_SAME_ORDER = (
-    0.3  # of the distance between two splats picked at random; moving splats are far below, shuffled ones at 1
-)
+_SAMPLE = 4000  # splats compared to decide whether two frames have the same splats in the same order
+# relative to the distance between two random splats: moving splats are far below, shuffled ones at 1
+_SAME_ORDER = 0.3
 
 
 def find_frames(place: Path) -> list[Path]:
-    """The files of a sequence, ordered by the last number in their names: all .ply (else .spz) files of a folder, or
-    the one file that is named.
+    """Files of a sequence, sorted by the last number in their names: all .ply files of a folder, otherwise all .spz
+    files; or `place` itself if it is a file.
 
     Raises:
-        StudioError: nothing there, or two files have the same number.
+        StudioError: no files found, or two files have the same number.
     """
     if place.is_file():
         return [place]
     if not place.is_dir():
-        raise StudioError(f"{place}: there is no such file or folder.")
+        raise StudioError("import.not_found", "no such file or folder", file=place)
     for ending in UP:
         paths = [path for path in place.iterdir() if path.suffix.lower() == ending and not path.name.startswith(".")]
         if paths:
             break
     if not paths:
-        raise StudioError(f"{place}: there are no .ply or .spz files in it; give a folder with one file a frame.")
+        raise StudioError(
+            "import.no_files",
+            "no .ply or .spz files in this folder",
+            file=place,
+            fix="Specify a folder with one file per frame.",
+        )
     numbered = sorted((_number(path), path.name, path) for path in paths)
     for (number, _, path), (following, _, other) in itertools.pairwise(numbered):
         if number == following:
             raise StudioError(
-                f"{place}: {path.name} and {other.name} have the same frame number; keep one sequence a folder."
+                "import.duplicate_frame",
+                f"{path.name} and {other.name} have the same frame number",
+                file=place,
+                value=number,
+                fix="Keep one sequence per folder.",
+                files=[path.name, other.name],
             )
     return [path for _, _, path in numbered]
 
@@ -56,17 +65,17 @@ def _number(path: Path) -> int:
 
 
 def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
-    """A folder of splat files (or one file) as a video.
+    """Open a folder of splat files, or one file, as a video.
 
-    A new group starts where the number of splats, the SH degree or the order of the splats changes.
+    A new group starts where the number or the order of the splats changes.
 
     Args:
         place: folder or file; see `find_frames`.
-        fps: rate to play at.
-        progress: called with files looked at, of all.
+        fps: frame rate of playback.
+        progress: called with (files scanned, files).
 
     Raises:
-        StudioError: no files, or one that is damaged (not all is read here; reading a frame may raise, too).
+        StudioError: no files, or a damaged file. Files are not read completely here: reading a frame may raise, too.
     """
     paths = find_frames(place)
     sizes = [splats_size(path) for path in paths]
@@ -84,12 +93,12 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
 def find_groups(
     counts: list[int], read: Callable[[int], Gaussians], progress: ProgressFn = no_progress
 ) -> tuple[int, ...]:
-    """First frames of runs in which each splat can be followed from frame to frame.
+    """First frames of the groups: maximal runs with the same splats in the same order.
 
     Args:
-        counts: splats of each frame.
-        read: gives a frame.
-        progress: called with frames looked at, of all.
+        counts: number of splats per frame.
+        read: reads a frame.
+        progress: called with (frames scanned, frames).
     """
     starts = [0]
     before: np.ndarray | None = None

@@ -1,7 +1,6 @@
-"""Reading the layout of the paper's released code (see `studio.export.videogs`), as its baker or ours wrote it.
+"""Reads the layout of the paper's released code (see `studio.export.videogs`), as written by its baker or ours.
 
-The released baker names frames in `viewer_min_max.json` by their number in the footage instead of counting from 0; both
-are understood.
+In `viewer_min_max.json`, the released baker numbers frames as in the footage, ours from 0; both are accepted.
 """
 
 from __future__ import annotations
@@ -20,7 +19,9 @@ from studio.gaussians import Gaussians
 from studio.splat_video import SplatVideo
 
 DEFAULT_FPS = 30.0
-"""The layout has no rate."""
+"""The layout has no frame rate."""
+
+EXPORT_AGAIN = "Export the sequence again, or copy it again."
 
 MAX_FRAMES = 1_000_000
 MAX_SPLATS = 4 << 20
@@ -29,26 +30,37 @@ _JPEG_RANGE = 2  # luma uses 0 to 255
 
 
 def is_videogs(folder: Path) -> bool:
-    """True for a folder with the layout's two JSON files."""
+    """True for a folder with the two JSON files of the layout."""
     return (folder / "group_info.json").is_file() and (folder / "viewer_min_max.json").is_file()
 
 
 class _Frame:
-    """One entry of viewer_min_max.json, checked."""
+    """One validated entry of viewer_min_max.json."""
 
-    def __init__(self, where: str, entry: Any) -> None:
+    def __init__(self, path: Path, key: str, entry: Any) -> None:
+        def invalid(name: str, problem: str, value: Any = None) -> StudioError:
+            return StudioError(
+                "videogs.invalid_frame",
+                f"frame {key}: {problem}",
+                file=path,
+                value=value,
+                fix=EXPORT_AGAIN,
+                frame=key,
+                name=name,
+            )
+
         count = entry.get("num") if isinstance(entry, dict) else None
         info = entry.get("info") if isinstance(entry, dict) else None
         if not isinstance(count, int) or isinstance(count, bool) or not 0 < count <= MAX_SPLATS:
-            raise StudioError(f"{where}: 'num' is {count!r}; it must be a number of splats from 1 to {MAX_SPLATS}.")
+            raise invalid("num", f"'num' is {count!r}; it must be an integer from 1 to {MAX_SPLATS}", count)
         try:
             ranges = np.array(info, np.float64).reshape(-1, 2)
         except (TypeError, ValueError):
-            raise StudioError(f"{where}: 'info' must be a list of minima and maxima.") from None
+            raise invalid("info", "'info' must be a list of minima and maxima") from None
         if len(ranges) not in _DEGREES:
-            raise StudioError(f"{where}: 'info' has {2 * len(ranges)} values; 34, 52, 82 or 124 are understood.")
+            raise invalid("info", f"'info' has {2 * len(ranges)} values; expected 34, 52, 82 or 124", 2 * len(ranges))
         if not np.isfinite(ranges).all() or (ranges[:, 0] > ranges[:, 1]).any():
-            raise StudioError(f"{where}: 'info' has a value that is not finite, or a minimum above its maximum.")
+            raise invalid("info", "'info' has a value that is not finite, or a minimum above its maximum")
         self.count = count
         self.ranges = ranges
 
@@ -58,11 +70,11 @@ class _Frame:
 
 
 def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
-    """The layout in a folder as a video; frames are decoded when they are read, in order cheapest.
+    """Open the layout in a folder as a video. Frames are decoded when read; sequential reads are the cheapest.
 
     Raises:
         StudioError: a JSON file is missing or damaged, groups have gaps, or values are out of bounds. Reading a frame
-            raises it for a video that is missing, damaged or too short.
+            raises it if a video is missing, damaged or too short.
     """
     groups = _groups(folder)
     table = _read_json(folder / "viewer_min_max.json")
@@ -71,27 +83,31 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
         for index in frame_range:
             name = str(first_name + index - frame_range.start)
             key = str(index) if str(index) in table and not _named(table, groups) else name
-            where = f"{folder / 'viewer_min_max.json'}: frame {key}"
+            path = folder / "viewer_min_max.json"
             if key not in table:
-                raise StudioError(f"{where} is missing; export or copy the sequence again.")
-            frames.append(_Frame(where, table[key]))
+                raise StudioError(
+                    "videogs.missing_frame", f"frame {key} is missing", file=path, fix=EXPORT_AGAIN, frame=key
+                )
+            frames.append(_Frame(path, key, table[key]))
     if len({frame.degree for frame in frames}) > 1:
-        raise StudioError(f"{folder}: frames have different numbers of attributes; export the sequence again.")
+        raise StudioError(
+            "videogs.mixed_degrees", "frames have different numbers of attributes", file=folder, fix=EXPORT_AGAIN
+        )
     decoder = _Decoder(folder, [frame_range for frame_range, _ in groups], frames)
     starts: list[int] = []
-    for frame_range, _ in groups:  # splats cannot be followed where their number changes within a group
+    for frame_range, _ in groups:  # a new group starts where the number of splats changes within a group
         first = frame_range.start
         starts += [index for index in frame_range if index == first or frames[index].count != frames[index - 1].count]
     return SplatVideo(str(folder), fps, len(frames), tuple(starts), decoder.read, up=np.array([0.0, -1.0, 0.0]))
 
 
 def _named(table: dict[str, Any], groups: list[tuple[range, int]]) -> bool:
-    """Whether frames are called by their names: then not every index is there."""
+    """Whether the keys are numbers of the footage: then some indices are missing."""
     return any(str(index) not in table for frame_range, _ in groups for index in frame_range)
 
 
 def _groups(folder: Path) -> list[tuple[range, int]]:
-    """Frames of each group, and the name of the first."""
+    """Frames of each group, and the footage number of the first."""
     path = folder / "group_info.json"
     values = _read_json(path)
     result: list[tuple[range, int]] = []
@@ -102,16 +118,27 @@ def _groups(folder: Path) -> list[tuple[range, int]]:
             first, last = (int(value) for value in entry["frame_index"])
             name = int(entry.get("name_index", [first])[0])
         except (AttributeError, KeyError, TypeError, ValueError, IndexError):
-            raise StudioError(f"{path}: group {number} is missing or has no 'frame_index'; export it again.") from None
+            raise StudioError(
+                "videogs.invalid_group",
+                f"group {number} is missing or has no 'frame_index'",
+                file=path,
+                fix=EXPORT_AGAIN,
+                group=number,
+            ) from None
         if first != expected or last < first or last >= MAX_FRAMES:
             raise StudioError(
-                f"{path}: group {number} has the frames {first} to {last}; it must begin at {expected} and not end "
-                "before it begins."
+                "videogs.invalid_group",
+                f"group {number} has frames {first} to {last}; it must start at {expected} and not end before that",
+                file=path,
+                value=(first, last),
+                fix=EXPORT_AGAIN,
+                group=number,
+                expected=expected,
             )
         result.append((range(first, last + 1), name))
         expected = last + 1
     if not result:
-        raise StudioError(f"{path}: there are no groups; export the sequence again.")
+        raise StudioError("videogs.no_groups", "no groups", file=path, fix=EXPORT_AGAIN)
     return result
 
 
@@ -119,16 +146,18 @@ def _read_json(path: Path) -> dict[str, Any]:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise StudioError(f"{path}: the file is missing; give a folder in the VideoGS layout.") from None
+        raise StudioError(
+            "videogs.file_missing", "the file is missing", file=path, fix="Specify a folder in the VideoGS layout."
+        ) from None
     except (OSError, ValueError, RecursionError) as error:
-        raise StudioError(f"{path}: this is not readable JSON ({error}); export or copy it again.") from None
+        raise StudioError("videogs.not_json", f"not valid JSON ({error})", file=path, fix=EXPORT_AGAIN) from None
     if not isinstance(values, dict):
-        raise StudioError(f"{path}: a JSON object is expected; export or copy it again.")
+        raise StudioError("videogs.not_json", "not a JSON object", file=path, fix=EXPORT_AGAIN)
     return values
 
 
 class _Decoder:
-    """Decodes frames in order; going back begins the group again. Thread safe."""
+    """Decodes frames in order; seeking backwards restarts the group. Thread safe."""
 
     def __init__(self, folder: Path, groups: list[range], frames: list[_Frame]) -> None:
         self._folder = folder
@@ -154,7 +183,7 @@ class _Decoder:
             except BaseException:
                 self._group = -1
                 raise
-        return _gaussians(self._frames[index], planes, f"{self._folder} frame {index}")
+        return _gaussians(self._frames[index], planes, self._folder / f"group{group}", index)
 
     def _open(self, group: int) -> None:
         for channel in self._channels:
@@ -166,7 +195,7 @@ class _Decoder:
 
 
 def _pictures(path: Path) -> Iterator[np.ndarray]:
-    """The video's pictures as full-range luma, flat uint8."""
+    """Pictures of a video as full-range luma, flat uint8."""
     import av
 
     try:
@@ -180,18 +209,36 @@ def _pictures(path: Path) -> Iterator[np.ndarray]:
                 elif frame.format.name.startswith(("yuv", "gray")) and frame.format.components[0].bits == 8:
                     yield np.clip(np.rint((luma.ravel() - 16.0) * (255 / 219)), 0, 255).astype(np.uint8)
                 else:
-                    raise StudioError(f"{path}: pixel format {frame.format.name} cannot be read; export 8-bit YUV.")
+                    raise StudioError(
+                        "videogs.pixel_format",
+                        f"unsupported pixel format {frame.format.name}",
+                        file=path,
+                        value=frame.format.name,
+                        fix="Export 8-bit YUV.",
+                    )
     except FileNotFoundError:
-        raise StudioError(f"{path}: the file is missing; export or copy the sequence again.") from None
+        raise StudioError("videogs.file_missing", "the file is missing", file=path, fix=EXPORT_AGAIN) from None
     except (av.error.FFmpegError, IndexError, ValueError, OSError) as error:
-        raise StudioError(f"{path}: this is not a readable video ({error}); export or copy it again.") from None
-    raise StudioError(f"{path}: the video ends before its group does; export or copy it again.")
+        raise StudioError(
+            "videogs.video_unreadable", f"not a readable video ({error})", file=path, fix=EXPORT_AGAIN
+        ) from None
+    raise StudioError(
+        "videogs.video_too_short", "the video has fewer frames than its group", file=path, fix=EXPORT_AGAIN
+    )
 
 
-def _gaussians(frame: _Frame, planes: list[np.ndarray], where: str) -> Gaussians:
+def _gaussians(frame: _Frame, planes: list[np.ndarray], folder: Path, index: int) -> Gaussians:
     for channel, plane in enumerate(planes):
         if plane.size < frame.count:
-            raise StudioError(f"{where}: channel {channel} has {plane.size} pixels for {frame.count} splats.")
+            raise StudioError(
+                "videogs.picture_too_small",
+                f"frame {index} has {plane.size} pixels for {frame.count} splats",
+                file=folder / f"{channel}.mp4",
+                value=plane.size,
+                fix=EXPORT_AGAIN,
+                frame=index,
+                expected=frame.count,
+            )
     codes = [plane[: frame.count].astype(np.float64) for plane in planes]
     levels = [(codes[2 * axis] + 256 * codes[2 * axis + 1]) / 65535 for axis in range(3)]
     levels += [code / 255 for code in codes[6:]]

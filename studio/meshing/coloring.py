@@ -1,4 +1,4 @@
-"""Colors of surface points from the views that see them."""
+"""Colors of surface points, from the views in which they are visible."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from studio.views import ViewLike
 
 
 def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Samples (N, ...) float32 of an image at pixels (N, 2), origin at the image corner."""
+    """(N, ...) float32 bilinear samples of an image at pixels (N, 2), origin at the corner of the image."""
     import cv2
 
-    at = (pixels - 0.5).astype(np.float32)  # cv2 counts from the center of the first pixel
+    at = (pixels - 0.5).astype(np.float32)  # cv2's origin is the center of the first pixel
     row = 16384
-    rows = -(-len(at) // row)  # cv2.remap takes no wider destination than 32766
+    rows = -(-len(at) // row)  # cv2.remap supports destinations up to 32766 pixels wide
     padded = np.zeros((rows * row, 2), np.float32)
     padded[: len(at)] = at
     grid = padded.reshape(rows, row, 2)
@@ -36,21 +36,23 @@ def color_points(
     max_pixels: int = 300_000,
     progress: ProgressFn = no_progress,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Color every point with the median of the views that see it best.
+    """Color every point with the median of its best views.
 
-    A view sees a point that projects into its image and its matte, faces it, and is not hidden by the mesh
-    (a depth map cast at a reduced size decides). Views are ranked by how squarely and how closely they look at it.
+    A point is visible in a view if it projects into the image and the matte, faces the camera, and is not occluded by
+    the mesh (tested with a depth map of reduced size). Views are ranked by viewing angle and distance.
 
     Args:
-        points: (N, 3) and normals: (N, 3) unit.
+        points: (N, 3) world coordinates.
+        normals: (N, 3) unit normals.
         views: pinhole views; each is read once.
         rays: ray caster of the mesh.
-        best: how many views a point takes the median of.
-        max_pixels: size of the depth maps.
+        best: how many views to take the median of.
+        max_pixels: size of the depth maps in pixels.
+        progress: called per view; may raise `Cancelled`.
 
     Returns:
-        colors (N, 3) float32 in 0..1, and seen (N,) int: how many views saw each point. A point that none saw has
-        the color of the nearest one that was; if none was seen at all, gray.
+        colors (N, 3) float32 in 0..1, and (N,) int32 how many views see each point. Points that are not visible take
+        the color of the nearest visible one; all are gray if none is visible.
     """
     count = len(points)
     scores = np.zeros((best, count), np.float32)
@@ -72,7 +74,7 @@ def color_points(
         at = pixels[candidates] * [reduced.width / camera.width, reduced.height / camera.height]
         column = np.clip(at[:, 0].astype(int), 0, reduced.width - 1)
         row = np.clip(at[:, 1].astype(int), 0, reduced.height - 1)
-        # The surface may slope by several pixels' footprints within one pixel of the depth map.
+        # Depth may vary by several pixel footprints within one pixel of the depth map where the surface is slanted.
         slack = 2.0 * depth[candidates] / reduced.fx / np.maximum(facing[candidates], 0.2)
         candidates = candidates[depth[candidates] <= surface[row, column] + slack]
         if len(candidates) == 0:
@@ -82,7 +84,7 @@ def color_points(
         color = _bilinear(view.image, pixels[candidates]) / 255.0
         seen[candidates] += 1
         score = (facing**2 * camera.fx / np.maximum(depth, 1e-12)).astype(np.float32)[candidates]
-        # Insert into the ranking, pushing worse ones down.
+        # Insert into the ranking and shift worse views down.
         for rank in range(best):
             better = score > scores[rank, candidates]
             held_score, held_color = scores[rank, candidates], found[rank, candidates]

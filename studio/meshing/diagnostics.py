@@ -1,4 +1,4 @@
-"""Why a hull is empty: which cameras' masks do not go together with the others'."""
+"""Why a visual hull is empty: which cameras' masks disagree with the others."""
 
 from __future__ import annotations
 
@@ -11,43 +11,58 @@ from studio.meshing.silhouettes import Silhouettes
 
 
 def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, min_views: int) -> NoReturn:
-    """Name the cameras that refuse the points on which most of the others agree.
+    """Name the cameras that reject the points on which most of the others agree.
 
     Args:
         shapes: the silhouettes.
-        points: (N, 3) float32 world points that cover where the hull should be.
-        slack: how far outside a silhouette cone a point may be to count as accepted, world units.
+        points: (N, 3) float32 world points that cover the expected hull.
+        slack: how far outside a silhouette cone a point may be and still count as accepted, world units.
         min_views: how many cameras must see a point of the hull.
 
     Raises:
-        StudioError: always.
+        StudioError: always. `hull.no_overlap`: no point is seen by enough cameras; `hull.masks_disagree`: the field
+            `cameras` names the cameras to check.
     """
-    refused, seen = [], []
+    rejections, visible = [], []
     for index in range(len(shapes)):
-        value, sees = shapes.distance(index, points)
-        refused.append(sees & (value < -slack))
-        seen.append(sees)
-    refusal, sight = torch.stack(refused), torch.stack(seen)
-    views = sight.sum(0)
+        value, seen = shapes.distance(index, points)
+        rejections.append(seen & (value < -slack))
+        visible.append(seen)
+    rejected, sees = torch.stack(rejections), torch.stack(visible)
+    views = sees.sum(0)
     count = len(shapes)
-    if int(views.max()) < min_views:
+    most = int(views.max())
+    if most < min_views:
         raise StudioError(
-            f"The visual hull is empty: no point is seen by more than {int(views.max())} of {count} cameras "
-            f"where {min_views} are needed; check the camera poses (or lower min_view_share)."
+            "hull.no_overlap",
+            f"The visual hull is empty: no point is seen by more than {most} of {count} cameras, but {min_views} are "
+            "required",
+            value=most,
+            fix="Check the camera poses, or lower initialize.min_view_share.",
+            expected=min_views,
+            setting="initialize.min_view_share",
         )
-    agreement = (sight & ~refusal).sum(0).float() / views.clamp_min(1)
+    agreement = (sees & ~rejected).sum(0).float() / views.clamp_min(1)
     agreement[views < min_views] = -1
     top = agreement >= agreement.max() - 1e-6
-    share = refusal[:, top].float().mean(1)
-    blamed = [shapes.names[i] for i in torch.argsort(share, descending=True).tolist() if share[i] > 0.25]
+    share = rejected[:, top].float().mean(1)
+    outliers = [shapes.names[i] for i in torch.argsort(share, descending=True).tolist() if share[i] > 0.25]
     empty = [name for name, box in zip(shapes.names, shapes.boxes, strict=True) if box is None]
-    hint = f" ({', '.join(empty)} empty)" if empty else ""
-    if len(blamed) > count // 2 or not blamed:
+    hint = f" (empty masks: {', '.join(empty)})" if empty else ""
+    if len(outliers) > count // 2 or not outliers:
+        cameras = outliers or shapes.names
         raise StudioError(
-            f"The visual hull is empty: the masks of {', '.join(blamed or shapes.names)} agree on no common "
-            f"volume{hint}; check the camera poses and the masks."
+            "hull.masks_disagree",
+            f"The visual hull is empty: the masks of {', '.join(cameras)} have no common volume{hint}",
+            fix="Check the camera poses and the masks.",
+            cameras=tuple(cameras),
+            empty=tuple(empty),
         )
     raise StudioError(
-        f"The visual hull is empty: the masks of {', '.join(blamed)}{hint} disagree with those of the other "
-        f"{count - len(blamed)} cameras; mend these masks or leave these cameras out."
+        "hull.masks_disagree",
+        f"The visual hull is empty: the masks of {', '.join(outliers)}{hint} disagree with those of the other "
+        f"{count - len(outliers)} cameras",
+        fix="Fix these masks, or exclude these cameras.",
+        cameras=tuple(outliers),
+        empty=tuple(empty),
     )

@@ -1,12 +1,12 @@
-"""The visual hull: the part of space that all masks agree on.
+"""The visual hull: the part of space that is inside all masks.
 
-Coarse to fine: a cube that holds the whole rig is cut into cells; a cell that lies for certain outside the
-silhouettes of more cameras than tolerated is thrown away, the others are cut again. What is left gives the bounds of a
-voxel grid, on which the signed distance to the hull is evaluated in a band about its surface. Nothing is assumed about
+Coarse to fine: a cube that contains the whole rig is split into cells. A cell that is certainly outside the silhouettes
+of more cameras than tolerated is discarded, the others are split again. The remaining cells give the bounds of a voxel
+grid, on which the signed distance to the hull is evaluated in a band around its surface. Nothing is assumed about
 units, orientation or size of the scene.
 
-One bad mask must not carve a limb away, and yet demanding less than agreement of all cameras makes every hull fatter.
-So the hull is carved strictly and afterwards voted on (`studio.meshing.outlier_masks`).
+One bad mask must not carve a limb away, but tolerating outliers everywhere would inflate every hull. So the hull is
+carved strictly, and outlier masks are corrected afterwards (`studio.meshing.outlier_masks`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from studio.errors import StudioError
 from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.silhouettes import Silhouettes
+from studio.rays import nearest_point_to_rays
 
 _CHUNK = 1 << 18
 
@@ -30,54 +30,21 @@ Tick = Callable[[], None]
 
 
 def no_tick() -> None:
-    """A `Tick` that tells nobody."""
-
-
-@dataclass(frozen=True)
-class HullSettings:
-    """How to carve.
-
-    Attributes:
-        resolution: voxels along the longest side of the hull; fewer where pixels are coarser than that.
-        tolerance: share of the cameras (0..0.5) whose masks may be outvoted by the others (at least one camera
-            where there are four or more; 0 turns the vote off).
-        min_view_share: share of the cameras (0..1) that must have a point in their image for it to be part of the
-            hull, at least two cameras. None: one half, and less where that leaves mattes unexplained.
-        smoothing: standard deviation in voxels of the Gaussian that the field is smoothed with; 0 = none.
-    """
-
-    resolution: int = 192
-    tolerance: float = 0.1
-    min_view_share: float | None = None
-    smoothing: float = 0.7
-
-    def __post_init__(self) -> None:
-        for name, low, high in (("resolution", 16, 1024), ("tolerance", 0, 0.5), ("smoothing", 0, 10)):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise StudioError(f"The hull's {name} is {value}; it must lie in {low}..{high}.")
-        if self.min_view_share is not None and not 0 <= self.min_view_share <= 1:
-            raise StudioError(f"The hull's min_view_share is {self.min_view_share}; it must lie in 0..1.")
-
-    def outvoted(self, cameras: int) -> int:
-        """How many cameras of a rig may be outvoted."""
-        if self.tolerance == 0 or cameras < 4:
-            return 0
-        return max(1, round(self.tolerance * cameras))
+    """A `Tick` that does nothing."""
 
 
 @dataclass
 class Hull:
-    """A signed-distance field on a voxel grid.
+    """A signed distance field on a voxel grid.
 
     Attributes:
-        field: (Z, Y, X) float32, world units, positive inside, cut off at +-`band`; border voxels are outside.
+        field: (Z, Y, X) float32, world units, positive inside, clamped to +-`band`; border voxels are outside.
         origin: (3,) float64 world position of the center of voxel [0, 0, 0].
-        voxel: edge length of a voxel in world units.
-        band: distance at which the field is cut off.
-        min_views: cameras that had to see a point.
-        restored: voxels given back because the cameras that refused them were outvoted.
-        outvoted: how many voxels each camera wanted carved that were given back, by name.
+        voxel: edge length of a voxel, world units.
+        band: distance to which the field is clamped, world units.
+        min_views: how many cameras had to see a point.
+        restored: number of voxels restored because the cameras that rejected them are outliers.
+        outliers: camera name to the number of restored voxels that it had rejected.
     """
 
     field: np.ndarray
@@ -86,15 +53,15 @@ class Hull:
     band: float
     min_views: int
     restored: int = 0
-    outvoted: dict[str, int] = dataclasses.field(default_factory=dict)
+    outliers: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def volume(self) -> float:
-        """World units cubed."""
+        """Volume in cubic world units."""
         return float((self.field > 0).sum()) * self.voxel**3
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Lower and upper corner (3,) of what may be inside, one voxel wider; None where nothing may."""
+        """Lower and upper corner (3,) of the voxels that may be inside, plus one voxel; None if there are none."""
         near = self.field > -self.voxel
         low, high = np.zeros(3), np.zeros(3)
         for axis in range(3):
@@ -106,13 +73,13 @@ class Hull:
         return low, high
 
     def points(self, index: np.ndarray) -> np.ndarray:
-        """World positions (N, 3) float64 of voxels given as flat indices (N,)."""
+        """World positions (N, 3) float64 of the voxels with flat indices (N,)."""
         z, y, x = np.unravel_index(index, self.field.shape)
         return self.origin + self.voxel * np.stack([x, y, z], 1)
 
 
 def _cells(parents: torch.Tensor, size: float, split: int) -> torch.Tensor:
-    """Centers (N * split^3, 3) of the cells that cubes with centers (N, 3) and edge `size` are cut into."""
+    """Centers (N * split^3, 3) of the cells that cubes with centers (N, 3) and edge `size` are split into."""
     steps = ((torch.arange(split, dtype=torch.float32) + 0.5) / split - 0.5) * size
     offsets = torch.cartesian_prod(steps, steps, steps)
     return (parents[:, None] + offsets[None]).reshape(-1, 3)
@@ -121,29 +88,29 @@ def _cells(parents: torch.Tensor, size: float, split: int) -> torch.Tensor:
 def _keep(
     shapes: Silhouettes, centers: torch.Tensor, size: float, allowed: int, min_views: int, tick: Tick = no_tick
 ) -> torch.Tensor:
-    """(N,) bool: cells that may hold a part of the hull."""
+    """(N,) bool: cells that may contain a part of the hull."""
     kept = torch.empty(len(centers), dtype=torch.bool)
     radius = size * math.sqrt(3) / 2
     for start in range(0, len(centers), _CHUNK):
         part = centers[start : start + _CHUNK]
         tick()
         alive = torch.arange(len(part))
-        refusals = torch.zeros(len(part), dtype=torch.int16)
+        rejections = torch.zeros(len(part), dtype=torch.int16)
         views = torch.zeros(len(part), dtype=torch.int16)
         for index in range(len(shapes)):
-            refused, seen = shapes.touches(index, part[alive], radius)
-            refusals[alive] += refused
+            rejected, seen = shapes.touches(index, part[alive], radius)
+            rejections[alive] += rejected
             views[alive] += seen
-            # Cells already lost need not be asked again.
-            alive = alive[refusals[alive] <= allowed]
+            # Skip cells that are already discarded.
+            alive = alive[rejections[alive] <= allowed]
             if len(alive) == 0:
                 break
-        kept[start : start + _CHUNK] = (refusals <= allowed) & (views >= min_views)
+        kept[start : start + _CHUNK] = (rejections <= allowed) & (views >= min_views)
     return kept
 
 
 def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
-    """Center and edge of a cube that holds everything the cameras could look at."""
+    """Center (3,) and edge of a cube that contains everything the cameras may look at."""
     origins, directions = [], []
     for camera, box in zip(shapes.cameras, shapes.boxes, strict=True):
         if box is None:
@@ -153,35 +120,33 @@ def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
         origins.append(camera.center)
         directions.append(ray / np.linalg.norm(ray))
     at, to = np.array(origins), np.array(directions)
-    everyone = np.array([camera.center for camera in shapes.cameras])
-    spread = np.linalg.norm(everyone - everyone.mean(0), axis=1).max()
-    # Robust nearest point to all rays: least squares, weights against a mask whose middle is far off.
+    centers = np.array([camera.center for camera in shapes.cameras])
+    spread = np.linalg.norm(centers - centers.mean(0), axis=1).max()
+    # Nearest point to all rays, reweighted against masks whose center is far off.
     weights = np.ones(len(at))
-    center = everyone.mean(0)
+    center = centers.mean(0)
     for _ in range(10):
-        projectors = weights[:, None, None] * (np.eye(3)[None] - to[:, :, None] * to[:, None, :])
-        matrix, right = projectors.sum(0), np.einsum("cij,cj->i", projectors, at)
-        center = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+        center = nearest_point_to_rays(at, to, weights)
         away = center - at
         error = np.linalg.norm(away - (away * to).sum(1, keepdims=True) * to, axis=1)
         weights = 1 / np.maximum(error, 1e-3 * max(spread, 1e-12))
-    reach = np.linalg.norm(everyone - center, axis=1).max()
+    reach = np.linalg.norm(centers - center, axis=1).max()
     return center, 2.0 * float(max(reach, spread, 1e-9))
 
 
 def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of what the masks agree on.
+    """Bounds of the volume that the masks agree on.
 
     Args:
         shapes: the silhouettes.
-        allowed: how many cameras may refuse a point.
-        min_views: how many must see it.
+        allowed: how many cameras may reject a point.
+        min_views: how many cameras must see it.
 
     Returns:
-        lower, upper: (3,) float64 corners, a few percent too wide.
+        lower and upper corner, (3,) float64, a few percent too wide.
 
     Raises:
-        StudioError: nothing is left; says which cameras' masks disagree.
+        StudioError: nothing is left; see `raise_disagreement`.
     """
     center, edge = _start(shapes)
     cells = torch.from_numpy(center[None].astype(np.float32))
@@ -196,7 +161,7 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
         cells = kept
         low, high = cells.amin(0) - edge / 2, cells.amax(0) + edge / 2
         longest = float((high - low).max())
-        # Large cells reach beyond the images and so survive; go on until the bounds have settled.
+        # Large cells extend beyond the images and so are kept; continue until the bounds converge.
         if (longest > 48 * edge and longest > 0.9 * before) or len(cells) > 200_000:
             break
         before = longest
@@ -206,9 +171,9 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
 def _evaluate(
     shapes: Silhouettes, points: torch.Tensor, allowed: int, min_views: int, band: float, tick: Tick
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Strict field values (N,) cut off at +-band, and (N,) bool: refused by no more cameras than allowed."""
+    """Strict field values (N,) clamped to +-band, and (N,) bool: rejected by no more cameras than allowed."""
     strict, tolerated = torch.empty(len(points)), torch.empty(len(points), dtype=torch.bool)
-    # Neighboring cameras say much the same: ask by turns around the rig, so that what is outside is lost early.
+    # Neighboring cameras are redundant: visit them in strides around the rig to discard outside points early.
     stride = max(1, round(len(shapes) * 0.382))
     while math.gcd(stride, len(shapes)) > 1:
         stride += 1
@@ -217,22 +182,22 @@ def _evaluate(
         part = points[start : start + _CHUNK]
         tick()
         least = torch.full((len(part),), band)
-        refusals = torch.zeros(len(part), dtype=torch.int16)
+        rejections = torch.zeros(len(part), dtype=torch.int16)
         views = torch.zeros(len(part), dtype=torch.int16)
         alive = torch.arange(len(part))
         for turn, index in enumerate(order):
             value, seen = shapes.distance(index, part[alive])
             value = torch.where(seen, value.clamp(-band, band), band)
             least[alive] = torch.minimum(least[alive], value)
-            refusals[alive] += value <= 0
+            rejections[alive] += value <= 0
             views[alive] += seen
             if turn % 4 == 3:
-                alive = alive[(refusals[alive] <= allowed) | (least[alive] > -band)]
-        # Points given up early were seen and refused often enough.
-        few = (views < min_views) & (refusals <= allowed)
+                alive = alive[(rejections[alive] <= allowed) | (least[alive] > -band)]
+        # Points discarded early were seen and rejected often enough.
+        few = (views < min_views) & (rejections <= allowed)
         least[few] = -band
         strict[start : start + _CHUNK] = least
-        tolerated[start : start + _CHUNK] = (refusals <= allowed) & ~few
+        tolerated[start : start + _CHUNK] = (rejections <= allowed) & ~few
     return strict, tolerated
 
 
@@ -245,18 +210,18 @@ def carve(
     min_views: int,
     tick: Tick = no_tick,
 ) -> tuple[Hull, np.ndarray]:
-    """Carve within bounds.
+    """Carve the hull within bounds.
 
     Args:
         shapes: the silhouettes.
         bounds: lower and upper corner, (3,) each, world units.
-        resolution: voxels along the longest side, fewer where pixels are coarser.
-        allowed: how many cameras may be outvoted.
+        resolution: voxels along the longest side; fewer if pixels are coarser.
+        allowed: how many cameras may be outliers.
         min_views: how many cameras must see a point.
-        tick: called often.
+        tick: called often; may raise `Cancelled`.
 
     Returns:
-        the strict hull, and (Z, Y, X) bool on the same grid: refused by no more cameras than allowed.
+        the strict hull, and (Z, Y, X) bool on the same grid: rejected by no more cameras than allowed.
     """
     low, high = bounds
     middle = (low + high) / 2
@@ -268,7 +233,7 @@ def carve(
             ]
         )
     )
-    # Voxels smaller than half a pixel's footprint hold nothing new.
+    # Voxels smaller than half a pixel's footprint add no detail.
     voxel = max(float((high - low).max()) / resolution, 0.5 * footprint)
     block = 8
     counts = np.maximum(np.ceil((high - low + 4 * voxel) / (block * voxel)).astype(int), 1)
@@ -277,7 +242,7 @@ def carve(
     blocks = torch.cartesian_prod(*axes).to(torch.int64)  # (N, 3) x, y, z
     base = torch.from_numpy(corner.astype(np.float32))
     size = block
-    # A cell is kept while some part of it, or of the band about it, may be inside.
+    # A cell is kept while a part of it, or of the band around it, may be inside.
     band = 3.0 * voxel
     while True:
         centers = base + (blocks.float() + 0.5) * (size * voxel)
@@ -286,7 +251,7 @@ def carve(
             break
         size //= 2
         blocks = _voxels(blocks, 2)
-    # Cells wholly within need no look at their voxels.
+    # Voxels of cells that are entirely inside need no evaluation.
     centers = base + (blocks.float() + 0.5) * (size * voxel)
     reach = 1.2 * (size * voxel * math.sqrt(3) / 2 + band)
     whole = _evaluate(shapes, centers, allowed, min_views, reach, tick)[0] >= reach

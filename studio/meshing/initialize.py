@@ -1,4 +1,4 @@
-"""Masks to colored points: the start of training."""
+"""Colored points from masks, to initialize training."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from studio.errors import Message
 from studio.meshing.coloring import color_points
-from studio.meshing.hull import HullSettings
 from studio.meshing.sampling import sample_surface
+from studio.meshing.settings import InitializeSettings
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews
 from studio.meshing.visual_hull import visual_hull
@@ -17,21 +18,26 @@ from studio.progress import ProgressFn, no_progress
 from studio.views import ViewLike
 
 _DISAGREEMENT = 0.12
-"""Masks that are right leave 0.01 to 0.05 (exact mattes, clean plates); 0.12 to 0.19 was measured where shadows were
-taken for the performer, or only a median of the footage told him from the room."""
+"""Warn above this. Correct masks leave 0.01 to 0.05 (exact mattes, clean plates); 0.12 to 0.19 was measured where
+shadows were classified as performer, or with a background estimated from the footage."""
+_MIN_OUTLIER_SHARE = 0.002
+"""Warn above this share of the hull."""
 
 
 @dataclass
 class InitResult:
-    """What training starts from.
+    """Initialization of one frame.
 
     Attributes:
         mesh: surface of the visual hull.
-        points: (N, 3) float32 on it; normals (N, 3) float32 unit; colors (N, 3) float32 0..1.
-        disagreement: a camera each, 0..1: 1 - IoU of the hull's silhouette and the mask; above about 0.12 the mask
-            or the pose of that camera deserves a look.
-        views_per_point: (N,) int: how many cameras saw each point.
-        warnings: sentences for the user: cameras whose masks were outvoted or disagree.
+        points: (N, 3) float32 points on the surface.
+        normals: (N, 3) float32 unit normals.
+        colors: (N, 3) float32 in 0..1.
+        disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1. Above about 0.12 the mask or
+            the pose of that camera should be checked.
+        views_per_point: (N,) int32, how many cameras see each point.
+        warnings: `hull.mask_mismatch` per camera whose disagreement is high and `hull.outlier_mask` per camera whose
+            mask was corrected, with the field `camera`.
     """
 
     mesh: Mesh
@@ -40,36 +46,33 @@ class InitResult:
     colors: np.ndarray
     disagreement: dict[str, float]
     views_per_point: np.ndarray
-    warnings: list[str]
+    warnings: list[Message]
 
 
 def initialize_points(
     views: Sequence[ViewLike],
-    n_points: int = 50_000,
+    settings: InitializeSettings | None = None,
     *,
-    settings: HullSettings | None = None,
-    max_faces: int = 100_000,
     seed: int = 0,
     progress: ProgressFn = no_progress,
 ) -> InitResult:
-    """Colored points on the visual hull of one moment.
+    """Colored points on the visual hull of one frame.
 
     Args:
-        views: pinhole views of the moment with image and matte.
-        n_points: how many points to sample.
-        settings: how to carve.
-        max_faces: upper bound of the mesh's faces.
+        views: pinhole views of the frame, with image and matte.
+        settings: of hull, mesh and sampling; None: the defaults.
         seed: of the sampling; the same inputs and seed give the same points.
         progress: called often; may raise `Cancelled`.
 
     Returns:
-        mesh, points, normals, colors and how far the cameras disagree.
+        mesh, points, normals, colors and the disagreement of the cameras.
 
     Raises:
         StudioError: see `visual_hull`.
     """
-    result = visual_hull(views, settings, max_faces=max_faces, progress=part_of(progress, 0, 70))
-    points, normals = sample_surface(result.mesh, n_points, seed=seed)
+    settings = settings or InitializeSettings()
+    result = visual_hull(views, settings, progress=part_of(progress, 0, 70))
+    points, normals = sample_surface(result.mesh, settings.points, seed=seed)
     colors, seen = color_points(
         points,
         normals,
@@ -78,13 +81,25 @@ def initialize_points(
         progress=part_of(progress, 70, 100),
     )
     warnings = [
-        f"Camera '{name}': the hull's silhouette and its mask differ by {value:.0%}; look at its mask and pose."
+        Message(
+            "hull.mask_mismatch",
+            f"Camera '{name}': the hull's silhouette and the mask differ by {value:.0%}",
+            value=value,
+            fix="Check the mask and the camera pose.",
+            fields={"camera": name},
+        )
         for name, value in result.disagreement.items()
         if value > _DISAGREEMENT
     ]
     warnings += [
-        f"Camera '{name}': its mask misses {value:.1%} of the volume that the other cameras agree on; it was outvoted."
-        for name, value in result.outvoted.items()
-        if value > 0.002
+        Message(
+            "hull.outlier_mask",
+            f"Camera '{name}': the mask lacks {value:.1%} of the volume that the other cameras agree on; it was "
+            "ignored there",
+            value=value,
+            fields={"camera": name},
+        )
+        for name, value in result.outlier_shares.items()
+        if value > _MIN_OUTLIER_SHARE
     ]
     return InitResult(result.mesh, points, normals, colors, result.disagreement, seen, warnings)

@@ -1,4 +1,4 @@
-"""Points on a mesh, evenly spread, the same for the same seed."""
+"""Evenly distributed points on a mesh, reproducible for a seed."""
 
 from __future__ import annotations
 
@@ -11,25 +11,29 @@ from studio.meshing.surface import Mesh
 def sample_surface(mesh: Mesh, count: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Sample points by area.
 
-    The total area is cut into `count` equal shares along the list of faces and one point is drawn from each
-    (stratified sampling), which spreads points more evenly than independent draws and needs no neighbor search.
+    The total area is divided into `count` equal parts along the list of faces and one point is drawn from each
+    (stratified sampling). Points are distributed more evenly than by independent draws, without a neighbor search.
 
     Args:
-        mesh: not empty.
+        mesh: the surface.
         count: how many points, at least 1.
         seed: the same seed gives the same points.
 
     Returns:
-        points (count, 3) float32 and unit normals (count, 3) float32, interpolated between the vertices.
+        points (count, 3) float32, and unit normals (count, 3) float32 interpolated between the vertices.
 
     Raises:
-        StudioError: the mesh has no area or count is below 1.
+        StudioError: `mesh.point_count`: `count` is below 1; `mesh.no_area`.
     """
     if count < 1:
-        raise StudioError(f"{count} points asked for; at least 1 is needed.")
+        raise StudioError(
+            "mesh.point_count", f"The number of points is {count}", value=count, fix="It must be at least 1."
+        )
     total = np.cumsum(mesh.areas)
     if len(total) == 0 or not total[-1] > 0:
-        raise StudioError("The mesh has no area to sample points from; check the masks and the cameras.")
+        raise StudioError(
+            "mesh.no_area", "The mesh has no area to sample points from", fix="Check the masks and the camera poses."
+        )
     random = np.random.default_rng(seed)
     place = (np.arange(count) + random.random(count)) / count * total[-1]
     face = np.minimum(np.searchsorted(total, place, side="right"), len(total) - 1)

@@ -1,9 +1,9 @@
-"""Silhouettes as signed distances: what every mask says about a point in space.
+"""Silhouettes as signed distance maps.
 
 A mask (matte) becomes a map of signed distances in pixels: positive inside the silhouette, negative outside, zero on
-its outline (at sub-pixel accuracy where the matte has soft edges). Multiplied by depth / focal length it tells how far
-in world units a point is from the viewing cone of that silhouette. The map also answers the question "can a ball of
-this radius touch the silhouette" without looking at more than one pixel, which is what coarse-to-fine carving needs.
+its outline (with subpixel accuracy where the matte has soft edges). Multiplied by depth / focal length, it is the
+distance in world units of a point from the silhouette's viewing cone. A single pixel of the map also tells whether a
+ball of a given radius can touch the silhouette, which coarse-to-fine carving needs.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ def signed_distance(matte: np.ndarray) -> np.ndarray:
     """Signed distance of every pixel center to the outline of a matte.
 
     Args:
-        matte: (H, W) uint8, 0 = background, 255 = foreground; the outline is where it passes one half.
+        matte: (H, W) uint8, 0 = background, 255 = foreground; the outline is where it crosses one half.
 
     Returns:
-        (H, W) float32 in pixels, positive inside. Without any foreground (background) every value is minus (plus)
-        the image diagonal.
+        (H, W) float32 in pixels, positive inside. Without foreground (background) all values are minus (plus) the
+        image diagonal.
     """
     import cv2
 
@@ -38,55 +38,85 @@ def signed_distance(matte: np.ndarray) -> np.ndarray:
         return np.full(matte.shape, -diagonal, np.float32)
     if inside.all():
         return np.full(matte.shape, diagonal, np.float32)
-    # distanceTransform measures to the nearest pixel center of the other kind; the outline lies half a pixel before.
+    # distanceTransform measures to the nearest pixel center of the other class; the outline is half a pixel closer.
     within = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)
     beyond = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_5)
     distance = np.where(inside > 0, within - 0.5, 0.5 - beyond).astype(np.float32)
-    # On the outline itself the coverage of the pixel is the better measure.
+    # On the outline itself the coverage of the pixel is more accurate.
     edge = np.abs(distance) < 0.75
     coverage = matte.astype(np.float32) / 255.0 - 0.5
     return np.where(edge, np.where(inside > 0, np.minimum(coverage, 0.5), np.maximum(coverage, -0.5)), distance)
 
 
 class Silhouettes:
-    """Signed-distance maps of all views, at a size that bounds memory.
+    """Signed distance maps of all views, with bounded memory.
 
     Args:
-        views: at least two views with pinhole cameras. Each is read once, so a lazy sequence is fine.
-        max_pixels: upper bound of all maps together; larger mattes are reduced (4 bytes a pixel).
+        views: at least two views with pinhole cameras. Each is read once, so a lazy sequence works.
+        max_pixels: upper limit for all maps together, at 4 bytes per pixel; larger mattes are reduced.
+        progress: called per view; may raise `Cancelled`.
+
+    Attributes:
+        names: the cameras' names.
+        cameras: cameras reduced to the size of the maps.
+        maps: (1, 1, h, w) float32 per camera: signed distance in pixels of the reduced image.
+        boxes: (4,) float64 left, top, right, bottom of the foreground in reduced pixels; None for an empty mask.
+        mattes: (h, w) uint8 reduced mattes.
+        footprints: focal lengths in full-size pixels; a pixel covers depth / footprint.
 
     Raises:
-        StudioError: fewer than two views, a camera with lens distortion, a matte of another size than its camera,
-            or no mask with any foreground at all.
+        StudioError: `hull.too_few_cameras`, `hull.lens_distortion`, `hull.mask_size`, or `hull.empty_masks`: no mask
+            has any foreground.
     """
 
     def __init__(
         self, views: Sequence[ViewLike], *, max_pixels: float = 60e6, progress: ProgressFn = no_progress
     ) -> None:
         if len(views) < 2:
-            raise StudioError(f"A visual hull needs at least two cameras, found {len(views)}; add cameras.")
+            raise StudioError(
+                "hull.too_few_cameras",
+                f"A visual hull needs at least two cameras, found {len(views)}",
+                value=len(views),
+                fix="Add cameras.",
+                expected=2,
+            )
         self.names: list[str] = []
-        self.cameras: list[Camera] = []  # reduced to the size of the maps
-        self.maps: list[torch.Tensor] = []  # (1, 1, h, w) signed distance in pixels of the reduced image
-        self.boxes: list[np.ndarray | None] = []  # (4,) left, top, right, bottom of the foreground, reduced pixels
-        self.mattes: list[np.ndarray] = []  # (h, w) uint8 reduced
-        self.footprints: list[float] = []  # full-size focal length in pixels: a pixel covers depth / this
+        self.cameras: list[Camera] = []
+        self.maps: list[torch.Tensor] = []
+        self.boxes: list[np.ndarray | None] = []
+        self.mattes: list[np.ndarray] = []
+        self.footprints: list[float] = []
         budget = max_pixels / len(views)
         for index, view in enumerate(views):
             self._add(view.camera, view.matte, budget)
             progress(index + 1, len(views))
         if all(box is None for box in self.boxes):
-            raise StudioError(f"The masks of all {len(views)} cameras are empty: check how the capture is masked.")
+            raise StudioError(
+                "hull.empty_masks",
+                f"The masks of all {len(views)} cameras are empty",
+                fix="Check capture.masks.",
+                setting="capture.masks",
+            )
 
     def _add(self, camera: Camera, matte: np.ndarray, budget: float) -> None:
         import cv2
 
         if not camera.is_pinhole:
-            raise StudioError(f"Camera '{camera.name}' has lens distortion: undistort its images before meshing.")
+            raise StudioError(
+                "hull.lens_distortion",
+                f"Camera '{camera.name}' has lens distortion",
+                fix="Undistort its images before meshing.",
+                camera=camera.name,
+            )
         if matte.shape != (camera.height, camera.width):
             raise StudioError(
-                f"Camera '{camera.name}': the mask is {matte.shape[1]}x{matte.shape[0]} but the camera says "
-                f"{camera.width}x{camera.height}; give masks of the image's size."
+                "hull.mask_size",
+                f"Camera '{camera.name}': the mask is {matte.shape[1]}x{matte.shape[0]}, but the camera "
+                f"{camera.width}x{camera.height}",
+                value=(matte.shape[1], matte.shape[0]),
+                fix="Masks must have the size of the images.",
+                camera=camera.name,
+                expected=(camera.width, camera.height),
             )
         factor = min(1.0, float(np.sqrt(budget / matte.size)))
         reduced = camera
@@ -110,7 +140,7 @@ class Silhouettes:
         return len(self.cameras)
 
     def without(self, names: Collection[str]) -> Silhouettes:
-        """The same, some cameras left out; the maps are shared."""
+        """A copy without some cameras; the maps are shared."""
         kept = [index for index, name in enumerate(self.names) if name not in names]
         result = copy.copy(self)
         for part in ("names", "cameras", "maps", "boxes", "mattes", "footprints"):
@@ -118,7 +148,7 @@ class Silhouettes:
         return result
 
     def project(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Pixels (N, 2) and depths (N,) of world points (N, 3) float32 in the reduced image of one camera."""
+        """Project world points (N, 3) float32: pixels (N, 2) in the reduced image of one camera, and depths (N,)."""
         camera = self.cameras[index]
         matrix = torch.from_numpy((camera.K @ camera.world_to_camera[:3]).astype(np.float32))
         local = points @ matrix[:, :3].T + matrix[:, 3]
@@ -126,15 +156,15 @@ class Silhouettes:
         return local[:, :2] / depth.clamp_min(1e-9)[:, None], depth
 
     def distance(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """How far points lie inside one camera's silhouette cone.
+        """Signed distance of points to one camera's silhouette cone.
 
         Args:
-            index: the camera.
+            index: of the camera.
             points: (N, 3) float32 world coordinates.
 
         Returns:
-            distance (N,) float32 in world units, positive inside, from bilinear samples of the map;
-            seen (N,) bool: the point lies before the camera and within its image.
+            distance (N,) float32 in world units, positive inside, sampled bilinearly from the map; seen (N,) bool: the
+            point is in front of the camera and inside its image.
         """
         camera = self.cameras[index]
         pixels, depth = self.project(index, points)
@@ -146,25 +176,25 @@ class Silhouettes:
         return sampled * (depth / (0.5 * (camera.fx + camera.fy))), seen
 
     def touches(self, index: int, points: torch.Tensor, radius: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Whether balls about points may touch one camera's silhouette cone: never wrongly false.
+        """Conservative test of whether balls may touch one camera's silhouette cone.
 
         Args:
-            index: the camera.
-            points: (N, 3) float32 centers.
+            index: of the camera.
+            points: (N, 3) float32 centers, world coordinates.
             radius: of the balls, world units.
 
         Returns:
-            refused (N,) bool: the whole ball lies in the image and outside the silhouette, for certain;
-            seen (N,) bool: some part of the ball may lie in the image.
+            rejected (N,) bool: the whole ball is certainly inside the image and outside the silhouette; seen (N,)
+            bool: a part of the ball may be inside the image.
         """
         camera = self.cameras[index]
         pixels, depth = self.project(index, points)
         focal = max(camera.fx, camera.fy)
-        # A ball off the axis projects to an ellipse, longest by 1 / cos of its angle; slack for the 5x5 transform.
+        # Off the axis a ball projects to an ellipse, elongated by 1 / cos of its angle; margin for the 5x5 transform.
         away = (pixels - torch.tensor([camera.cx, camera.cy], dtype=torch.float32)) / focal
         stretch = (1 + (away * away).sum(-1)).sqrt()
         reach = focal * radius / (depth - radius).clamp_min(1e-9) * stretch * 1.05 + 1.5
-        # Distance to the nearest of the pyramid's four sides, positive inside.
+        # Distance to the nearest side of the viewing frustum, positive inside.
         planes = self._planes(index)
         margin = (points @ planes[:, :3].T + planes[:, 3]).amin(-1)
         seen = (margin > -radius) & (depth > -radius)
@@ -176,7 +206,7 @@ class Silhouettes:
         return whole & (value < -reach), seen
 
     def _planes(self, index: int) -> torch.Tensor:
-        """(4, 4) float32: inward unit normals and offsets in world coordinates of the image pyramid's sides."""
+        """(4, 4) float32: inward unit normals and offsets, in world coordinates, of the viewing frustum's sides."""
         camera = self.cameras[index]
         K = camera.K
         sides = np.stack([K[0], camera.width * K[2] - K[0], K[1], camera.height * K[2] - K[1]])

@@ -1,4 +1,4 @@
-"""From the hull's field to a clean triangle mesh, and what the mesh looks like from each camera."""
+"""Triangle mesh of a hull, and depth maps of a mesh."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from studio.meshing.hull import Hull
 
 
 def open3d() -> Any:
-    """The open3d module, imported when first needed; untyped, because its stubs know neither arrays nor strings."""
+    """The open3d module, imported on first use; untyped, because its stubs do not accept arrays and strings."""
     import open3d as module
 
     return module
@@ -24,18 +24,18 @@ def open3d() -> Any:
 
 @dataclass
 class Mesh:
-    """Triangles.
+    """A triangle mesh.
 
     Attributes:
         vertices: (V, 3) float64 world coordinates.
-        faces: (F, 3) int32, counter-clockwise seen from outside.
+        faces: (F, 3) int32 vertex indices, counterclockwise seen from outside.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
 
     def to_open3d(self) -> Any:
-        """The same as an `open3d.geometry.TriangleMesh`."""
+        """Convert to an `open3d.geometry.TriangleMesh`."""
         o3d = open3d()
 
         return o3d.geometry.TriangleMesh(
@@ -44,7 +44,7 @@ class Mesh:
 
     @classmethod
     def from_open3d(cls, mesh: Any) -> Mesh:
-        """From an `open3d.geometry.TriangleMesh`."""
+        """Convert from an `open3d.geometry.TriangleMesh`."""
         return cls(np.array(mesh.vertices, np.float64), np.array(mesh.triangles, np.int32))
 
     @property
@@ -70,7 +70,11 @@ class Mesh:
         return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
 
     def save(self, path: Path) -> None:
-        """Write as PLY, atomically."""
+        """Write a PLY file, atomically.
+
+        Raises:
+            StudioError: `mesh.unwritable`.
+        """
         o3d = open3d()
 
         path = Path(path)
@@ -78,7 +82,12 @@ class Mesh:
         temporary = path.with_name(f".{path.stem}.{os.getpid()}.ply")
         try:
             if not o3d.io.write_triangle_mesh(str(temporary), self.to_open3d(), print_progress=False):
-                raise StudioError(f"{path}: the mesh could not be written; check the disk and the permissions.")
+                raise StudioError(
+                    "mesh.unwritable",
+                    "cannot write the mesh",
+                    file=path,
+                    fix="Check the free disk space and the permissions of the folder.",
+                )
             os.replace(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)
@@ -88,20 +97,22 @@ class Mesh:
         """Read a mesh file (PLY, OBJ, ...).
 
         Raises:
-            StudioError: the file is missing or holds no triangles.
+            StudioError: `mesh.missing` or `mesh.unreadable`.
         """
         o3d = open3d()
 
         if not Path(path).is_file():
-            raise StudioError(f"{path}: there is no such mesh file.")
+            raise StudioError("mesh.missing", "mesh file not found", file=path)
         mesh = cls.from_open3d(o3d.io.read_triangle_mesh(str(path)))
         if len(mesh.faces) == 0:
-            raise StudioError(f"{path}: the file holds no readable triangles; make it again.")
+            raise StudioError(
+                "mesh.unreadable", "the file contains no readable triangles", file=path, fix="Create the file again."
+            )
         return mesh
 
 
 def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
-    """Gaussian smoothing of a (Z, Y, X) field, sigma in voxels; the border keeps its values."""
+    """Gaussian smoothing of a (Z, Y, X) float32 field with `sigma` voxels; border values are replicated."""
     if sigma <= 0:
         return field
     reach = max(1, round(3 * sigma))
@@ -109,7 +120,7 @@ def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
     taps /= taps.sum()
     volume = torch.from_numpy(np.ascontiguousarray(field))
     for axis in range(3):
-        # Shifted sums instead of conv3d: less memory, and faster on few cores.
+        # Shifted sums need less memory than conv3d, and are faster on few cores.
         padded = torch.movedim(volume, axis, 0)
         padded = torch.cat([padded[:1].expand(reach, -1, -1), padded, padded[-1:].expand(reach, -1, -1)])
         length = padded.shape[0] - 2 * reach
@@ -123,48 +134,48 @@ def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
 def extract_surface(
     hull: Hull, *, smoothing: float = 0.7, min_component: float = 0.01, max_faces: int = 100_000, taubin: int = 10
 ) -> Mesh:
-    """The surface of a hull.
+    """The surface of a hull: marching cubes, Taubin smoothing and quadric decimation.
 
     Args:
         hull: the field.
-        smoothing: of the field, in voxels.
-        min_component: components with less than this share of the largest one's area are dropped.
-        max_faces: decimated by quadric error above this.
-        taubin: passes of Taubin smoothing (it does not shrink the mesh).
+        smoothing: standard deviation in voxels of the field's Gaussian smoothing.
+        min_component: components below this share of the largest one's area are removed.
+        max_faces: larger meshes are decimated to this number of faces.
+        taubin: iterations of Taubin smoothing (which does not shrink the mesh).
 
     Returns:
-        a mesh with no loose vertices, normals outward; it may be empty (no voxel inside).
+        a mesh without unreferenced vertices, normals outward; empty if no voxel is inside.
     """
     o3d = open3d()
 
     field = smooth_field(hull.field, smoothing)
     if not (field > 0).any():
         return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-    # An exact zero on a voxel would give triangles without area.
+    # Exact zeros at voxels would produce degenerate triangles.
     field = np.where(np.abs(field) < 1e-6 * hull.voxel, np.float32(-1e-6 * hull.voxel), field)
     raw = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor(np.ascontiguousarray(field)), [0.0])
     vertices = raw.vertex.positions.numpy().astype(np.float64) * hull.voxel + hull.origin
     mesh = Mesh(vertices, raw.triangle.indices.numpy().astype(np.int32))
-    return _refined(_large_pieces(mesh, min_component), taubin, max_faces)
+    return _refined(_large_components(mesh, min_component), taubin, max_faces)
 
 
-def _large_pieces(mesh: Mesh, min_component: float) -> Mesh:
-    """The mesh without components of less than `min_component` of the largest one's area."""
+def _large_components(mesh: Mesh, min_component: float) -> Mesh:
+    """The mesh without components below `min_component` of the largest one's area."""
     o3d = open3d()
 
-    whole = mesh.to_open3d()
+    converted = mesh.to_open3d()
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        label, _, area = whole.cluster_connected_triangles()
+        label, _, area = converted.cluster_connected_triangles()
     label, area = np.asarray(label), np.asarray(area)
     if len(area) <= 1:
         return mesh
-    whole.remove_triangles_by_mask(area[label] < min_component * area.max())
-    whole.remove_unreferenced_vertices()
-    return Mesh.from_open3d(whole)
+    converted.remove_triangles_by_mask(area[label] < min_component * area.max())
+    converted.remove_unreferenced_vertices()
+    return Mesh.from_open3d(converted)
 
 
 def _refined(mesh: Mesh, taubin: int, max_faces: int) -> Mesh:
-    """Smoothed, decimated where it has more than `max_faces`, and manifold: PyMeshLab's filters."""
+    """The mesh, smoothed, decimated to `max_faces` and made manifold with PyMeshLab's filters."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet()
@@ -193,12 +204,12 @@ class MeshViews:
         )
 
     def depth(self, camera: Camera) -> np.ndarray:
-        """(H, W) float32: depth along the viewing axis at every pixel center, infinity where the mesh is not hit."""
+        """(H, W) float32 depth along the optical axis at every pixel center; infinity where no surface is hit."""
         o3d = open3d()
 
         columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
         local = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K).T
-        directions = local @ camera.rotation  # third component in camera axes is 1, so t is the depth
+        directions = local @ camera.rotation  # their third component in camera coordinates is 1, so t is the depth
         rays = np.empty((camera.height, camera.width, 6), np.float32)
         rays[..., :3] = camera.center
         rays[..., 3:] = directions

@@ -1,4 +1,4 @@
-"""Masks to the surface of their visual hull: how many cameras must agree, zooming in, the vote."""
+"""Visual hull and its surface from masks: chooses the required number of views and bounds, corrects outlier masks."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import torch
 
 from studio.errors import StudioError
 from studio.meshing.diagnostics import raise_disagreement
-from studio.meshing.hull import Hull, HullSettings, Tick, carve, locate
+from studio.meshing.hull import Hull, Tick, carve, locate
 from studio.meshing.outlier_masks import restore
+from studio.meshing.settings import InitializeSettings
 from studio.meshing.silhouettes import Silhouettes
 from studio.meshing.steps import part_of
 from studio.meshing.surface import Mesh, MeshViews, extract_surface
@@ -20,66 +21,65 @@ from studio.progress import ProgressFn, no_progress
 from studio.views import ViewLike
 
 _COMPARE_PIXELS = 120_000
-_COARSE = 96  # voxels along the longest side while looking for bounds
-_GROSS = 0.05  # outvoted on more than this share of the hull, a camera is left out
+_COARSE = 96  # voxels along the longest side while searching for bounds
+_COARSE_FACES = 100_000
+_GROSS = 0.05  # a camera that wrongly rejects more than this share of the hull is excluded
 
 
 @dataclass
 class HullResult:
-    """A carved hull and how well it explains the masks.
+    """A visual hull and how well it fits the masks.
 
     Attributes:
         hull: the field.
         mesh: its surface, never empty.
-        disagreement: a camera each, 0..1: 1 - IoU of the hull's silhouette and the mask.
-        uncovered: a camera each, 0..1: share of the mask that the hull leaves unexplained.
-        outvoted: a camera each: share of the hull's voxels which this camera's mask refused and was outvoted on; a
-            camera with more than 0.05 was left out.
+        disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1.
+        uncovered: camera name to the share of the mask that the hull does not cover, 0..1.
+        outlier_shares: camera name to the share of the hull's voxels that its mask wrongly rejects, 0..1; cameras above
+            0.05 were excluded.
     """
 
     hull: Hull
     mesh: Mesh
     disagreement: dict[str, float]
     uncovered: dict[str, float]
-    outvoted: dict[str, float]
+    outlier_shares: dict[str, float]
 
 
 def visual_hull(
     views: Sequence[ViewLike],
-    settings: HullSettings | None = None,
+    settings: InitializeSettings | None = None,
     *,
-    max_faces: int = 100_000,
     progress: ProgressFn = no_progress,
 ) -> HullResult:
-    """Carve the visual hull of one moment and take its surface.
+    """Carve the visual hull of one frame and extract its surface.
 
     Args:
-        views: at least two views with pinhole cameras; read once each (a lazy sequence is fine).
-        settings: how to carve.
-        max_faces: upper bound of the mesh's faces.
-        progress: called with steps done; may raise `Cancelled`.
+        views: at least two views with pinhole cameras; each is read once, so a lazy sequence works.
+        settings: of the hull; None: the defaults.
+        progress: called with percent; may raise `Cancelled`.
 
     Returns:
-        the hull, its mesh, and how far each camera disagrees.
+        the hull, its mesh, and the disagreement of each camera.
 
     Raises:
-        StudioError: too few views, unusable cameras or masks, or a hull that is empty: says whose masks disagree.
+        StudioError: unusable cameras or masks, see `Silhouettes`; or the hull is empty, see `raise_disagreement`.
     """
-    settings = settings or HullSettings()
+    settings = settings or InitializeSettings()
     shapes = Silhouettes(views, progress=part_of(progress, 0, 20))
 
     def at(step: int) -> Tick:
         return lambda: progress(step, 100)
 
-    coarse = _agree(shapes, settings, at(30))
-    outvoted = _outvoted(coarse.hull, shapes)
-    gross = [name for name, share in outvoted.items() if share > _GROSS]
+    coarse = _choose_min_views(shapes, settings, at(30))
+    shares = _outlier_shares(coarse.hull, shapes)
+    gross = [name for name, share in shares.items() if share > _GROSS]
     used = shapes
     if gross and len(shapes) - len(gross) >= 3:
-        # Where such a mask is wrong it was outvoted, but it cannot be trusted at the seams either.
+        # Such a mask was ignored where it is wrong, but is not reliable at the seams either.
         used = shapes.without(gross)
         coarse = _zoom(used, settings, min(coarse.hull.min_views, len(used)), at(50))
-    hull, mesh = _voted(
+    hull, mesh = _carve_corrected(
         used,
         coarse.bounds,
         settings.resolution,
@@ -87,25 +87,25 @@ def visual_hull(
         coarse.hull.min_views,
         at(70),
         settings.smoothing,
-        max_faces,
+        settings.max_faces,
     )
     if len(mesh.faces) == 0:
         _raise_empty(shapes, coarse.bounds, coarse.hull.min_views)
     _, disagreement, uncovered = _compare(mesh, shapes, at(95))
-    small = {name: share for name, share in _outvoted(hull, shapes).items() if name not in gross}
+    small = {name: share for name, share in _outlier_shares(hull, shapes).items() if name not in gross}
     progress(100, 100)
-    return HullResult(hull, mesh, disagreement, uncovered, {**outvoted, **small})
+    return HullResult(hull, mesh, disagreement, uncovered, {**shares, **small})
 
 
-def _outvoted(hull: Hull, shapes: Silhouettes) -> dict[str, float]:
-    """Share of the hull that each camera's mask refused in vain."""
+def _outlier_shares(hull: Hull, shapes: Silhouettes) -> dict[str, float]:
+    """Camera name to the share of the hull that its mask wrongly rejects."""
     inside = max(int((hull.field > 0).sum()), 1)
-    return {name: hull.outvoted.get(name, 0) / inside for name in shapes.names}
+    return {name: hull.outliers.get(name, 0) / inside for name in shapes.names}
 
 
 @dataclass
 class _Coarse:
-    """A hull at low resolution within bounds that fit it, and how it differs from the masks."""
+    """A hull at low resolution, its bounds, and its differences from the masks."""
 
     hull: Hull
     bounds: tuple[np.ndarray, np.ndarray]
@@ -117,11 +117,11 @@ class _Coarse:
         return float(np.mean(list(self.disagreement.values())))
 
 
-def _agree(shapes: Silhouettes, settings: HullSettings, tick: Tick) -> _Coarse:
-    """Find how many cameras must see a point of the hull.
+def _choose_min_views(shapes: Silhouettes, settings: InitializeSettings, tick: Tick) -> _Coarse:
+    """Choose how many cameras must see a point of the hull.
 
-    What few cameras see, few carve, so it may be anything: ask for nearly all, and for fewer only where masks stay
-    unexplained because the cameras do not all see the whole thing.
+    Space that few cameras see is carved by few, so it may be anything. Require nearly all cameras, and fewer only if
+    masks stay uncovered because not every camera sees the whole performer.
     """
     shares = [0.9, 0.7, 0.5, 0.34, 0.2] if settings.min_view_share is None else [settings.min_view_share]
     best: _Coarse | None = None
@@ -134,20 +134,22 @@ def _agree(shapes: Silhouettes, settings: HullSettings, tick: Tick) -> _Coarse:
             continue
         if best is None or found.mean_disagreement < best.mean_disagreement - 0.01:
             best = found
-        # Cameras that disagree for reasons of their own would never be satisfied; the typical one decides.
+        # A quantile, since a few outlier masks never get covered.
         if np.quantile(list(best.uncovered.values()), 0.75) < 0.04:
             break
     if best is None:
-        raise failure or StudioError("The visual hull is empty; check the masks and the camera poses.")
+        raise failure or StudioError(
+            "hull.empty", "The visual hull is empty", fix="Check the masks and the camera poses."
+        )
     return best
 
 
-def _zoom(shapes: Silhouettes, settings: HullSettings, min_views: int, tick: Tick) -> _Coarse:
-    """The hull at low resolution; bounds are loose at first where cameras overlap little."""
+def _zoom(shapes: Silhouettes, settings: InitializeSettings, min_views: int, tick: Tick) -> _Coarse:
+    """The hull at low resolution. Bounds are refined several times: with little camera overlap they start too wide."""
     allowed = settings.outvoted(len(shapes))
     bounds = locate(shapes, allowed, min_views)
     for _ in range(4):
-        hull, mesh = _voted(shapes, bounds, min(_COARSE, settings.resolution), allowed, min_views, tick)
+        hull, mesh = _carve_corrected(shapes, bounds, min(_COARSE, settings.resolution), allowed, min_views, tick)
         found = hull.bounds()
         if found is None:
             _raise_empty(shapes, bounds, min_views)
@@ -159,12 +161,12 @@ def _zoom(shapes: Silhouettes, settings: HullSettings, min_views: int, tick: Tic
 
 
 def _raise_empty(shapes: Silhouettes, bounds: tuple[np.ndarray, np.ndarray], min_views: int) -> NoReturn:
-    """Ask all cameras about a grid of points within the bounds."""
+    """Diagnose an empty hull on a grid of points within the bounds."""
     axes = [torch.linspace(float(low), float(high), 48) for low, high in zip(*bounds, strict=True)]
     raise_disagreement(shapes, torch.cartesian_prod(*axes), 0.0, min_views)
 
 
-def _voted(
+def _carve_corrected(
     shapes: Silhouettes,
     bounds: tuple[np.ndarray, np.ndarray],
     resolution: int,
@@ -172,27 +174,27 @@ def _voted(
     min_views: int,
     tick: Tick,
     smoothing: float = 0.0,
-    max_faces: int = 100_000,
+    max_faces: int = _COARSE_FACES,
 ) -> tuple[Hull, Mesh]:
-    """The hull within bounds, with what a few bad masks carved away given back, and its surface (may be empty)."""
+    """The hull within bounds, corrected for outlier masks, and its surface (may be empty)."""
     hull, tolerant = carve(shapes, bounds, resolution=resolution, allowed=allowed, min_views=min_views, tick=tick)
     mesh = extract_surface(hull, smoothing=smoothing, max_faces=max_faces)
     if allowed:
-        unexplained, _, _ = _compare(mesh, shapes, tick)
-        voted = restore(hull, tolerant, shapes, unexplained, tick)
-        if voted.restored:
-            return voted, extract_surface(voted, smoothing=smoothing, max_faces=max_faces)
+        uncovered_areas, _, _ = _compare(mesh, shapes, tick)
+        corrected = restore(hull, tolerant, shapes, uncovered_areas, tick)
+        if corrected.restored:
+            return corrected, extract_surface(corrected, smoothing=smoothing, max_faces=max_faces)
     return hull, mesh
 
 
 def _compare(
     mesh: Mesh, shapes: Silhouettes, tick: Tick
 ) -> tuple[list[np.ndarray], dict[str, float], dict[str, float]]:
-    """Unexplained foreground (h, w) bool, 1 - IoU and uncovered share, a camera each."""
+    """Per camera: uncovered foreground (h, w) bool, 1 - IoU, and the uncovered share of the mask."""
     import cv2
 
     rays = MeshViews(mesh) if len(mesh.faces) else None
-    unexplained: list[np.ndarray] = []
+    uncovered_areas: list[np.ndarray] = []
     disagreement: dict[str, float] = {}
     uncovered: dict[str, float] = {}
     for name, camera, matte in zip(shapes.names, shapes.cameras, shapes.mattes, strict=True):
@@ -204,8 +206,8 @@ def _compare(
         disagreement[name] = 1.0 - int((cover & mask).sum()) / union if union else 0.0
         gap = mask & ~cover
         uncovered[name] = int(gap.sum()) / max(int(mask.sum()), 1)
-        # Thin rims come from smoothing and small calibration errors; a lost limb is thicker than that.
+        # Thin rims come from smoothing and small calibration errors; a missing limb is thicker.
         gap = cv2.morphologyEx(gap.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         gap = cv2.dilate(gap, np.ones((3, 3), np.uint8)) * mask.astype(np.uint8)
-        unexplained.append(cv2.resize(gap, (camera.width, camera.height), interpolation=cv2.INTER_NEAREST) > 0)
-    return unexplained, disagreement, uncovered
+        uncovered_areas.append(cv2.resize(gap, (camera.width, camera.height), interpolation=cv2.INTER_NEAREST) > 0)
+    return uncovered_areas, disagreement, uncovered

@@ -2,8 +2,8 @@
 
 Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", 2018. This is version 0.1 of the
 metric, as computed by the authors' package `lpips`. That package is not a dependency because it needs torchvision, each
-release of which requires one specific release and build of torch. The fitted linear weights (10 kB) are next to this file
-under their own license; the weights of the network are those that torchvision publishes.
+release of which requires one specific release and build of torch. The fitted linear weights (10 kB) are next to this
+file under their own license; the weights of the network are those that torchvision publishes.
 """
 
 from __future__ import annotations
@@ -134,8 +134,8 @@ class Lpips:
             shapes = (tuple(image.shape), tuple(target.shape))
             raise StudioError(
                 "metrics.image_shape",
-                f"the images have shapes {shapes[0]} and {shapes[1]}; LPIPS needs (H, W, 3), the same size for both, and "
-                f"at least {SMALLEST}x{SMALLEST} pixels",
+                f"the images have shapes {shapes[0]} and {shapes[1]}; LPIPS needs (H, W, 3), the same size for both, "
+                f"and at least {SMALLEST}x{SMALLEST} pixels",
                 value=shapes,
             )
         with torch.no_grad():

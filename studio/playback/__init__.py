@@ -1,6 +1,6 @@
-"""Playing a stream: threads for fetching, decoding and dequantizing, and a clock. It knows no window.
+"""Playback of streams: threads that fetch, decode and dequantize, and a clock. Independent of any window.
 
-`Player` serves a viewport, `play_headless` a command line.
+`Player` is for viewports, `play_headless` for command lines and measurements.
 """
 
 from studio.playback.headless import play_headless

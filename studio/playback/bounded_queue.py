@@ -1,4 +1,4 @@
-"""A bounded queue between two threads that can be finished (drained, then over) or aborted (over now)."""
+"""A bounded queue between two threads that can be finished (drained, then over) or aborted (over at once)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-_POLL = 0.01  # seconds between looks at the clock while a full lane waits for its oldest item to grow stale
+_POLL = 0.01  # seconds between checks of `stale` while the queue is full
 
 
 class BoundedQueue(Generic[T]):
-    """At most `capacity` items, in order; None is never an item."""
+    """FIFO of at most `capacity` items. None is not a valid item."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
@@ -23,15 +23,15 @@ class BoundedQueue(Generic[T]):
         self._aborted = False
 
     def put(self, item: T, stale: Callable[[T], bool] | None = None) -> int | None:
-        """Add an item, waiting for room.
+        """Append an item; waits while the queue is full.
 
         Args:
-            item: goes to the end.
-            stale: with a full lane, the oldest item is dropped if `stale(second oldest)` says that the second one is
-                already wanted in its place.
+            item: the item.
+            stale: if the queue is full, the oldest item is dropped when `stale(second oldest)` is true, that is when
+                the second one is due already.
 
         Returns:
-            how many items were dropped to make room, or None if the lane was aborted.
+            The number of items dropped to make room, or None if the queue was aborted.
         """
         dropped = 0
         with self._changed:
@@ -48,7 +48,7 @@ class BoundedQueue(Generic[T]):
         return dropped
 
     def get(self, timeout: float | None = None) -> T | None:
-        """The oldest item; None when the lane is over, or nothing came within `timeout` seconds."""
+        """The oldest item; None if the queue is over, or after `timeout` seconds without an item."""
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._finished or self._aborted, timeout)
             if self._aborted or not self._items:
@@ -58,7 +58,7 @@ class BoundedQueue(Generic[T]):
             return item
 
     def take_while(self, wanted: Callable[[T], bool]) -> list[T]:
-        """Remove items from the front for as long as `wanted` says so; never waits."""
+        """Remove items from the front while `wanted` is true for them. Does not wait."""
         taken: list[T] = []
         with self._changed:
             while self._items and not self._aborted and wanted(self._items[0]):
@@ -68,24 +68,24 @@ class BoundedQueue(Generic[T]):
         return taken
 
     def peek(self) -> T | None:
-        """The oldest item, left where it is."""
+        """The oldest item, without removing it; None if there is none."""
         with self._changed:
             return self._items[0] if self._items and not self._aborted else None
 
     @property
     def over(self) -> bool:
-        """True when nothing is there and nothing will come."""
+        """True if the queue is empty and nothing will be added."""
         with self._changed:
             return self._aborted or (self._finished and not self._items)
 
     def finish(self) -> None:
-        """Nothing more will be put; what is there can still be taken."""
+        """Declare that no more items follow; those in the queue can still be taken."""
         with self._changed:
             self._finished = True
             self._changed.notify_all()
 
     def abort(self) -> None:
-        """Drop everything and let all waiting threads go."""
+        """Drop all items and release all waiting threads."""
         with self._changed:
             self._aborted = True
             self._items.clear()

@@ -1,23 +1,23 @@
-"""The player's clock: which frame is due. It has a lock of its own and never calls anything while holding it."""
+"""The player's clock: the frame that is due. Its lock is never held while other code is called."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 
-_ROUNDING = 1e-6  # of a frame: it is due at its instant, whatever floating point makes of that
+_ROUNDING = 1e-6  # frames: a frame is due at its time despite floating-point errors
 
 
 class Clock:
-    """Ticks are frames since the start of the stream; they go on rising through loops.
+    """Counts ticks: frames since the start of the stream, increasing through loops.
 
-    After `cue` or `hold` the clock stands at a frame until `frame_is_ready`; then it runs whenever it is playing.
+    After `cue` or `hold`, the clock is stopped at a frame until `frame_is_ready`; then it runs while playing.
 
     Args:
-        fps: ticks a second at rate 1.
-        frame_count: frames in the stream; where the clock stops unless it loops.
+        fps: ticks per second at rate 1.
+        frame_count: frames in the stream; the clock stops there unless it loops.
         loop, rate: as in `Player`.
-        now: seconds.
+        now: time in seconds.
     """
 
     def __init__(self, fps: float, frame_count: int, loop: bool, rate: float, now: Callable[[], float]) -> None:
@@ -29,7 +29,7 @@ class Clock:
         self._rate = rate
         self._playing = False
         self._waiting = True
-        self._anchor_tick = 0.0  # where it stood at _anchor_time
+        self._anchor_tick = 0.0  # tick at _anchor_time
         self._anchor_time = now()
 
     def _read(self) -> float:
@@ -43,33 +43,33 @@ class Clock:
         self._anchor_time = self._now()
 
     def due(self) -> int:
-        """The tick that should be on screen now."""
+        """The tick to be displayed now."""
         with self._lock:
             tick = int(self._read() + _ROUNDING)
             return tick if self._loop else min(tick, self._frame_count - 1)
 
     def cue(self, frame: int) -> None:
-        """Stand at a frame and wait there for it."""
+        """Stop at a frame and wait for it."""
         with self._lock:
             self._anchor(float(frame))
             self._waiting = True
 
     def hold(self, tick: int) -> None:
-        """Stand at a tick and wait there for its frame, which the network has not brought in time."""
+        """Stop at a tick and wait for its frame, which is late because of the network."""
         with self._lock:
             if not self._waiting:
                 self._anchor(float(tick))
                 self._waiting = True
 
     def frame_is_ready(self, tick: int) -> None:
-        """Stop waiting, once what is ready is what is waited for, or comes after it (what lies between is damaged)."""
+        """Stop waiting if the ready frame is the awaited one or a later one (frames in between are damaged)."""
         with self._lock:
             if self._waiting and tick >= int(self._anchor_tick + _ROUNDING):
                 self._anchor(max(self._anchor_tick, float(tick)))
                 self._waiting = False
 
     def nothing_will_come(self) -> None:
-        """Stop waiting, at the end."""
+        """Stop waiting and go to the end."""
         with self._lock:
             if self._waiting:
                 self._anchor(float(self._frame_count))
@@ -83,7 +83,7 @@ class Clock:
 
     @property
     def at_end(self) -> bool:
-        """True when the last frame has had its time."""
+        """True when the duration of the last frame is over."""
         with self._lock:
             return not self._loop and not self._waiting and self._read() + _ROUNDING >= self._frame_count
 
@@ -101,7 +101,7 @@ class Clock:
 
     @property
     def rate(self) -> float:
-        """Speed; 1 is the stream's own."""
+        """Playback speed; 1 is the stream's frame rate."""
         with self._lock:
             return self._rate
 
@@ -113,7 +113,7 @@ class Clock:
 
     @property
     def loop(self) -> bool:
-        """Whether it runs on after the last frame. Set it just before `cue`."""
+        """Whether the clock continues after the last frame. Set it just before `cue`."""
         with self._lock:
             return self._loop
 

@@ -1,4 +1,4 @@
-"""Playing without a window: what `v3studio play --headless` does, and a way to measure a stream."""
+"""Playback without a window, for `v3studio play --headless` and for measurements."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats, PlaybackReport, SkippedGroup
 from studio.progress import ProgressFn, no_progress
 from studio.stream import Source, StreamReader
+from studio.stream.manifest import no_such_frame
 
 
 def play_headless(
@@ -27,31 +28,35 @@ def play_headless(
     draw: Callable[[Gaussians], object] | None = None,
     progress: ProgressFn = no_progress,
 ) -> PlaybackReport:
-    """Play a stream to its end through the player's threads.
+    """Play a stream to its end with the threads of the player.
 
     Args:
-        stream: an open reader (left open), or a stream's folder, address or source.
-        realtime: True: at the stream's frame rate, late frames dropped, as on a screen. False: every frame, as fast as
-            they come.
+        stream: an open reader (left open), or the folder, URL or source of a stream.
+        realtime: True: at the stream's frame rate, dropping late frames, as on a screen. False: every frame, as fast as
+            possible.
         start_frame: 0-based.
-        frame_limit: stop after this many frames of the stream; None plays to the end.
+        frame_limit: number of frames to play; None plays to the end.
         on_frame: called with each frame, in order, on the caller's thread.
-        draw: draws a frame; what it takes becomes the frame's `render_ms`.
-        progress: called with frames played, of all.
+        draw: renders a frame; its duration becomes the frame's `render_ms`.
+        progress: called with (frames played, frames).
 
     Returns:
-        Cost of every frame handed out, frames dropped, seconds taken, and the damaged groups that were left out.
+        Cost of each delivered frame, number of dropped frames, duration, and skipped groups.
 
     Raises:
-        StudioError: no stream there, nothing of it can be played, or its server stays away.
+        StudioError: the stream cannot be opened, none of it can be played, or its server stays unreachable.
     """
     owned = not isinstance(stream, StreamReader)
     reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
     try:
         if not 0 <= start_frame < reader.frame_count:
-            raise StudioError(f"The stream has the frames 0 to {reader.frame_count - 1}; there is none {start_frame}.")
+            raise no_such_frame(start_frame, reader.frame_count)
         if frame_limit is not None and frame_limit < 1:
-            raise StudioError(f"Playing: frame_limit is {frame_limit}; it must be at least 1.")
+            raise StudioError(
+                "playback.invalid_frame_limit",
+                f"frame_limit is {frame_limit}; it must be at least 1",
+                value=frame_limit,
+            )
         stop = reader.frame_count if frame_limit is None else min(reader.frame_count, start_frame + frame_limit)
 
         def show(item: PlayedFrame) -> FrameStats:
@@ -114,7 +119,7 @@ def _play_by_clock(
             time.sleep(min(0.25 / reader.fps, 0.01))
         seconds = time.perf_counter() - began
         skipped = _within(player.skipped, start, stop)
-    # Frames left out between those shown; the player's own count may include some after the end.
+    # frames missing between those shown; the player's own count may include some after the end
     lost = sum(1 for group in skipped for frame in _frames(group) if start <= frame <= last)
     dropped = (last + 1 - start) - len(stats) - lost if stats else 0
     return PlaybackReport(tuple(stats), dropped, seconds, skipped)
@@ -125,5 +130,5 @@ def _frames(group: SkippedGroup) -> range:
 
 
 def _within(skipped: tuple[SkippedGroup, ...], start: int, stop: int) -> tuple[SkippedGroup, ...]:
-    """Those that concern the frames that were to be played; fetching runs ahead of them."""
+    """Those within the played range; fetching runs ahead of it."""
     return tuple(group for group in skipped if _frames(group).stop > start and group.first_frame < stop)

@@ -1,11 +1,11 @@
-"""The threads of a player: fetch -> decode -> dequantize, with bounded lanes between them.
+"""The threads of a player: fetch -> decode -> dequantize, with bounded queues between them.
 
-A `Run` delivers frames in order from one start frame. Seeking ends the run and begins another; what both can use
-(files that were fetched, the open decoder) lies in `Shared`. Frames are numbered by *ticks*, which go on rising when
-the stream loops: frame = tick % frame_count.
+A `Run` delivers frames in order from a start frame. Seeking ends the run and starts another; what they share (fetched
+files, the open decoder) is in `Shared`. Frames are numbered by *ticks*, which keep increasing when the stream loops:
+frame = tick % frame_count.
 
-A group that cannot be had or decoded is left out, noted (`Shared.skipped`), and the run goes on with the next; it ends
-with an error where nothing at all can be played, or the server stays away.
+A group that cannot be fetched or decoded is skipped and recorded in `Shared.skipped`. A run ends with an error if
+nothing can be played or the server stays unreachable.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.playback.bounded_queue import BoundedQueue
 from studio.playback.shared import Shared
-from studio.playback.statistics import FrameStats
+from studio.playback.statistics import FrameStats, SkippedGroup
 from studio.stream import DecodedFrame, GroupEntry, SourceUnavailable
 
-FETCHED_GROUPS = 1  # waiting; with one being decoded and one being fetched, up to three are in memory
+FETCHED_GROUPS = 1  # in the queue; one more is being decoded and one fetched, so up to three are in memory
 DECODED_FRAMES = 3
 READY_FRAMES = 4
 STARVED_AFTER = 0.5
-"""Seconds that fetching a group may take before whoever waits for it is said to be starved."""
+"""Seconds after which a fetch counts as slow: playback then waits for it instead of dropping its frames."""
 
-_JOIN_SECONDS = 1.0  # a fetch that hangs in the network is left behind; its thread dies with its time limit
+_JOIN_SECONDS = 1.0  # a fetch that hangs is abandoned; its thread ends with the network timeout
 
 
 @dataclass(frozen=True)
 class PlayedFrame:
-    """A frame, ready to be drawn.
+    """A frame ready for rendering.
 
     Attributes:
-        run: how often was sought before it; frames come in the order of (run, tick).
-        tick: its number since the start of the stream, rising on through loops.
+        run: number of seeks before it; frames are delivered in the order of (run, tick).
+        tick: number since the start of the stream, increasing through loops.
         frame: 0-based index in the stream.
         gaussians: float32, CPU.
-        stats: what it cost.
+        stats: its cost.
     """
 
     run: int
@@ -68,15 +68,15 @@ class _Decoded:
 
 
 class Run:
-    """Frames in order from a start tick, until the end of the stream or, looping, for ever.
+    """Frames in order from a start tick to the end of the stream, or endlessly if looping.
 
     Args:
         shared: reader and caches.
         start_tick: the first frame to deliver.
-        loop: begin again after the last frame.
-        due: the tick that should be on screen now; frames that a later due one can replace are dropped. None: every
-            frame is delivered, however long the consumer takes.
-        number: of the run, for `PlayedFrame.run`.
+        loop: continue with frame 0 after the last frame.
+        due: the tick to be displayed now; frames before a later due one are dropped. None: every frame is delivered,
+            no matter how slow the consumer is.
+        number: for `PlayedFrame.run`.
     """
 
     def __init__(
@@ -92,9 +92,9 @@ class Run:
         self._decoded: BoundedQueue[_Decoded] = BoundedQueue(DECODED_FRAMES)
         self.ready: BoundedQueue[PlayedFrame] = BoundedQueue(READY_FRAMES)
         self.error: BaseException | None = None
-        self._fetching: tuple[int, float] | None = None  # tick from which frames are waited for, and since when
-        self._unavailable = 0  # groups in a row that the server did not give
-        self._decoded_until = 0  # frame after the last one that was decoded
+        self._fetching: tuple[int, float] | None = None  # first tick of the pending fetch, and its start time
+        self._unavailable = 0  # consecutive groups that the server failed to deliver
+        self._decoded_until = 0  # frame after the last decoded one
         self._delivered = False
         self._dropped = 0
         self._dropped_lock = threading.Lock()
@@ -112,7 +112,7 @@ class Run:
 
     @property
     def dropped(self) -> int:
-        """Frames left out because they were late."""
+        """Number of late frames that were dropped."""
         with self._dropped_lock:
             return self._dropped
 
@@ -123,16 +123,16 @@ class Run:
 
     @property
     def alive(self) -> bool:
-        """True while one of its threads runs."""
+        """True while any of its threads is running."""
         return any(thread.is_alive() for thread in self._threads)
 
     def stop(self) -> None:
-        """End the run soon; does not wait."""
+        """Ask the run to end; does not wait."""
         for queue in (self._fetched, self._decoded, self.ready):
             queue.abort()
 
     def join(self) -> None:
-        """Wait until the threads have ended (after `stop`); a fetch that hangs in the network is not waited for."""
+        """Wait for the threads after `stop`, except for a fetch that hangs in the network."""
         fetching, *others = self._threads
         for thread in others:
             thread.join()
@@ -140,14 +140,14 @@ class Run:
 
     @property
     def starved_at(self) -> int | None:
-        """The tick from which on frames wait for a fetch that takes unusually long; None where none does."""
+        """First tick that waits for a slow fetch; None if there is none."""
         fetching = self._fetching
         if fetching is None or time.monotonic() - fetching[1] < STARVED_AFTER:
             return None
         return fetching[0]
 
     def _guarded(self, work: Callable[[], None], queue: BoundedQueue) -> None:
-        """Run one stage; whatever it raises ends the run, after the frames that were made before it."""
+        """Run one stage. An exception ends the run after the frames already produced."""
         try:
             work()
         except BaseException as error:
@@ -157,11 +157,11 @@ class Run:
             queue.finish()
 
     def _late(self, tick: int) -> bool:
-        """True if `tick` is due already, so that whatever comes before it need not be shown."""
+        """True if `tick` is due already, so that earlier frames need not be shown."""
         return self._due is not None and tick <= self._due()
 
     def _groups(self) -> Iterator[tuple[int, GroupEntry]]:
-        """(tick of the first frame, group) from the start on."""
+        """(tick of the first frame, group) from the start frame."""
         count = self._manifest.frame_count
         lap, frame = divmod(self._start, count)
         first = self._manifest.group_of(frame).index
@@ -173,7 +173,7 @@ class Run:
             lap, first = lap + 1, 0
 
     def _fetch(self) -> None:
-        failures = 0  # without an intact group between them
+        failures = 0  # consecutive
         for start_tick, group in self._groups():
             end_tick = start_tick + group.frame_count
             if self._late(end_tick):
@@ -187,14 +187,14 @@ class Run:
                 if self._fetched.over:
                     return
                 if failures >= len(self._manifest.groups):
-                    raise StudioError(f"Nothing of the stream can be played. {self._shared.skipped[0]}")
+                    raise nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
                 continue
             failures = 0
             if self._fetched.put(_Fetched(start_tick, group, files, milliseconds)) is None:
                 return
 
     def _files(self, group: GroupEntry, start_tick: int) -> dict[str, bytes] | None:
-        """The group's files; None where they cannot be had, which is then noted."""
+        """Files of the group; None if they cannot be fetched, which is recorded."""
         if self._shared.is_lost(group):
             return None
         self._fetching = (max(start_tick, self._start), time.monotonic())
@@ -202,11 +202,11 @@ class Run:
             files = self._shared.files(group)
         except StudioError as error:
             if self._fetched.over:
-                return None  # closed meanwhile: that says nothing about the group
-            self._shared.note_damage(group, group.first_frame, group.end_frame, str(error))
+                return None  # closed in the meantime, which says nothing about the group
+            self._shared.note_damage(group, group.first_frame, group.end_frame, error.message)
             self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
             if self._unavailable == 2:
-                raise  # twice in a row: it is not the group, the server is gone
+                raise  # twice in a row: the server is gone, not just a file
             return None
         finally:
             self._fetching = None
@@ -222,10 +222,10 @@ class Run:
                         return
                 except StudioError as error:
                     group, decoded = fetched.group, self._decoded_until
-                    self._shared.note_damage(group, max(group.first_frame, decoded), group.end_frame, str(error))
+                    self._shared.note_damage(group, max(group.first_frame, decoded), group.end_frame, error.message)
 
     def _decode_group(self, fetched: _Fetched) -> bool:
-        """Decode one group from where it is wanted; False when the run is over."""
+        """Decode one group from the required frame on; False if the run is over."""
         shared, group = self._shared, fetched.group
         end_tick = fetched.start_tick + group.frame_count
         first = max(fetched.start_tick, self._start)
@@ -239,14 +239,14 @@ class Run:
         try:
             while decoder.next_frame < group.end_frame:
                 tick = fetched.start_tick + decoder.next_frame - group.first_frame
-                # Behind by a whole group, and the next is here: go on there.
+                # late by the rest of the group, and the next one is here: continue there
                 if self._late(end_tick) and self._fetched.peek() is not None:
                     self.count_dropped(end_tick - max(tick, first))
                     break
                 frame = decoder.read()
                 self._decoded_until = decoder.next_frame
                 if tick < first:
-                    if self._decoded.over:  # seeking: a newer run may be waiting for its turn
+                    if self._decoded.over:  # seeking: a newer run may be waiting for the lock
                         return False
                     continue
                 now = time.perf_counter()
@@ -271,7 +271,7 @@ class Run:
             try:
                 gaussians = decoded.frame.gaussians()
             except StudioError as error:
-                self._shared.note_damage(group, frame, frame + 1, str(error))
+                self._shared.note_damage(group, frame, frame + 1, error.message)
                 continue
             milliseconds = 1e3 * (time.perf_counter() - began)
             stats = FrameStats(
@@ -286,11 +286,24 @@ class Run:
         if not self._delivered and not self.ready.over and self.error is None and self._shared.skipped:
             frame = self._start % count
             left_out = [item for item in self._shared.skipped if item.first_frame + item.frame_count > frame]
-            raise StudioError(f"Nothing can be played from frame {frame} on. {left_out[0]}")
+            raise nothing_playable(f"no frame can be played from frame {frame} on", left_out[0])
+
+
+def nothing_playable(problem: str, skipped: SkippedGroup) -> StudioError:
+    """The error for a stream, or the rest of one, without a playable frame; its cause is that of `skipped`."""
+    cause = skipped.cause
+    return StudioError(
+        "playback.nothing_playable",
+        f"{problem}; {cause.problem}",
+        file=cause.file,
+        fix=cause.fix,
+        cause=cause.code,
+        group=skipped.group,
+    )
 
 
 def raise_for_user(error: BaseException) -> None:
-    """Raise what ended a run: a StudioError as it is, all else wrapped in one that says where it came from."""
+    """Raise the error that ended a run: a StudioError as is, others wrapped in one."""
     if isinstance(error, StudioError):
         raise error
-    raise StudioError(f"Playing stopped: {type(error).__name__}: {error}.") from error
+    raise StudioError("playback.failed", f"playback stopped ({type(error).__name__}: {error})") from error

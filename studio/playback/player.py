@@ -1,4 +1,4 @@
-"""The player: a clock over the pipeline. Play, pause, seek, loop, rate; asked for the frame of now by whoever draws."""
+"""The player: a clock and the pipeline. Play, pause, seek, loop, rate; a viewport polls the current frame."""
 
 from __future__ import annotations
 
@@ -14,29 +14,31 @@ from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
 from studio.playback.shared import Shared
 from studio.playback.statistics import SkippedGroup
 from studio.stream import Source, StreamReader
+from studio.stream.manifest import no_such_frame
 
 
 class Player:
-    """Plays a stream at its frame rate. All methods may be called from any thread.
+    """Plays a stream at its frame rate. Thread safe.
 
-    The clock starts when the first frame after opening or seeking is ready. Frames that are decoded too late are
-    dropped, and the newest that is due is shown; the clock waits for nothing but a fetch that takes unusually long (a
-    slow network, a server that is being restarted). Frames never come out of order.
+    The clock starts when the first frame after opening or seeking is ready. Frames decoded too late are dropped, and
+    the newest due frame is shown. The clock only waits for slow fetches (a slow network, a server restart). Frames are
+    never out of order.
 
-    A damaged group is left out: the frame before it stays up for its time, then playing goes on. `skipped` tells.
+    Damaged groups are skipped: the previous frame stays on screen for their duration, then playback continues. See
+    `skipped`.
 
     Args:
-        stream: an open reader (left open by `close`), or the folder or source of a stream.
-        loop: begin again at the end.
-        rate: speed, 1 = the stream's own.
+        stream: an open reader (left open by `close`), or the folder, URL or source of a stream.
+        loop: start over at the end.
+        rate: playback speed, 1 is the stream's frame rate.
         start_frame: 0-based.
-        now: the clock, seconds; for tests.
+        now: time in seconds; for tests.
 
     Raises:
-        StudioError: the stream cannot be opened, or there is no such frame or rate.
+        StudioError: the stream cannot be opened, no such frame, or the rate is out of range.
     """
 
-    # Locks are taken in this order only: the player's, a lane's, the clock's.
+    # Lock order: player, queue, clock.
 
     def __init__(
         self,
@@ -67,27 +69,27 @@ class Player:
     def _begin(self, frame: int) -> Run:
         last = self.reader.frame_count - 1
         if not 0 <= frame <= last:
-            raise StudioError(f"The stream has the frames 0 to {last}; there is no frame {frame}.")
+            raise no_such_frame(frame, last + 1)
         self._clock.cue(frame)
         number, self._runs = self._runs, self._runs + 1
         return Run(self._shared, frame, self._clock.loop, self._clock.due, number)
 
-    # What a user does.
+    # Controls
 
     def play(self) -> None:
-        """Start or go on; at the end, begin again."""
+        """Start or resume; at the end, start over."""
         with self._lock:
             if self.finished:
                 self.seek(0)
             self._clock.playing = True
 
     def pause(self) -> None:
-        """Stand still."""
+        """Pause the clock."""
         with self._lock:
             self._clock.playing = False
 
     def seek(self, frame: int) -> None:
-        """Go to a frame, playing on or paused as before. The old frame stays up until the new one is ready.
+        """Go to a frame, still playing or paused. The current frame stays until the new one is ready.
 
         Raises:
             StudioError: no such frame.
@@ -102,24 +104,24 @@ class Player:
             self._retired = [run for run in [*self._retired, old] if run.alive]
 
     def set_rate(self, rate: float) -> None:
-        """Change the speed; raises StudioError unless it is above 0 and at most 100."""
+        """Change the playback speed. Raises StudioError unless 0 < rate <= 100."""
         self._clock.rate = _checked_rate(rate)
 
     def set_loop(self, loop: bool) -> None:
-        """Change whether to begin again at the end."""
+        """Change whether playback starts over at the end."""
         with self._lock:
             if loop != self._clock.loop:
                 position = self.position
                 self._clock.loop = loop
                 self.seek(position)
 
-    # What a viewport asks.
+    # State
 
     def frame(self) -> PlayedFrame | None:
-        """The frame to show now; the same object as before while none newer is due, None before the first is ready.
+        """The frame to show now: the same object until a newer one is due, None before the first is ready.
 
         Raises:
-            StudioError: nothing can be played from here on, or the server stays away; playing has stopped.
+            StudioError: no further frame can be played, or the server is unreachable; playback has stopped.
         """
         with self._lock:
             run = self._run
@@ -145,49 +147,48 @@ class Player:
 
     @property
     def playing(self) -> bool:
-        """True while the clock runs (or will, as soon as the first frame is ready)."""
+        """True while the clock runs, or will run as soon as the first frame is ready."""
         return self._clock.playing
 
     @property
     def buffering(self) -> bool:
-        """True until the first frame after opening or seeking has been taken up by `frame`, and while a slow fetch is
-        waited for."""
+        """True until `frame` has returned the first frame after opening or seeking, and during slow fetches."""
         return self._clock.waiting
 
     @property
     def loop(self) -> bool:
-        """Whether it begins again at the end."""
+        """Whether playback starts over at the end."""
         return self._clock.loop
 
     @property
     def rate(self) -> float:
-        """Speed; 1 is the stream's own."""
+        """Playback speed; 1 is the stream's frame rate."""
         return self._clock.rate
 
     @property
     def position(self) -> int:
-        """Frame that the clock stands at, which may be ahead of what `frame` could show so far."""
+        """Frame of the clock, which may be ahead of the frame that `frame` returns."""
         return self._clock.due() % self.reader.frame_count
 
     @property
     def finished(self) -> bool:
-        """True when the last frame has been shown for its time and nothing will follow."""
+        """True when the duration of the last frame is over and nothing follows."""
         with self._lock:
             return self._clock.at_end and self._run.ready.over
 
     @property
     def dropped(self) -> int:
-        """Frames left out so far because they were late."""
+        """Number of late frames dropped so far."""
         with self._lock:
             return self._dropped_before + self._run.dropped
 
     @property
     def skipped(self) -> tuple[SkippedGroup, ...]:
-        """Damaged groups that were left out so far."""
+        """Damaged groups skipped so far."""
         return self._shared.skipped
 
     def close(self) -> None:
-        """End all threads; closes the reader if the player opened it."""
+        """End all threads; close the reader if the player opened it."""
         with self._lock:
             self._closed = True
             self._clock.playing = False
@@ -214,5 +215,5 @@ class Player:
 
 def _checked_rate(rate: float) -> float:
     if not 0 < rate <= 100:
-        raise StudioError(f"Playing: rate is {rate}; it must be above 0 and at most 100.")
+        raise StudioError("playback.invalid_rate", f"rate is {rate}; it must be above 0 and at most 100", value=rate)
     return float(rate)

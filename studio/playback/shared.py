@@ -1,4 +1,4 @@
-"""What outlives a run: the reader, the last few groups' files, the open decoder, and which groups are damaged."""
+"""State shared by consecutive runs: the reader, files of recent groups, the open decoder, and damaged groups."""
 
 from __future__ import annotations
 
@@ -6,26 +6,27 @@ import threading
 import time
 from collections import OrderedDict
 
+from studio.errors import Message
 from studio.playback.statistics import SkippedGroup
 from studio.stream import GroupDecoder, GroupEntry, StreamReader, fetch_group
 
-_KEPT_GROUPS = 6  # so that scrubbing to and fro fetches nothing again
-_TRIED_AGAIN_AFTER = 10.0  # seconds before a damaged group is looked at again: it may have been mended or uploaded
+_CACHED_GROUPS = 6  # so that scrubbing does not fetch again
+_RETRY_AFTER = 10.0  # seconds before a damaged group is tried again: it may have been repaired or uploaded
 
 
 class Shared:
-    """See the module. Thread safe but for `decoder`, which belongs to whoever holds `decode_lock`."""
+    """See the module. Thread safe, except for `decoder`, which belongs to the holder of `decode_lock`."""
 
     def __init__(self, reader: StreamReader) -> None:
         self.reader = reader
-        self.decode_lock = threading.Lock()  # one run decodes at a time; a run that was ended leaves within a frame
+        self.decode_lock = threading.Lock()  # one run decodes at a time; an ended run releases it within a frame
         self.decoder: GroupDecoder | None = None
         self._files: OrderedDict[int, dict[str, bytes]] = OrderedDict()
         self._skipped: dict[int, tuple[SkippedGroup, float]] = {}
         self._lock = threading.Lock()
 
     def files(self, group: GroupEntry) -> dict[str, bytes]:
-        """The group's files, kept from before or fetched and checked now."""
+        """Files of the group, from the cache or fetched and verified now."""
         with self._lock:
             if group.index in self._files:
                 self._files.move_to_end(group.index)
@@ -33,44 +34,44 @@ class Shared:
         files = fetch_group(self.reader.source, group)
         with self._lock:
             self._files[group.index] = files
-            while len(self._files) > _KEPT_GROUPS:
+            while len(self._files) > _CACHED_GROUPS:
                 self._files.popitem(last=False)
         return files
 
     def close_decoder(self) -> None:
-        """Free the decoder; only with `decode_lock` held."""
+        """Release the decoder; the caller holds `decode_lock`."""
         if self.decoder is not None:
             self.decoder.close()
             self.decoder = None
 
-    def note_damage(self, group: GroupEntry, first_frame: int, end_frame: int, reason: str) -> None:
-        """Remember that these frames of a group cannot be played."""
+    def note_damage(self, group: GroupEntry, first_frame: int, end_frame: int, cause: Message) -> None:
+        """Record that these frames of a group cannot be played."""
         with self._lock:
             if group.index in self._skipped:
                 known = self._skipped[group.index][0]
                 first_frame = min(first_frame, known.first_frame)
                 end_frame = max(end_frame, known.first_frame + known.frame_count)
-            skipped = SkippedGroup(group.index, first_frame, end_frame - first_frame, reason)
+            skipped = SkippedGroup(group.index, first_frame, end_frame - first_frame, cause)
             self._skipped[group.index] = (skipped, time.monotonic())
             self._files.pop(group.index, None)
 
     def note_intact(self, group: GroupEntry) -> None:
-        """Forget that a whole group could not be had: it has been mended."""
+        """Forget that a whole group could not be fetched: it has been repaired."""
         with self._lock:
             known = self._skipped.get(group.index)
             if known is not None and known[0].frame_count == group.frame_count:
                 del self._skipped[group.index]
 
     def is_lost(self, group: GroupEntry) -> bool:
-        """True for a group of which nothing could be played when it was tried a moment ago."""
+        """True for a group that could not be played at all when it was tried recently."""
         with self._lock:
             known = self._skipped.get(group.index)
             if known is None or known[0].frame_count < group.frame_count:
                 return False
-            return time.monotonic() - known[1] < _TRIED_AGAIN_AFTER
+            return time.monotonic() - known[1] < _RETRY_AFTER
 
     @property
     def skipped(self) -> tuple[SkippedGroup, ...]:
-        """All that could not be played, in order of the groups."""
+        """Everything that could not be played, in the order of the groups."""
         with self._lock:
             return tuple(self._skipped[index][0] for index in sorted(self._skipped))

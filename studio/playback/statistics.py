@@ -1,10 +1,12 @@
-"""What playing cost: per frame, and summed up."""
+"""Cost of playback, per frame and in summary."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
+
+from studio.errors import Message
 
 
 @dataclass(frozen=True)
@@ -14,11 +16,11 @@ class FrameStats:
     Attributes:
         frame: 0-based index in the stream.
         group: its group.
-        bytes: its share of the group's files (files are fetched whole, a group at a time).
-        fetch_ms: its share of reading the group's files and checking their SHA-256.
-        decode_ms: video to planes; a keyframe's includes opening the group's files.
-        dequantize_ms: planes to float attribute arrays.
-        render_ms: drawing it; None where nobody drew.
+        bytes: its share of the group's files, which are fetched as a whole.
+        fetch_ms: its share of reading the group's files and verifying their SHA-256.
+        decode_ms: video decoding; for a keyframe including opening the files.
+        dequantize_ms: decoded pictures to Gaussians.
+        render_ms: rendering; None if the frame was not rendered.
     """
 
     frame: int
@@ -32,27 +34,42 @@ class FrameStats:
 
 @dataclass(frozen=True)
 class SkippedGroup:
-    """Frames that could not be played because their group is damaged, missing or out of reach.
+    """Frames that could not be played because their group is damaged, missing or unreachable.
 
     Attributes:
         group: its index.
-        first_frame, frame_count: 0-based; the frames of it that were left out.
-        reason: a sentence that names the file and what is wrong with it.
+        first_frame, frame_count: the skipped frames, 0-based.
+        cause: the error of the file.
     """
 
     group: int
     first_frame: int
     frame_count: int
-    reason: str
+    cause: Message
 
     def __str__(self) -> str:
         last = self.first_frame + self.frame_count - 1
-        return f"Group {self.group}, frames {self.first_frame} to {last}, was left out: {self.reason}"
+        return f"Group {self.group}, frames {self.first_frame} to {last}, was skipped: {self.cause}"
+
+    @property
+    def reason(self) -> str:
+        """The sentence of `cause`."""
+        return str(self.cause)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready: group, first_frame, frame_count, reason and code."""
+        return {
+            "group": self.group,
+            "first_frame": self.first_frame,
+            "frame_count": self.frame_count,
+            "reason": self.reason,
+            "code": self.cause.code,
+        }
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, median, 95th percentile and maximum of one figure."""
+    """Mean, median, 95th percentile and maximum of a quantity."""
 
     mean: float
     median: float
@@ -61,7 +78,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread:
-        """Of any number of values; zeros of none."""
+        """Of any number of values; zeros if there are none."""
         if not values:
             return cls(0.0, 0.0, 0.0, 0.0)
         ordered = sorted(values)
@@ -74,14 +91,13 @@ class Spread:
 
 @dataclass(frozen=True)
 class PlaybackReport:
-    """A whole run.
+    """Statistics of a playback.
 
     Attributes:
-        frames: of each frame that was handed out, in order.
-        shown: how many that were.
-        dropped: frames that were late and left out.
+        frames: of each delivered frame, in order.
+        dropped: number of late frames that were dropped.
         seconds: from the first request to the last frame.
-        skipped: damaged groups that playing went past; their frames are neither shown nor dropped.
+        skipped: damaged groups; their frames count as neither shown nor dropped.
     """
 
     frames: tuple[FrameStats, ...]
@@ -91,16 +107,16 @@ class PlaybackReport:
 
     @property
     def shown(self) -> int:
-        """Frames handed out."""
+        """Number of delivered frames."""
         return len(self.frames)
 
     @property
     def fps(self) -> float:
-        """Frames handed out a second."""
+        """Delivered frames per second."""
         return self.shown / self.seconds if self.seconds > 0 else 0.0
 
     def spread(self, figure: str) -> Spread:
-        """Of one field of `FrameStats`: bytes, fetch_ms, decode_ms, dequantize_ms or render_ms."""
+        """Statistics of one field of `FrameStats`: bytes, fetch_ms, decode_ms, dequantize_ms or render_ms."""
         values = [getattr(stats, figure) for stats in self.frames]
         return Spread.of([value for value in values if value is not None])
 
@@ -114,7 +130,7 @@ class PlaybackReport:
             "dropped": self.dropped,
             "seconds": self.seconds,
             "fps": self.fps,
-            "skipped": [asdict(group) for group in self.skipped],
+            "skipped": [group.to_dict() for group in self.skipped],
             "summary": {name: asdict(self.spread(name)) for name in figures},
             "frames": [asdict(stats) for stats in self.frames],
         }

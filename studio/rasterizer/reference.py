@@ -14,20 +14,10 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.rasterizer.spherical_harmonics import sh_colors
 from studio.rasterizer.types import ALPHA_MIN, DILATION, TRANSMITTANCE_MIN, Pinhole, Render
+from studio.torch_rotations import quats_to_matrices
 
 TILE = 16
 """Tile size, pixels. It only affects memory use."""
-
-
-def rotation_matrices(quats: Tensor) -> Tensor:
-    """(N, 4) quaternions wxyz of any length above 0 to (N, 3, 3) rotations."""
-    w, x, y, z = (quats / quats.norm(dim=-1, keepdim=True)).unbind(-1)
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
-    ]
-    return torch.stack(rows, dim=-2)
 
 
 def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
@@ -58,7 +48,7 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
         dim=-2,
     )
     # factor: (N, 2, 3); cov2d = factor factor^T + dilation
-    factor = jacobian @ rotation @ rotation_matrices(gaussians.quats) * gaussians.scales[:, None, :]
+    factor = jacobian @ rotation @ quats_to_matrices(gaussians.quats) * gaussians.scales[:, None, :]
     u, v = factor.unbind(-2)
     xx, xy, yy = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
     cov2d = torch.stack([xx + DILATION, xy, yy + DILATION], -1)

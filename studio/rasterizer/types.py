@@ -19,8 +19,8 @@ ALPHA_MIN = 1.0 / 255.0
 TRANSMITTANCE_MIN = 1.00001e-4
 """A pixel stops before the splat that would reduce its transmittance to this value or below (3DGS: 1e-4).
 
-Slightly above 1e-4, because two splats at the alpha clamp of 0.99 leave exactly 1e-4. With the margin they stop the pixel
-for any rounding, as in 3DGS.
+Slightly above 1e-4, because two splats at the alpha clamp of 0.99 leave exactly 1e-4. With the margin they stop the
+pixel for any rounding, as in 3DGS.
 """
 
 ALPHA_MAX = 0.99
@@ -29,8 +29,8 @@ ALPHA_MAX = 0.99
 FIELD = 2.0
 """The projection of a splat is linearized at its mean, with |x / z| and |y / z| clamped to this value.
 
-Without the clamp, splats beside the camera would cover the whole image. 3DGS and gsplat clamp slightly outside the image,
-so that a cropped view differs from the same part of the full view. A fixed bound (63 degrees) does not.
+Without the clamp, splats beside the camera would cover the whole image. 3DGS and gsplat clamp slightly outside the
+image, which makes a crop differ from the same part of the full view. A fixed bound (63 degrees) avoids that.
 """
 
 FIELD_MARGIN = 0.3

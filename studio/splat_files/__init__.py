@@ -1,7 +1,7 @@
-"""One frame's splats in the files of other programs: PLY of 3DGS, SPZ, GLB with KHR_gaussian_splatting.
+"""Files with the splats of one frame: 3DGS PLY, SPZ, GLB with KHR_gaussian_splatting.
 
-Values are never turned or moved here: a file gets, and gives, the axes that its splats have. `UP` says which way is
-up by each format's own convention; `studio.export.rigid_motion` turns splats to it.
+Axes are never changed here. `UP` is the up direction by convention of each format; `studio.export.rigid_motion` rotates
+splats to it.
 """
 
 from __future__ import annotations
@@ -19,13 +19,19 @@ SIZERS = {".ply": ply_size, ".spz": spz_size}
 WRITERS = {".ply": write_ply, ".spz": write_spz, ".glb": write_glb}
 
 UP = {".ply": (0.0, -1.0, 0.0), ".spz": (0.0, 1.0, 0.0), ".glb": (0.0, 1.0, 0.0)}
-"""Up by convention: 3DGS has the axes of its COLMAP cameras (y down), SPZ and glTF are y up."""
+"""Up direction by convention: 3DGS has the axes of COLMAP cameras (y down), SPZ and glTF are y up."""
 
 
 def _ending(path: Path, table: dict[str, object], what: str) -> str:
     ending = path.suffix.lower()
     if ending not in table:
-        raise StudioError(f"{path}: splats are {what} {', '.join(table)} files, not '{path.suffix}'.")
+        raise StudioError(
+            "splat_file.unsupported_format",
+            f"splats are {what} {', '.join(table)} files, not {path.suffix!r}",
+            file=path,
+            value=path.suffix,
+            expected=list(table),
+        )
     return ending
 
 
@@ -33,21 +39,21 @@ def read_splats(path: Path) -> Gaussians:
     """Read a .ply or .spz file, float32 on the CPU.
 
     Raises:
-        StudioError: another ending, not there, damaged, or no file of splats.
+        StudioError: unsupported extension, missing or damaged file, or a file without splats.
     """
     return READERS[_ending(path, dict(READERS), "read from")](path)
 
 
 def splats_size(path: Path) -> tuple[int, int]:
-    """Number of splats and SH degree, from the file's head alone. Raises StudioError as `read_splats`."""
+    """Number of splats and SH degree, from the header only. Raises StudioError as `read_splats`."""
     return SIZERS[_ending(path, dict(SIZERS), "read from")](path)
 
 
 def write_splats(path: Path, gaussians: Gaussians) -> None:
-    """Write a .ply, .spz or .glb file in one go; the caller sees to it that a half-written one harms nobody.
+    """Write a .ply, .spz or .glb file. Not atomic: callers write to a temporary name.
 
     Raises:
-        StudioError: another ending, no splats, a value that is not finite or that the format cannot hold.
+        StudioError: unsupported extension, no splats, or a value that is not finite or out of the format's range.
     """
     WRITERS[_ending(path, dict(WRITERS), "written to")](path, gaussians)
 

@@ -1,4 +1,4 @@
-"""What all writers and readers of splat files check."""
+"""Checks shared by all readers and writers of splat files."""
 
 from __future__ import annotations
 
@@ -13,37 +13,47 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 MAX_SPLATS = 1 << 26
-"""More than any file of one frame has; a head that promises more is damaged."""
+"""Larger than any frame: a header with more splats is damaged."""
 
 LOGIT_LIMIT = 13.8
-"""Logits of opacity beyond this (opacity within 1e-6 of 0 or 1) say no more; files have infinities there."""
+"""Replaces infinite opacity logits: an opacity within 1e-6 of 0 or 1."""
 
 
 def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """The attributes as float32 arrays, quaternions of length 1.
+    """Attributes as float32 arrays, with unit quaternions.
 
     Raises:
-        StudioError: no splats, or a value that is not finite.
+        StudioError: no splats, a value that is not finite, or a zero quaternion.
     """
     if len(gaussians) == 0:
-        raise StudioError(f"{path}: there are no splats to write.")
+        raise StudioError("splat_file.no_splats", "there are no splats to write", file=path)
     arrays = {name: tensor.float().numpy() for name, tensor in gaussians.state_dict().items()}
     for name, values in arrays.items():
         if not np.isfinite(values).all():
             raise StudioError(
-                f"{path}: a splat's {name} is not finite, so the frame cannot be written; train it again."
+                "gaussians.not_finite",
+                f"a value in {name} is not finite",
+                file=path,
+                fix="Train the frame again.",
+                attribute=name,
             )
     norms = np.linalg.norm(arrays["quats"], axis=1, keepdims=True)
     if (norms == 0).any():
-        raise StudioError(f"{path}: splat {int(np.argmin(norms))} has a quaternion of length 0; train it again.")
+        raise StudioError(
+            "gaussians.zero_quaternion",
+            f"splat {int(np.argmin(norms))} has a zero quaternion",
+            file=path,
+            fix="Train the frame again.",
+            splat=int(np.argmin(norms)),
+        )
     return {**arrays, "quats": arrays["quats"] / norms}
 
 
 def from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Gaussians:
-    """Gaussians of float arrays named as `Gaussians.ATTRIBUTES`; infinite logits become `LOGIT_LIMIT`.
+    """Gaussians from float arrays named as `Gaussians.ATTRIBUTES`. Infinite logits become `LOGIT_LIMIT`.
 
     Raises:
-        StudioError: a value is not a number, or a quaternion has length 0.
+        StudioError: a value that is not finite, or a zero quaternion.
     """
     values = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
     logits = values["logit_opacities"]
@@ -51,8 +61,22 @@ def from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Gaussians:
     for name, array in values.items():
         wrong = ~np.isfinite(array).reshape(len(array), math.prod(array.shape[1:])).all(axis=1)
         if wrong.any():
-            raise StudioError(f"{path}: {name} of splat {int(wrong.argmax())} is not a finite number; mend the file.")
+            splat = int(wrong.argmax())
+            raise StudioError(
+                "gaussians.not_finite",
+                f"{name} of splat {splat} is not finite",
+                file=path,
+                fix="Fix the file.",
+                attribute=name,
+                splat=splat,
+            )
     flat = ~values["quats"].any(axis=1)
     if flat.any():
-        raise StudioError(f"{path}: the rotation of splat {int(flat.argmax())} has length 0; mend the file.")
+        raise StudioError(
+            "gaussians.zero_quaternion",
+            f"splat {int(flat.argmax())} has a zero quaternion",
+            file=path,
+            fix="Fix the file.",
+            splat=int(flat.argmax()),
+        )
     return Gaussians(**{name: torch.from_numpy(array) for name, array in values.items()})

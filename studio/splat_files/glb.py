@@ -1,8 +1,7 @@
 """GLB (binary glTF 2.0) with the ratified extension KHR_gaussian_splatting, uncompressed.
 
-Source: the glTF 2.0 specification and KHR_gaussian_splatting's. A splat is a point with rotation (xyzw), scale and
-opacity (both activated: linear, and 0 to 1) and harmonics, one accessor a coefficient; COLOR_0 is for programs that
-draw points only.
+Sources: specifications of glTF 2.0 and KHR_gaussian_splatting. A splat is a point with rotation (xyzw), linear scale,
+opacity from 0 to 1, and SH with one accessor per coefficient. COLOR_0 is for viewers that only draw points.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ def write_glb(path: Path, gaussians: Gaussians) -> None:
     """Write a GLB file of one node, mesh and primitive.
 
     Raises:
-        StudioError: no splats, values that are not finite, or more than 4 GiB of them.
+        StudioError: no splats, values that are not finite, or 4 GiB or more.
     """
     arrays = to_arrays(path, gaussians)
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
@@ -92,7 +91,12 @@ def write_glb(path: Path, gaussians: Gaussians) -> None:
     head += b" " * (-len(head) % 4)
     total = 12 + 8 + len(head) + 8 + offset
     if total >= 1 << 32:
-        raise StudioError(f"{path}: {len(gaussians)} splats need {total} bytes; a GLB file holds less than 2^32.")
+        raise StudioError(
+            "splat_file.too_large",
+            f"{len(gaussians)} splats need {total} bytes; a GLB file is limited to 2^32 - 1",
+            file=path,
+            value=total,
+        )
     with path.open("wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, total))
         file.write(struct.pack("<I4s", len(head), b"JSON") + head)

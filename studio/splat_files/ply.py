@@ -1,4 +1,4 @@
-"""The PLY files that 3DGS writes (Kerbl et al. 2023, `save_ply`), which nearly every program for splats reads.
+"""3DGS PLY files (Kerbl et al. 2023, `save_ply`), which nearly all splat tools read.
 
 One element `vertex` of float32 properties, little endian: x y z, nx ny nz (zeros), f_dc_0..2, f_rest_0.. (all
 coefficients of red, then of green, then of blue), opacity (logit), scale_0..2 (logarithm), rot_0..3 (wxyz).
@@ -52,16 +52,16 @@ def _columns(prefix: str, names: str | range, values: np.ndarray) -> dict[str, n
 
 
 def ply_size(path: Path) -> tuple[int, int]:
-    """Number of splats and SH degree. Raises StudioError as `read_ply`; the values are not looked at."""
+    """Number of splats and SH degree from the header. Raises StudioError as `read_ply`, except for invalid values."""
     element = _vertices(path)
     return element.count, _degree(path, element)
 
 
 def read_ply(path: Path) -> Gaussians:
-    """Read a 3DGS PLY; other properties than those of splats are ignored.
+    """Read a 3DGS PLY. Properties that do not belong to splats are ignored.
 
     Raises:
-        StudioError: not there, no PLY, damaged, a point cloud or mesh instead of splats, a compressed PLY.
+        StudioError: missing or damaged file, not a PLY, a point cloud or mesh without splats, or a compressed PLY.
     """
     element = _vertices(path)
     degree = _degree(path, element)
@@ -89,30 +89,51 @@ def read_ply(path: Path) -> Gaussians:
 
 
 def _vertices(path: Path) -> PlyElement:
-    """The element with the splats, checked for its properties."""
+    """The element with the splats, with validated properties."""
     from plyfile import PlyData, PlyListProperty, PlyParseError
 
     try:
         ply = PlyData.read(str(path), mmap="r")
     except FileNotFoundError:
-        raise StudioError(f"{path}: there is no such file.") from None
+        raise StudioError("splat_file.not_found", "no such file", file=path) from None
     except (PlyParseError, OSError, ValueError, MemoryError, OverflowError) as error:
-        raise StudioError(f"{path}: this is not a readable PLY file ({error}); write or copy it again.") from None
+        raise StudioError(
+            "splat_file.unreadable", f"not a readable PLY file ({error})", file=path, fix="Export or copy it again."
+        ) from None
     names = [element.name for element in ply.elements]
     if "chunk" in names and "vertex" in names and "packed_position" in ply["vertex"].data.dtype.names:
-        raise StudioError(f"{path}: this is a compressed PLY; convert it to a plain one (SuperSplat and others do).")
+        raise StudioError(
+            "splat_file.compressed_ply",
+            "compressed PLY files are not supported",
+            file=path,
+            fix="Convert it to an uncompressed PLY, with SuperSplat for example.",
+        )
     if "vertex" not in names:
-        raise StudioError(f"{path}: the PLY file has no element 'vertex'; give one with splats.")
+        raise StudioError(
+            "splat_file.not_splats",
+            "the PLY file has no element 'vertex'",
+            file=path,
+            fix="Choose a file with splats.",
+            missing="vertex",
+        )
     element = ply["vertex"]
     scalar = {prop.name for prop in element.properties if not isinstance(prop, PlyListProperty)}
     missing = [name for name in _NEEDED if name not in scalar]
     if missing:
         raise StudioError(
-            f"{path}: the PLY file has no property '{missing[0]}', so it holds no splats; give one that 3DGS or a "
-            "program like it wrote."
+            "splat_file.not_splats",
+            f"the PLY file has no property '{missing[0]}', so it does not contain splats",
+            file=path,
+            fix="Choose a file written by 3DGS or a compatible tool.",
+            missing=missing[0],
         )
     if not 0 < element.count <= MAX_SPLATS:
-        raise StudioError(f"{path}: the PLY file has {element.count} splats; 1 to {MAX_SPLATS} can be read.")
+        raise StudioError(
+            "splat_file.splat_count",
+            f"the PLY file has {element.count} splats; expected 1 to {MAX_SPLATS}",
+            file=path,
+            value=element.count,
+        )
     return element
 
 
@@ -120,6 +141,9 @@ def _degree(path: Path, element: PlyElement) -> int:
     rest = {prop.name for prop in element.properties if prop.name.startswith("f_rest_")}
     if len(rest) not in _DEGREES or rest != {f"f_rest_{index}" for index in range(len(rest))}:
         raise StudioError(
-            f"{path}: {len(rest)} properties f_rest_... found; SH degrees 0 to 3 have 0, 9, 24 or 45, counted from 0."
+            "splat_file.sh_properties",
+            f"{len(rest)} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0",
+            file=path,
+            value=len(rest),
         )
     return _DEGREES[len(rest)]

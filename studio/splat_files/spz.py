@@ -1,9 +1,9 @@
-"""SPZ, Niantic's compressed splats: written as version 3, read as versions 2 and 3, plain or gzipped.
+"""SPZ, Niantic's compressed splat format: writes version 3, reads versions 2 and 3, plain or gzipped.
 
-Source: README and published source of github.com/nianticlabs/spz. A 16-byte head, then attribute after attribute, all
+Source: README and source code of github.com/nianticlabs/spz. A 16-byte header, then one attribute after the other, all
 gzipped: positions (24-bit fixed point), opacities (8 bits), colors (8 bits over a wider range than 0 to 1), log scales
-(8 bits, a 16th each), rotations (version 2: x y z in 8 bits each; 3: the three smallest of four in 10 bits each) and
-harmonics (8 bits, of which degree 1 uses 5 and the others 4).
+(8 bits, steps of 1/16), rotations (version 2: x y z in 8 bits each; version 3: the smallest three components in 10 bits
+each) and SH (8 bits, of which degree 1 uses 5 and higher degrees 4).
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from studio.splat_files.checks import MAX_SPLATS, from_arrays, to_arrays
 _HEAD = struct.Struct("<IIIBBBB")  # magic, version, splats, SH degree, fractional bits, flags, reserved
 _MAGIC = 0x5053474E  # "NGSP"
 _WRITTEN_VERSION = 3
-_EXTENSIONS = 0x2  # flag: records of vendors stand between head and positions
-_LARGEST = (1 << 23) - 1  # a position's integer
-_FRACTION_BITS = (12, 20)  # 12 is what the original always writes
+_EXTENSIONS = 0x2  # flag: vendor extensions between header and positions
+_LARGEST = (1 << 23) - 1  # largest integer of a position
+_FRACTION_BITS = (12, 20)  # 12 is what the reference implementation writes
 _COLOR_SCALE = 0.15
-_SH_BITS = (5, 4)  # of degree 1, of the higher ones
+_SH_BITS = (5, 4)  # degree 1, higher degrees
 _SMALLEST = 511  # 9 bits for a quaternion component of at most sqrt(1/2)
 
 
 def write_spz(path: Path, gaussians: Gaussians) -> None:
-    """Write an SPZ file of version 3; equal splats give equal bytes.
+    """Write an SPZ file of version 3. The same splats give the same bytes.
 
-    Positions have at least 12 fractional bits and at least 16 bits over the splats' extent, where that fits.
+    Positions have at least 12 fractional bits and at least 16 bits over the extent of the splats, if that fits.
 
     Raises:
         StudioError: no splats, values that are not finite, or positions too far out for 24 bits.
@@ -46,7 +46,12 @@ def write_spz(path: Path, gaussians: Gaussians) -> None:
     wanted = _FRACTION_BITS[0] if extent == 0 else math.ceil(math.log2(65536 / extent))
     bits = min(fits, max(_FRACTION_BITS[0], min(wanted, _FRACTION_BITS[1])))
     if bits < 0:
-        raise StudioError(f"{path}: a splat lies {farthest:g} units from the origin; SPZ holds up to {_LARGEST}.")
+        raise StudioError(
+            "splat_file.position_range",
+            f"a splat is {farthest:g} units from the origin; SPZ supports up to {_LARGEST}",
+            file=path,
+            value=farthest,
+        )
     fixed = np.rint(means * (1 << bits)).astype("<i4")
     sh = arrays["sh"]
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
@@ -67,7 +72,7 @@ def _byte(values: np.ndarray) -> bytes:
 
 
 def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_bits: int) -> bytes:
-    """Harmonics, rounded to the middles of buckets, so that they compress."""
+    """SH, rounded to bucket centers for better compression."""
 
     def rounded(values: np.ndarray, bits: int) -> np.ndarray:
         bucket = 1 << (8 - bits)
@@ -78,7 +83,7 @@ def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_
 
 
 def _pack_quats(wxyz: np.ndarray) -> np.ndarray:
-    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits of each other one."""
+    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits of the other three."""
     xyzw = wxyz[:, [1, 2, 3, 0]].astype(np.float64)
     largest = np.abs(xyzw).argmax(axis=1)
     rows = np.arange(len(xyzw))
@@ -114,13 +119,13 @@ def spz_size(path: Path) -> tuple[int, int]:
 
 
 def _read_head(path: Path) -> tuple[int, int, int, int, bytes]:
-    """Splats, SH degree, version, fractional bits and the bytes after the head; never more than the head promises."""
+    """Splats, SH degree, version, fractional bits and the bytes after the header, never more than it declares."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise StudioError(f"{path}: there is no such file.") from None
+        raise StudioError("splat_file.not_found", "no such file", file=path) from None
     except OSError as error:
-        raise StudioError(f"{path}: cannot be read ({error.strerror}).") from None
+        raise StudioError("splat_file.unreadable", f"cannot be read ({error.strerror})", file=path) from None
     if data[:2] == b"\x1f\x8b":
         inflater = zlib.decompressobj(wbits=31)
         try:
@@ -129,30 +134,54 @@ def _read_head(path: Path) -> tuple[int, int, int, int, bytes]:
             size = _body_size(count, degree, version)
             body = inflater.decompress(inflater.unconsumed_tail, size + 1)
         except zlib.error as error:
-            raise StudioError(f"{path}: the SPZ file is damaged ({error}); write or copy it again.") from None
+            raise StudioError(
+                "splat_file.unreadable",
+                f"the SPZ file is damaged ({error})",
+                file=path,
+                fix="Export or copy it again.",
+            ) from None
     else:
         count, degree, version, bits = _checked_head(path, data[: _HEAD.size])
         size, body = _body_size(count, degree, version), data[_HEAD.size :]
     if len(body) < size:
-        raise StudioError(f"{path}: the SPZ file ends after {len(body)} of {size} bytes; write or copy it again.")
+        raise StudioError(
+            "splat_file.truncated",
+            f"the SPZ file ends after {len(body)} of {size} bytes",
+            file=path,
+            value=len(body),
+            fix="Export or copy it again.",
+            expected=size,
+        )
     return count, degree, version, bits, body[:size]
 
 
 def _checked_head(path: Path, head: bytes) -> tuple[int, int, int, int]:
     if len(head) < _HEAD.size or head[:4] != _MAGIC.to_bytes(4, "little"):
-        raise StudioError(f"{path}: this is not an SPZ file; give one that a program for splats wrote.")
+        raise StudioError("splat_file.unreadable", "not an SPZ file", file=path, fix="Export or copy it again.")
     _, version, count, degree, bits, flags, _ = _HEAD.unpack(head)
     if version not in (2, 3):
         raise StudioError(
-            f"{path}: SPZ version {version} found, 2 and 3 can be read; convert it (to PLY, for example)."
+            "splat_file.unsupported_version",
+            f"SPZ version {version}; versions 2 and 3 are supported",
+            file=path,
+            value=version,
+            fix="Convert it, to PLY for example.",
         )
     if not 0 < count <= MAX_SPLATS or degree > 3 or bits > 23:
         raise StudioError(
-            f"{path}: {count} splats of SH degree {degree} with {bits} fractional bits found; 1 to {MAX_SPLATS}, "
-            "0 to 3 and 0 to 23 can be read."
+            "splat_file.invalid_header",
+            f"{count} splats of SH degree {degree} with {bits} fractional bits; expected 1 to {MAX_SPLATS} splats, "
+            "degree 0 to 3 and 0 to 23 bits",
+            file=path,
+            value=(count, degree, bits),
         )
     if flags & _EXTENSIONS:
-        raise StudioError(f"{path}: the SPZ file has extensions, which cannot be read; write it without them.")
+        raise StudioError(
+            "splat_file.extensions",
+            "SPZ extensions are not supported",
+            file=path,
+            fix="Export the file without them.",
+        )
     return count, degree, version, bits
 
 
@@ -164,7 +193,7 @@ def read_spz(path: Path) -> Gaussians:
     """Read an SPZ file of version 2 or 3.
 
     Raises:
-        StudioError: not there, no SPZ file, damaged, another version, or with extensions.
+        StudioError: missing or damaged file, not an SPZ file, an unsupported version, or extensions.
     """
     count, degree, version, bits, body = _read_head(path)
     values = np.frombuffer(body, np.uint8)

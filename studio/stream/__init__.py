@@ -1,13 +1,18 @@
-"""The stream: Gaussians baked into videos with a manifest, and read back. `docs/STREAM.md` is its description."""
+"""The stream: Gaussians baked into videos with a manifest, and read back. Specified in `docs/STREAM.md`."""
 
-from studio.stream.bake import bake_group, group_folder_name, write_manifest
-from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
-from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
-from studio.stream.manifest_models import GroupEntry
-from studio.stream.reader import StreamReader, fetch_group
-from studio.stream.search import QualityFn
-from studio.stream.settings import BakeSettings
-from studio.stream.source import FolderSource, Source, SourceUnavailable, is_address
+from typing import TYPE_CHECKING
+
+from studio.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from studio.stream.bake import bake_group, group_folder_name, write_manifest
+    from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
+    from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
+    from studio.stream.manifest_models import GroupEntry
+    from studio.stream.reader import StreamReader, fetch_group
+    from studio.stream.search import QualityFn
+    from studio.stream.settings import BakeSettings
+    from studio.stream.source import FolderSource, Source, SourceUnavailable, is_address
 
 __all__ = [
     "FORMAT",
@@ -30,3 +35,5 @@ __all__ = [
     "open_decoder",
     "write_manifest",
 ]
+
+lazy_exports(__name__)

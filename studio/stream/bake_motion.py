@@ -1,4 +1,4 @@
-"""Baking of the profile `motion`: keyframe positions and blocks' motions in a side file, the rest in one video."""
+"""Encoder of the profile `motion`: keyframe means and block motion in a side file, everything else in one video."""
 
 from __future__ import annotations
 
@@ -10,49 +10,48 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
+from studio.rotations import quat_conjugate, quat_multiply, quats_to_mrp
 from studio.stream.files import describe
 from studio.stream.layout import channels, component_frames, scale_floor, tile_grid, tile_side, typical_size
-from studio.stream.manifest_models import BlockTable, Box, ChannelEntry, Lattice, MotionGroup, SideEntry, VideoEntry
+from studio.stream.manifest_models import (
+    BlockTable,
+    Box,
+    ChannelEntry,
+    Lattice,
+    MotionGroup,
+    SideEntry,
+    VideoEntry,
+    group_invalid,
+)
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
-from studio.stream.rotation import conjugate, multiply, nearest_form, to_mrp
+from studio.stream.profiles.motion import POSITION_STEP, channel_range, channel_steps, to_ycocg
+from studio.stream.rotation import nearest_form
 from studio.stream.settings import BakeSettings
 from studio.stream.video import PlaneEncoder, codec_qp
 
-# Steps of the codes: those at which an error of one code in every channel shows about alike, found by drawing trained
-# groups with one attribute coarsened at a time. Positions: of a typical
-# splat's size.
-POSITION_STEP = 0.08
-ROTATION_STEP = 0.0015
-SCALE_STEP = 0.017
-OPACITY_STEP = 0.0096
-LUMA_STEP = 0.0069
-CHROMA_STEP = 0.0072
-
-_USUAL_OPACITY = 0.15  # median of the trained splats at which the steps were found
-_TAIL = 1e-4  # share of values at either end that may become escapes rather than widen the range
-_BLOCK_STEP = 1.5  # of the position step: one unit of a motion's numbers
-_BLOCK_ERROR = 3.0  # of the position step: what finer blocks are not paid for
-_KEYFRAME_STEP = 1.0  # of the position step, at `_REFERENCE_QP`: cells of the keyframe's positions
+_USUAL_OPACITY = 0.15  # median of the trained splats for which the steps were tuned
+_BLOCK_STEP = 1.5  # times the position step: unit of the affine parameters
+_BLOCK_ERROR = 3.0  # times the position step: smaller errors do not justify further blocks
+_KEYFRAME_STEP = 1.0  # times the position step, at `_REFERENCE_QP`: cell size of the keyframe's means
 _REFERENCE_QP = 20
-_TURN = 0.01  # MRP (2.3 degrees): blocks that turn less are left unturned
+_TURN = 0.01  # MRP (2.3 degrees): smaller block rotations are set to zero
 _ROTATION_UNIT = 1 / 512
-_STEPS_A_SIDE = 127  # a residual's codes reach this far to either side
+_STEPS_A_SIDE = 127  # range of residual codes in either direction
 
 
 class MotionBake:
-    """One group, held in memory and analyzed once; `write` can then be called for any QP.
+    """One group, held in memory. The constructor analyzes it once; `write` can then be called for any QP.
 
     Args:
-        frames: the group's frames, keyframe first.
+        frames: frames of the group, keyframe first.
         progress: called before each frame, so that it can cancel.
 
     Raises:
-        StudioError: splat counts that differ, or values that are not finite.
+        StudioError: differing splat counts, or values that are not finite.
     """
 
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:
@@ -70,7 +69,7 @@ class MotionBake:
         self._box = Box(min=_point(positions.min(axis=(0, 1))), max=_point(positions.max(axis=(0, 1))))
         sizes = self._values[0, -7:-4].mean(axis=0)
         typical = typical_size(self._values[0, -7:-4], self._extent)
-        # a splat's shift shows by its opacity; the root of it pays (measured, as in _importance)
+        # opaque splats show shifts more; the square root works best (measured, as in _importance)
         opaque = float(np.clip(np.median(self._values[0, -8]) / _USUAL_OPACITY, 0.25, 16))
         self._step = POSITION_STEP * typical / math.sqrt(opaque)
         self._floor = scale_floor(typical)
@@ -80,7 +79,7 @@ class MotionBake:
         self._attributes, self._quats = self._canonical()
 
     def _order(self, points: np.ndarray) -> np.ndarray:
-        """Morton order of the finest cells; coarser cells have the same order. Sets origin, extent and cells."""
+        """Morton order of the finest cells, valid for coarser cells too. Sets origin, extent and codes."""
         points = points.astype(np.float64)
         self._origin = points.min(axis=0)
         self._extent = float((points.max(axis=0) - self._origin).max())
@@ -93,11 +92,11 @@ class MotionBake:
         return order
 
     def _canonical(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values of the channels from `log_scale_0` on, (F, C - 6, N) float32, and quaternions (F, N, 4), both with the
-        splats' axes named so that the keyframe's rotations are nearest to none."""
+        """Values of the channels from `log_scale_0` on, (F, C - 6, N) float32, and quaternions (F, N, 4), both in the
+        equivalent form whose keyframe rotation is nearest to the identity."""
         values = self._values
         factors, axes = nearest_form(values[0, -4:].T.astype(np.float64))
-        quats = multiply(values[:, -4:].transpose(0, 2, 1).astype(np.float64), factors)
+        quats = quat_multiply(values[:, -4:].transpose(0, 2, 1).astype(np.float64), factors)
         quats[0] *= np.where(quats[0][:, :1] < 0, -1.0, 1.0)
         for frame in range(1, self._count):
             likeness = (quats[frame] * quats[frame - 1]).sum(axis=1, keepdims=True)
@@ -106,27 +105,32 @@ class MotionBake:
         np.maximum(scales, np.float32(self._floor), out=scales)
         red, green, blue = values[:, 3:-8:3], values[:, 4:-8:3], values[:, 5:-8:3]
         colors = np.empty((self._count, values.shape[1] - 11, self._splats), dtype=np.float32)
-        colors[:, 0::3] = (red + 2 * green + blue) / 4
-        colors[:, 1::3] = (red - blue) / 2
-        colors[:, 2::3] = (2 * green - red - blue) / 4
+        colors[:, 0::3], colors[:, 1::3], colors[:, 2::3] = to_ycocg(red, green, blue)
         return np.concatenate([scales, values[:, -8:-7], colors], axis=1), quats
 
     def write(
-        self, folder: Path, name: str, group: int, first_frame: int, settings: BakeSettings, progress: ProgressFn
+        self,
+        folder: Path,
+        name: str,
+        group: int,
+        first_frame: int,
+        settings: BakeSettings,
+        progress: ProgressFn,
+        threads: int = 0,
     ) -> MotionGroup:
-        """Write side file and video into `folder`, which the manifest will call `name`."""
-        coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # QPs double the codec's steps every 6
+        """Write side file and video into `folder`, which is `name` in the manifest."""
+        coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
         bits = MAX_BITS if settings.qp == 0 else keyframe_bits(self._extent, _KEYFRAME_STEP * coarse * self._step)
         lattice = Lattice(bits=bits, min=_point(self._origin), step=max(self._extent, 1e-9) / (1 << bits))
         codes = self._codes >> np.uint64(3 * (MAX_BITS - bits))
-        table, affine = self._motions(codes, lattice, settings.threads)
+        table, affine = self._motions(codes, lattice, threads)
         turns = self._turns(table)
         empty = np.zeros(0, dtype=np.int64)
         side = Side(
             codes, self._labels, np.zeros(self._splats, np.uint8), affine, turns, Escapes(empty, empty, empty, empty)
         )
         residuals, rotations = self._residuals(MotionState(lattice, table, side), side)
-        steps = _steps(self._degree, self._step, settings)
+        steps = channel_steps(self._degree, self._step, settings)
         classes = _classes(self._importance, residuals, steps[0])
         gains = np.ldexp(1.0, classes.astype(np.int64))
         entries: list[ChannelEntry] = []
@@ -140,7 +144,7 @@ class MotionBake:
                 values, offset = residuals[:, :, index] / gains, 0.0
             else:
                 values = rotations[:, :, index - 3] if index < 6 else self._attributes[:, index - 6].astype(np.float64)
-                offset, step = _range(values, step)
+                offset, step = channel_range(values, step)
             codes_8 = np.rint((values - offset) / step).astype(np.int64) + 128
             beyond = (codes_8 < 0) | (codes_8 > 255)
             frame, splat = np.nonzero(beyond)
@@ -178,7 +182,7 @@ class MotionBake:
                 side=side_entry,
             )
         except ValueError as error:
-            raise StudioError(f"Baking: group {group} does not fit the format ({error}).") from None
+            raise group_invalid(group, error) from None
 
     def _encode(self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn) -> None:
         size = (pictures.shape[2], pictures.shape[1])
@@ -193,11 +197,11 @@ class MotionBake:
             raise
 
     def _motions(self, codes: np.ndarray, lattice: Lattice, threads: int) -> tuple[BlockTable, np.ndarray]:
-        """Units of the blocks, and each frame's affine motions in them, (F - 1, 12, B) int64."""
+        """The block table, and the affine motion of each frame in its units, (F - 1, 12, B) int64."""
         count = int(self._labels.max()) + 1
         cells = deinterleave(codes)
-        places = Blocks.over(cells, self._labels, count, lattice.step, 1.0).local[:, :3]
-        radius = max(float(np.sqrt((places**2).sum(axis=1).mean())), lattice.step)
+        points = Blocks.over(cells, self._labels, count, lattice.step, 1.0).local[:, :3]
+        radius = max(float(np.sqrt((points**2).sum(axis=1).mean())), lattice.step)
         table = BlockTable(count=count, radius=radius, step=_BLOCK_STEP * self._step, rotation_step=_ROTATION_UNIT)
         blocks = Blocks.over(cells, self._labels, count, lattice.step, radius)
         affine = np.zeros((self._count - 1, 12, count), dtype=np.int64)
@@ -211,23 +215,23 @@ class MotionBake:
         return table, affine
 
     def _turns(self, table: BlockTable) -> np.ndarray:
-        """Mean rotations of the blocks since the keyframe, (F - 1, 3, B) int64: each the median of its splats'."""
+        """Mean rotations of the blocks since the keyframe, (F - 1, 3, B) int64: medians over their splats."""
         turns = np.zeros((self._count - 1, 3, table.count), dtype=np.int64)
         order = np.argsort(self._labels, kind="stable")
         parts = np.split(order, np.cumsum(np.bincount(self._labels))[:-1])
         for frame in range(1, self._count):
-            turn = multiply(self._quats[frame], conjugate(self._quats[0]))
+            turn = quat_multiply(self._quats[frame], quat_conjugate(self._quats[0]))
             turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
             mean = np.stack([np.median(turn[part], axis=0) for part in parts])
             mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
-            numbers = to_mrp(mean)
+            numbers = quats_to_mrp(mean)
             numbers[np.linalg.norm(numbers, axis=1) < _TURN] = 0
             turns[frame - 1] = np.rint(numbers / table.rotation_step).T
         return turns
 
     def _residuals(self, state: MotionState, side: Side) -> tuple[np.ndarray, np.ndarray]:
-        """What blocks' motions leave: positions (F, N, 3) and rotations as MRP (F, N, 3)."""
-        residuals = np.zeros((self._count, self._splats, 3))  # the keyframe is exact to its cells
+        """Residuals after block motion: means (F, N, 3) and rotations as MRP (F, N, 3)."""
+        residuals = np.zeros((self._count, self._splats, 3))  # zero in the keyframe: its cells are coded losslessly
         rotations = np.empty((self._count, self._splats, 3))
         before: np.ndarray | None = None
         for frame in range(self._count):
@@ -236,12 +240,12 @@ class MotionBake:
             turned = state.rotations(frame)
             rest = self._quats[frame]
             if turned is not None:
-                rest = multiply(conjugate(turned)[self._labels], rest)
+                rest = quat_multiply(quat_conjugate(turned)[self._labels], rest)
             if before is not None:
                 rest = rest * np.where((rest * before).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
-            rest = rest * np.where(rest[:, :1] < -0.5, -1.0, 1.0)  # far from -1, where the three numbers end
+            rest = rest * np.where(rest[:, :1] < -0.5, -1.0, 1.0)  # away from -1, where MRP is singular
             before = rest
-            rotations[frame] = to_mrp(rest)
+            rotations[frame] = quats_to_mrp(rest)
         return residuals, rotations
 
 
@@ -250,40 +254,16 @@ def _point(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def _importance(opacity: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """(N,) how much finer or coarser than others a splat's position should be, about 1: faint and large splats show
-    errors less (exponents and bounds by measurement)."""
+    """(N,) relative position step, about 1: errors of faint and of large splats are less visible (exponents and bounds
+    measured)."""
     faint = np.sqrt(np.median(opacity) / np.maximum(opacity, 1e-3))
     large = np.exp(0.3 * (sizes - np.median(sizes)))
     return np.clip(faint * large, 0.5, 4.0)
 
 
 def _classes(importance: np.ndarray, residuals: np.ndarray, step: float) -> np.ndarray:
-    """(N,) uint8: by importance, and coarse enough for the splat's residuals in four of five frames."""
-    wanted = np.rint(np.log2(importance)) + 1  # class 0 is for the most important ones
+    """(N,) uint8 classes by importance, coarse enough for the splat's residuals in 80 % of the frames."""
+    wanted = np.rint(np.log2(importance)) + 1  # class 0 is the finest
     reach = np.quantile(np.abs(residuals).max(axis=2), 0.8, axis=0)
     needed = np.ceil(np.log2(np.maximum(reach / (_STEPS_A_SIDE * step), 1e-9)))
     return np.clip(np.maximum(wanted, needed), 0, MAX_CLASS).astype(np.uint8)
-
-
-def _steps(sh_degree: int, position_step: float, settings: BakeSettings) -> list[float]:
-    """Step of each channel, before its range is looked at."""
-
-    def step(base: float, attribute: str) -> float:
-        qp = settings.attribute_qps.get(attribute, settings.qp)
-        return base * 2.0 ** ((qp - settings.qp) / 6)
-
-    result = [step(position_step / 2, "means_low")] * 3  # class 0; most splats have class 1
-    result += [step(ROTATION_STEP, "quats")] * 3
-    result += [step(SCALE_STEP, "scales")] * 3
-    result.append(step(OPACITY_STEP, "opacities"))
-    for _ in range((sh_degree + 1) ** 2):
-        result += [step(LUMA_STEP, "sh"), step(CHROMA_STEP, "sh"), step(CHROMA_STEP, "sh")]
-    return result
-
-
-def _range(values: np.ndarray, step: float) -> tuple[float, float]:
-    """Offset and step for a channel: its whole range where 255 steps hold it, else all but the tails."""
-    low, high = float(values.min()), float(values.max())
-    if high - low > 254 * step:
-        low, high = (float(end) for end in np.quantile(values, [_TAIL, 1 - _TAIL]))
-    return (low + high) / 2, max(step, (high - low) / 254)

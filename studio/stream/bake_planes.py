@@ -1,4 +1,4 @@
-"""Baking of the profile `planes` (paper, "Baking 3D Gaussians"): each number of a splat in a video of its own."""
+"""Encoder of the profile `planes` (paper, "Baking 3D Gaussians"): one video per component of a splat."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
 from studio.stream.files import describe
@@ -23,7 +22,7 @@ from studio.stream.layout import (
     to_plane,
     typical_size,
 )
-from studio.stream.manifest_models import Box, ComponentEntry, Part, PlaneEntry, PlanesGroup
+from studio.stream.manifest_models import Box, ComponentEntry, Part, PlaneEntry, PlanesGroup, group_invalid
 from studio.stream.morton import morton_order
 from studio.stream.quantize import quantize, split_bytes
 from studio.stream.settings import BakeSettings
@@ -31,13 +30,13 @@ from studio.stream.video import PlaneEncoder
 
 
 class PlanesBake:
-    """One group, read through once for its ranges; `write` can then be called for any QP.
+    """One group. The constructor reads all frames once for their ranges; `write` can then be called for any QP.
 
-    The splats are put into Morton order of the keyframe for the whole group, each component is quantized with rounding
-    over its range in the whole group, and the planes are encoded on all cores.
+    The splats of all frames are put into the Morton order of the keyframe, each component is rounded to levels over its
+    range in the group, and the planes are encoded in parallel.
 
     Args:
-        frames: the group's frames, keyframe first; read again by each `write`.
+        frames: frames of the group, keyframe first; every `write` reads them again.
         progress: called before each frame, so that it can cancel.
     """
 
@@ -51,12 +50,21 @@ class PlanesBake:
         self._low[-7:-4] = np.minimum(np.maximum(self._low[-7:-4], floor), self._high[-7:-4])
 
     def write(
-        self, folder: Path, name: str, group: int, first_frame: int, settings: BakeSettings, progress: ProgressFn
+        self,
+        folder: Path,
+        name: str,
+        group: int,
+        first_frame: int,
+        settings: BakeSettings,
+        progress: ProgressFn,
+        threads: int = 0,
     ) -> PlanesGroup:
-        """Write the videos into `folder`, which the manifest will call `name`."""
+        """Write the videos into `folder`, which is `name` in the manifest."""
         frames, low, high = self._frames, self._low, self._high
         planes = _planes(frames[0].sh_degree, settings)
-        _encode(component_frames(frames, self._order), folder, planes, low, high, settings, len(frames), progress)
+        _encode(
+            component_frames(frames, self._order), folder, planes, low, high, settings, len(frames), progress, threads
+        )
         return _entry(folder, name, planes, low, high, group, first_frame, frames, self._box)
 
 
@@ -70,14 +78,14 @@ def _keyframe_order(keyframe: Gaussians) -> np.ndarray:
 
 
 def _reported(frames: Sequence[Gaussians], progress: ProgressFn) -> Iterator[Gaussians]:
-    """The frames, giving `progress` the chance to cancel before each."""
+    """The frames; `progress` can cancel before each."""
     for frame in frames:
         progress(0, len(frames))
         yield frame
 
 
 def _ranges(values: Iterator[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Minimum and maximum of each component over the group, (C,) float64."""
+    """Minima and maxima of the components over the group, both (C,) float64."""
     low: np.ndarray | None = None
     high: np.ndarray | None = None
     for frame in values:
@@ -90,7 +98,7 @@ def _ranges(values: Iterator[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Component, Part, int]]:
-    """Row of the component, component, part and QP of each file, in the manifest's order."""
+    """(row of the component, component, part, QP) of each file, in the order of the manifest."""
     result: list[tuple[int, Component, Part, int]] = []
     for row, component in enumerate(components(sh_degree)):
         if component.bits == 16:
@@ -115,6 +123,7 @@ def _encode(
     settings: BakeSettings,
     frame_count: int,
     progress: ProgressFn,
+    threads: int,
 ) -> None:
     encoders: list[PlaneEncoder] = []
 
@@ -126,7 +135,7 @@ def _encode(
         encoders[index].add(to_plane(codes, plane_side(frame.shape[1])))
 
     try:
-        with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1, thread_name_prefix="bake") as pool:
+        with ThreadPoolExecutor(threads or os.cpu_count() or 1, thread_name_prefix="bake") as pool:
             for number, frame in enumerate(values):
                 if not encoders:
                     side = plane_side(frame.shape[1])
@@ -178,4 +187,4 @@ def _entry(
             ),
         )
     except ValueError as error:
-        raise StudioError(f"Baking: group {group} does not fit the format ({error}).") from None
+        raise group_invalid(group, error) from None

@@ -1,4 +1,4 @@
-"""Opening a group's files with the decoder of its profile."""
+"""Opens a group with the decoder of its profile."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def open_decoder(
 
     Args:
         group: its entry in the manifest.
-        files: what `fetch_group` returned: content by path.
-        pool: threads that decode several videos side by side.
+        files: content by path, from `fetch_group`.
+        pool: threads that decode several videos in parallel.
         name: the stream, for messages.
-        codec: the manifest's.
-        threads: of a video decoder that works alone.
+        codec: as in the manifest.
+        threads: for a profile with a single video: threads of its decoder.
 
     Raises:
-        StudioError: a file is not what the manifest promises.
+        StudioError: a file does not match the manifest.
     """
     if isinstance(group, PlanesGroup):
         return PlanesDecoder(group, files, pool, name)

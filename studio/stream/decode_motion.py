@@ -1,4 +1,4 @@
-"""Decoding of the profile `motion`: one video and a side file to Gaussians, exactly the inverse of `bake_motion`."""
+"""Decoder of the profile `motion`, the exact inverse of `bake_motion`: one video and a side file to Gaussians."""
 
 from __future__ import annotations
 
@@ -9,26 +9,28 @@ import torch
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.rotations import mrp_to_quats, quat_multiply
 from studio.stream.decoder import DecodedFrame, GroupDecoder
 from studio.stream.manifest_models import MotionGroup
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
-from studio.stream.rotation import from_mrp, multiply
+from studio.stream.profiles.motion import from_ycocg
+from studio.stream.source import BAKE_AGAIN
 from studio.stream.video import PlaneDecoder
 
 OPACITY_MARGIN = 1e-6
-"""Opacities are kept this far from 0 and 1, so that their logits are finite."""
+"""Opacities are clamped to this distance from 0 and 1, so that their logits are finite."""
 
 
 class GroupTables:
-    """What all frames of a group share: the side file, read, and where each number of a splat lies in the picture.
+    """What all frames of a group share: the parsed side file, and the pixel of each number of a splat.
 
     Args:
         group: its entry in the manifest.
         data: the side file.
 
     Raises:
-        ValueError: the side file is not what the manifest promises.
+        ValueError: the side file does not match the manifest.
     """
 
     def __init__(self, group: MotionGroup, data: bytes) -> None:
@@ -51,7 +53,7 @@ class GroupTables:
         self._starts = np.searchsorted(escapes.frame[order], np.arange(group.frame_count + 1))
 
     def values(self, index: int, picture: np.ndarray) -> np.ndarray:
-        """(C, N) float32: the channels' values in frame `index` of the group, classes not yet applied."""
+        """(C, N) float32 values of the channels in frame `index` of the group, classes not yet applied."""
         group = self.group
         flat = picture.reshape(-1)
         values = np.empty((len(group.channels), group.splats), dtype=np.float32)
@@ -68,7 +70,7 @@ class GroupTables:
 
 
 class MotionFrame(DecodedFrame):
-    """One frame's picture, (height, width) uint8, and its number within the group."""
+    """One frame: picture (height, width) uint8 and 0-based index within the group."""
 
     def __init__(self, tables: GroupTables, index: int, picture: np.ndarray) -> None:
         self._tables, self._index, self._picture = tables, index, picture
@@ -78,13 +80,13 @@ class MotionFrame(DecodedFrame):
         tables, index = self._tables, self._index
         values = tables.values(index, self._picture)
         means = tables.state.positions(index) + (values[:3] * tables.gains).T
-        quats = from_mrp(values[3:6].T)
+        quats = mrp_to_quats(values[3:6].T)
         turned = tables.state.rotations(index)
         if turned is not None:
-            quats = multiply(turned[tables.state.labels], quats)
+            quats = quat_multiply(turned[tables.state.labels], quats)
         opacities = np.clip(values[9], OPACITY_MARGIN, 1 - OPACITY_MARGIN)
         luma, orange, green = values[10::3].T, values[11::3].T, values[12::3].T  # (N, K) each
-        sh = np.stack([luma + orange - green, luma + green, luma - orange - green], axis=-1)
+        sh = np.stack(from_ycocg(luma, orange, green), axis=-1)
         return Gaussians(
             means=torch.from_numpy(means),
             quats=torch.from_numpy(quats),
@@ -101,11 +103,11 @@ class MotionDecoder(GroupDecoder):
         group: its entry in the manifest.
         files: content by path.
         name: the stream, for messages.
-        codec: the manifest's.
+        codec: as in the manifest.
         threads: of the video decoder.
 
     Raises:
-        StudioError: a file is not what the manifest promises.
+        StudioError: a file does not match the manifest.
     """
 
     def __init__(self, group: MotionGroup, files: Mapping[str, bytes], name: str, codec: str, threads: int) -> None:
@@ -117,7 +119,10 @@ class MotionDecoder(GroupDecoder):
         except ValueError as error:
             self.close()
             raise StudioError(
-                f"{name}/{group.side.path}: the side file is damaged: {error}; bake or fetch it again."
+                "stream.side_file_damaged",
+                f"the side file is damaged: {error}",
+                file=f"{name}/{group.side.path}",
+                fix=BAKE_AGAIN,
             ) from None
 
     def _read(self, index: int) -> MotionFrame:
@@ -126,5 +131,5 @@ class MotionDecoder(GroupDecoder):
         return MotionFrame(self._tables, index, picture)
 
     def close(self) -> None:
-        """Free the decoder."""
+        """Release the decoder."""
         self._video.close()

@@ -1,4 +1,4 @@
-"""Decoding of the profile `planes`: bytes to components to Gaussians, exactly the inverse of `bake_planes`."""
+"""Decoder of the profile `planes`, the exact inverse of `bake_planes`."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class PlanesFrame(DecodedFrame):
 
 
 class PlanesDecoder(GroupDecoder):
-    """Decodes all planes of a frame at once on a few threads.
+    """Decodes all planes of a frame in parallel.
 
     Args:
         group: its entry in the manifest.
-        files: what `fetch_group` returned.
+        files: content by path, from `fetch_group`.
         pool: threads to decode on.
         name: the stream, for messages.
     """
@@ -59,7 +59,7 @@ class PlanesDecoder(GroupDecoder):
         self._planes_group = group
         self._pool = pool
         size = (group.side, group.side)
-        # Opening decodes each file's first picture to learn what it is, so it is worth the threads, too.
+        # Opening parses each file's headers, so it pays to do that in parallel too.
         opening = [pool.submit(PlaneDecoder, files[plane.path], f"{name}/{plane.path}", size) for plane in group.planes]
         wait(opening)
         self._decoders = [future.result() for future in opening if future.exception() is None]
@@ -74,13 +74,13 @@ class PlanesDecoder(GroupDecoder):
         reading = [
             self._pool.submit(decoder.read, plane) for decoder, plane in zip(self._decoders, planes, strict=True)
         ]
-        wait(reading)  # all of them, before an error of one is raised: the caller may then close the decoders
+        wait(reading)  # for all, before raising the error of one: the caller may then close the decoders
         for future in reading:
             future.result()
         return PlanesFrame(group, planes)
 
     def close(self) -> None:
-        """Free the decoders."""
+        """Release the decoders."""
         for decoder in self._decoders:
             decoder.close()
         self._decoders = []

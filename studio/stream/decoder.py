@@ -1,4 +1,4 @@
-"""What every profile's decoder offers."""
+"""The interface of the decoders of all profiles."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from studio.stream.manifest_models import GroupEntry
 
 
 class DecodedFrame(ABC):
-    """One frame as its group's files have it, decoded and not yet dequantized."""
+    """One frame, decoded but not dequantized."""
 
     @abstractmethod
     def gaussians(self) -> Gaussians:
@@ -18,11 +18,11 @@ class DecodedFrame(ABC):
 
 
 class GroupDecoder(ABC):
-    """Decodes one group's frames in order.
+    """Decodes the frames of one group in order.
 
     Attributes:
         group: its entry in the manifest.
-        next_frame: index in the stream of the frame that `read` gives next.
+        next_frame: index in the stream of the frame that `read` returns next.
     """
 
     def __init__(self, group: GroupEntry) -> None:
@@ -30,14 +30,16 @@ class GroupDecoder(ABC):
         self.next_frame = group.first_frame
 
     def read(self) -> DecodedFrame:
-        """The next frame; `DecodedFrame.gaussians` makes splats of it, on any thread.
+        """The next frame; call `DecodedFrame.gaussians` on any thread for its splats.
 
         Raises:
-            StudioError: a file is damaged, or there is no further frame in the group.
+            StudioError: a file is damaged, or the group has no further frame.
         """
         if self.next_frame >= self.group.end_frame:
             raise StudioError(
-                f"Group {self.group.index} has {self.group.frame_count} frames; there is none after them."
+                "stream.end_of_group",
+                f"group {self.group.index} has only {self.group.frame_count} frames",
+                group=self.group.index,
             )
         frame = self._read(self.next_frame - self.group.first_frame)
         self.next_frame += 1
@@ -49,4 +51,4 @@ class GroupDecoder(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Free what it holds."""
+        """Release decoders and memory."""

@@ -1,13 +1,21 @@
-"""What the manifest says of a file that was just written."""
+"""Manifest values of a written file."""
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 
-def describe(file: Path, folder: str) -> dict[str, Any]:
-    """Path (as `folder`/name), size and SHA-256 of a file, as `FileEntry` takes them."""
+class FileFacts(TypedDict):
+    """The values of a `FileEntry`."""
+
+    path: str
+    bytes: int
+    sha256: str
+
+
+def describe(file: Path, folder: str) -> FileFacts:
+    """Path (as `folder`/name), size and SHA-256 of a file."""
     data = file.read_bytes()
     return {"path": f"{folder}/{file.name}", "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}

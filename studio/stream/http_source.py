@@ -1,5 +1,7 @@
-"""A stream on a web server: files over HTTP(S), with time limits, retries that go on where the last one broke off, and
-bounded sizes. What the bytes are worth is checked by the reader, against the manifest's SHA-256."""
+"""A stream on a web server: HTTP(S) with timeouts, retries that resume, and bounded sizes.
+
+The reader verifies the bytes against the SHA-256 in the manifest.
+"""
 
 from __future__ import annotations
 
@@ -13,60 +15,61 @@ from urllib.parse import unquote, urlsplit, urlunsplit
 import urllib3
 
 from studio.errors import StudioError
-from studio.stream.source import SourceUnavailable, is_address
+from studio.stream.source import SourceUnavailable, is_address, too_long
 
 CONNECT_SECONDS = 5.0
 STALL_SECONDS = 8.0
-"""A server that sends nothing for so long, or less than `MIN_RATE` over such a span, is given up for this attempt."""
+"""An attempt is aborted if the server sends nothing for this long, or less than `MIN_RATE` on average over it."""
 
 MIN_RATE = 16_000
-"""Bytes a second; far below what any stream needs to be played."""
+"""Bytes per second, far below the bit rate of any stream."""
 
 PATIENCE = 30.0
-"""Seconds from a file's first failed attempt after which no other begins: time enough for a server to be restarted."""
+"""Seconds after a file's first failed attempt during which it is retried: enough to restart a server."""
 
 FIRST_PATIENCE = 3.0
-"""The same before the server has ever answered: the address is more likely to be wrong than the server to be late."""
+"""Same, before the server has ever answered: a wrong URL is more likely than a slow server."""
 
 _CHUNK = 1 << 16
 _RETRIED = (408, 425, 429, 500, 502, 503, 504)
-_BACK_OFF = (0.1, 3.0)  # seconds before the second attempt, and at the most; doubled from one to the next
+_BACK_OFF = (0.1, 3.0)  # seconds before the second attempt and at most; doubles every time
 
 
 class _Temporary(Exception):
-    """Worth another attempt. `retry_after`: seconds that the server asks for."""
+    """Worth a retry. `retry_after`: seconds requested by the server."""
 
-    def __init__(self, problem: str, retry_after: float = 0.0) -> None:
+    def __init__(self, reason: str, problem: str, retry_after: float = 0.0) -> None:
         super().__init__(problem)
+        self.reason = reason
         self.retry_after = retry_after
 
 
 class _Partial:
-    """What has come of one file so far, and the server's mark of the version it came from."""
+    """The part of a file received so far, and the validator (ETag or date) of its version."""
 
     def __init__(self) -> None:
         self.data = bytearray()
-        self.mark: str | None = None
+        self.validator: str | None = None
 
     def restart(self) -> None:
         self.data.clear()
-        self.mark = None
+        self.validator = None
 
 
 class HttpSource:
-    """A stream below an http:// or https:// address. Thread safe; connections are kept and used again.
+    """A stream below an http:// or https:// URL. Thread safe; connections are reused.
 
-    A connection that breaks, stalls or is refused, and the statuses that say "later", are tried again with growing
-    pauses until `patience` is used up; what has arrived is kept and only the rest asked for (a range request, bound
-    to the same version of the file by If-Range where the server gives its files an ETag or a date).
+    Broken, stalled and refused connections and temporary status codes are retried with exponential backoff until
+    `patience` runs out. Bytes already received are kept: a range request asks for the rest, with If-Range if the server
+    sent an ETag or a date.
 
     Args:
-        address: of the stream's folder or of its manifest.json; a query (?token=...) goes with every request, a name
-            and password before the host become basic authentication.
+        address: URL of the stream's folder or of its manifest.json. A query (?token=...) is sent with every request;
+            user:password@ before the host becomes basic authentication.
         stall, patience, first_patience: seconds, see the constants of this module.
 
     Raises:
-        StudioError: this is no http(s) address.
+        StudioError: not a valid http(s) URL.
     """
 
     parallel = 6
@@ -83,9 +86,14 @@ class HttpSource:
             parts = urlsplit(address)
             host, port = parts.hostname, parts.port
         except ValueError as error:
-            raise StudioError(f"{address}: this is not a usable address ({error}).") from None
+            raise StudioError("source.invalid_url", f"invalid URL ({error})", file=address) from None
         if not is_address(address) or not host:
-            raise StudioError(f"{address}: give an address that begins with http:// or https:// and names a server.")
+            raise StudioError(
+                "source.invalid_url",
+                "invalid URL",
+                file=address,
+                fix="Specify a URL that starts with http:// or https:// and a host.",
+            )
         netloc = (f"[{host}]" if ":" in host else host) + ("" if port is None else f":{port}")
         self._base = parts._replace(
             netloc=netloc, path=parts.path.removesuffix("manifest.json").rstrip("/"), fragment=""
@@ -104,21 +112,21 @@ class HttpSource:
         self._pool = urllib3.PoolManager(
             maxsize=self.parallel,
             timeout=urllib3.Timeout(connect=CONNECT_SECONDS, read=stall),
-            # Redirections are followed here; all else is retried by `read`, which knows what has arrived.
+            # urllib3 follows redirects; `read` does all other retries, since it knows what has arrived.
             retries=urllib3.Retry(total=None, connect=0, read=0, status=0, other=0, redirect=5),
         )
 
     @property
     def name(self) -> str:
-        """The address, without password and query."""
+        """The URL without credentials and query."""
         return urlunsplit(self._base._replace(query=""))
 
     def read(self, path: str, limit: int) -> bytes:
         """See `Source.read`.
 
         Raises:
-            SourceUnavailable: no answer, or not all of it, within the patience.
-            StudioError: the server answers that the file is missing or not to be had, or it is longer than `limit`.
+            SourceUnavailable: no complete answer before `patience` ran out.
+            StudioError: the file is missing, access is denied, or the file is longer than `limit`.
         """
         url = urlunsplit(self._base._replace(path=f"{self._base.path}/{path}"))
         name = f"{self.name}/{path}"
@@ -129,7 +137,7 @@ class HttpSource:
         attempts = 0
         while True:
             if self._closed.is_set():
-                raise StudioError(f"{name}: the stream was closed while it was being read.")
+                raise StudioError("source.closed", "the stream was closed during the read", file=name)
             attempts += 1
             attempt_began = time.monotonic()
             try:
@@ -145,18 +153,22 @@ class HttpSource:
                     if self._closed.is_set():
                         continue
                     raise SourceUnavailable(
-                        f"{name}: {problem} ({attempts} attempts in {time.monotonic() - began:.0f} s); "
-                        "check the address, the network and the server, then try again."
+                        "source.unavailable",
+                        f"{problem} ({attempts} attempts in {time.monotonic() - began:.0f} s)",
+                        file=name,
+                        fix="Check the URL, the network and the server, then try again.",
+                        reason=problem.reason,
+                        attempts=attempts,
                     ) from None
                 self._closed.wait(wait)
 
     def _attempt(self, url: str, name: str, partial: _Partial, limit: int) -> None:
-        """Ask for the file, or for what is missing of it."""
+        """Request the file, or the missing rest of it."""
         headers = dict(self._headers)
         if partial.data:
             headers["Range"] = f"bytes={len(partial.data)}-"
-            if partial.mark is not None:
-                headers["If-Range"] = partial.mark
+            if partial.validator is not None:
+                headers["If-Range"] = partial.validator
         try:
             response = self._pool.request("GET", url, headers=headers, preload_content=False)
         except urllib3.exceptions.HTTPError as error:
@@ -173,34 +185,34 @@ class HttpSource:
             if complete:
                 response.release_conn()
             else:
-                response.close()  # what may still come must not be taken for the answer to the next request
+                response.close()  # late bytes must not become the answer to the next request
 
     def _receive(self, response: urllib3.BaseHTTPResponse, name: str, partial: _Partial, limit: int) -> None:
         _check_answer(response, name, partial)
         length = response.headers.get("Content-Length", "")
         expected = len(partial.data) + int(length) if length.isascii() and length.isdigit() else None
         if expected is not None and expected > limit:
-            raise StudioError(
-                f"{name}: the server has {expected} bytes, at most {limit} are expected; bake or upload it again."
-            )
-        partial.mark = _mark(response)
+            raise too_long(name, limit, expected)
+        partial.validator = _validator(response)
         data = partial.data
         window, window_bytes = time.monotonic(), len(data)
         while True:
-            # read1 gives what is there; read would wait for a whole chunk, however slowly it trickles in
+            # read1 returns what is available; read would wait for a full chunk at any rate
             chunk = response.read1(min(_CHUNK, limit + 1 - len(data)))
             if not chunk:
                 break
             data += chunk
             if len(data) > limit:
-                raise StudioError(f"{name}: the file is longer than {limit} bytes; bake or upload it again.")
+                raise too_long(name, limit)
             now = time.monotonic()
             if now - window >= self._stall:
                 if len(data) - window_bytes < MIN_RATE * (now - window):
-                    raise _Temporary(f"the server sends less than {MIN_RATE} bytes a second")
+                    raise _Temporary("too_slow", f"the server sends less than {MIN_RATE} bytes per second")
                 window, window_bytes = now, len(data)
         if self._closed.is_set() or (expected is not None and len(data) < expected):
-            raise _Temporary(f"the server closed the connection after {len(data)} of {expected} bytes")
+            raise _Temporary(
+                "connection_closed", f"the server closed the connection after {len(data)} of {expected} bytes"
+            )
 
     @contextlib.contextmanager
     def _tracked(self, response: urllib3.BaseHTTPResponse) -> Iterator[None]:
@@ -213,46 +225,62 @@ class HttpSource:
                 self._live.discard(response)
 
     def close(self) -> None:
-        """End all reads soon, and drop the connections."""
+        """Abort all reads and close the connections."""
         self._closed.set()
         with self._live_lock:
             for response in self._live:
-                with contextlib.suppress(Exception):  # it may just have ended by itself
+                with contextlib.suppress(Exception):  # it may have ended just now
                     response.shutdown()
         self._pool.clear()
 
 
 def _check_answer(response: urllib3.BaseHTTPResponse, name: str, partial: _Partial) -> None:
-    """Raises unless the body is the file, or the part of it that was asked for."""
+    """Raises unless the body is the file, or the requested part of it."""
     status = response.status
-    said = f"the server answers {status} {response.reason or ''}".rstrip()
+    answer = f"the server answers {status} {response.reason or ''}".rstrip()
     if status in _RETRIED:
         after = response.headers.get("Retry-After", "")
-        raise _Temporary(said, float(after) if after.isascii() and after.isdigit() else 0.0)
+        raise _Temporary("status", answer, float(after) if after.isascii() and after.isdigit() else 0.0)
     if status in (404, 410):
-        raise StudioError(f"{name}: {said}: the file is missing there; check the address, or upload the stream again.")
+        raise StudioError(
+            "source.file_missing",
+            f"{answer}: the file is missing on the server",
+            file=name,
+            fix="Check the URL, or upload the stream again.",
+            status=status,
+        )
     if status in (401, 403):
-        raise StudioError(f"{name}: {said}; it may not be read; ask for access, or put user:password@ before the host.")
+        raise StudioError(
+            "source.access_denied",
+            answer,
+            file=name,
+            fix="Ask for access, or put user:password@ before the host.",
+            status=status,
+        )
     if status == 416 and partial.data:
         partial.restart()
-        raise _Temporary("the file changed on the server while it was being read")
+        raise _Temporary("file_changed", "the file changed on the server during the read")
     if status == 206 and partial.data:
         if not response.headers.get("Content-Range", "").startswith(f"bytes {len(partial.data)}-"):
             partial.restart()
-            raise _Temporary("the server sent another part of the file than was asked for")
+            raise _Temporary("wrong_range", "the server sent a different part of the file than requested")
     elif status == 200:
         partial.restart()
     else:
-        raise StudioError(f"{name}: {said}; check the address.")
+        raise StudioError("source.http_status", answer, file=name, fix="Check the URL.", status=status)
     encoding = response.headers.get("Content-Encoding", "identity").strip().lower()
     if encoding not in ("", "identity"):
         raise StudioError(
-            f"{name}: the server sends it compressed ({encoding}), though asked not to; switch that off for streams."
+            "source.compressed",
+            f"the server sends the file with Content-Encoding {encoding}, which was not requested",
+            file=name,
+            value=encoding,
+            fix="Disable compression for streams on the server.",
         )
 
 
-def _mark(response: urllib3.BaseHTTPResponse) -> str | None:
-    """What If-Range may compare: a strong ETag, else the date."""
+def _validator(response: urllib3.BaseHTTPResponse) -> str | None:
+    """Value for If-Range: a strong ETag, otherwise the date."""
     tag = response.headers.get("ETag")
     if tag is not None and not tag.startswith("W/"):
         return tag
@@ -260,20 +288,22 @@ def _mark(response: urllib3.BaseHTTPResponse) -> str | None:
 
 
 def _problem(name: str, error: Exception) -> Exception:
-    """What went wrong, in words; whether it may pass."""
+    """The error to raise, `_Temporary` if a retry may succeed."""
     reason = error.reason if isinstance(error, urllib3.exceptions.MaxRetryError) else error
     if isinstance(reason, urllib3.exceptions.SSLError):
-        return StudioError(f"{name}: no secure connection ({reason}); check the server's certificate.")
+        return StudioError(
+            "source.tls", f"no secure connection ({reason})", file=name, fix="Check the server's certificate."
+        )
     if isinstance(reason, urllib3.exceptions.LocationParseError):
-        return StudioError(f"{name}: this is not a usable address ({reason}).")
-    if isinstance(reason, urllib3.exceptions.ResponseError):  # redirected too often
-        return StudioError(f"{name}: the server sends in circles ({reason}); check the address.")
+        return StudioError("source.invalid_url", f"invalid URL ({reason})", file=name)
+    if isinstance(reason, urllib3.exceptions.ResponseError):  # too many redirects
+        return StudioError("source.redirect_loop", f"too many redirects ({reason})", file=name, fix="Check the URL.")
     if isinstance(reason, urllib3.exceptions.NameResolutionError):
-        return _Temporary("the server's name is not known")
+        return _Temporary("unknown_host", "the host name cannot be resolved")
     if isinstance(reason, urllib3.exceptions.NewConnectionError):
-        return _Temporary("the server refuses the connection or cannot be reached")
+        return _Temporary("no_connection", "the server refuses the connection or cannot be reached")
     if isinstance(reason, urllib3.exceptions.ConnectTimeoutError):
-        return _Temporary("the server does not answer")
+        return _Temporary("connect_timeout", "the server does not answer")
     if isinstance(reason, urllib3.exceptions.ReadTimeoutError | TimeoutError):
-        return _Temporary("the server stopped sending")
-    return _Temporary(f"the connection broke ({reason})")
+        return _Temporary("read_timeout", "the server stopped sending")
+    return _Temporary("connection_broken", f"the connection broke ({reason})")

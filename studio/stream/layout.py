@@ -1,7 +1,7 @@
-"""Which numbers of a splat the stream stores, in which order, and on what planes.
+"""Which numbers of a splat the stream stores, in which order, and how they are laid out in pictures.
 
-A *component* is one number a splat (x of the position, opacity, ...); a *plane* is a square luma picture with one byte
-a splat. Positions have 16 bits and two planes, all else 8 bits and one plane (paper, "Quantization bits setting").
+A *component* is one number per splat (x of the mean, opacity, ...); a *plane* is a square luma picture with one byte
+per splat. Means have 16 bits and two planes, all else 8 bits and one plane (paper, "Quantization bits setting").
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _RGB = "rgb"
 
 @dataclass(frozen=True)
 class Component:
-    """One number a splat.
+    """One number per splat.
 
     Attributes:
         name: as in the manifest and in file names: mean_x, sh_0_r, opacity, log_scale_0, quat_w, ...
-        attribute: which QP holds for it: means, opacities, scales, quats or sh.
+        attribute: the attribute whose QP applies: means, opacities, scales, quats or sh.
         bits: 16 or 8.
     """
 
@@ -40,7 +40,7 @@ class Component:
 
 
 def components(sh_degree: int) -> tuple[Component, ...]:
-    """All components of a stream, in the order of the manifest: 11 + 3 (degree + 1)^2 of them.
+    """All 11 + 3 (degree + 1)^2 components, in the order of the manifest.
 
     Spherical harmonics are coefficient-major: sh_k_r, sh_k_g, sh_k_b for k = 0, 1, ...
     """
@@ -54,7 +54,7 @@ def components(sh_degree: int) -> tuple[Component, ...]:
 
 
 def plane_side(splats: int) -> int:
-    """Side of the smallest square whose side is a multiple of 8 and that holds all splats."""
+    """Side of a plane in pixels: the smallest multiple of 8 whose square is at least `splats`."""
     side = 8
     while side * side < splats:
         side += 8
@@ -62,7 +62,7 @@ def plane_side(splats: int) -> int:
 
 
 def channels(sh_degree: int) -> tuple[str, ...]:
-    """Tiles of the profile `motion`, in the order of the manifest: 10 + 3 (degree + 1)^2 of them."""
+    """All 10 + 3 (degree + 1)^2 channels of the profile `motion`, in the order of the manifest."""
     result = [f"residual_{axis}" for axis in "xyz"]
     result += [f"rotation_{i}" for i in range(3)]
     result += [f"log_scale_{i}" for i in range(3)]
@@ -73,7 +73,7 @@ def channels(sh_degree: int) -> tuple[str, ...]:
 
 
 def tile_side(splats: int) -> int:
-    """Side of a tile: the smallest multiple of 16, a codec's block, whose square holds all splats."""
+    """Side of a tile in pixels: the smallest multiple of 16, the codec's block, whose square is at least `splats`."""
     side = 16
     while side * side < splats:
         side += 16
@@ -81,7 +81,7 @@ def tile_side(splats: int) -> int:
 
 
 def tile_grid(tiles: int) -> tuple[int, int]:
-    """Columns and rows of the picture: few empty tiles first, then nearly square."""
+    """Columns and rows of the picture: as few empty tiles as possible, then as square as possible."""
 
     def badness(columns: int) -> tuple[int, int]:
         rows = -(-tiles // columns)
@@ -92,7 +92,7 @@ def tile_grid(tiles: int) -> tuple[int, int]:
 
 
 def to_plane(codes: np.ndarray, side: int) -> np.ndarray:
-    """(N,) codes, row by row, onto a (side, side) plane; what is left over repeats the last code (cheap to encode)."""
+    """(N,) codes, row by row, as a (side, side) plane. The rest repeats the last code, which is cheap to encode."""
     plane = np.empty(side * side, dtype=np.uint8)
     plane[: len(codes)] = codes
     plane[len(codes) :] = codes[-1]
@@ -100,22 +100,23 @@ def to_plane(codes: np.ndarray, side: int) -> np.ndarray:
 
 
 def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = None) -> Iterator[np.ndarray]:
-    """What is quantized, frame by frame of one group.
+    """The values to quantize, per frame of one group.
 
-    Quaternions are normalized, their sign chosen (w >= 0 in the keyframe, then nearest to the frame before, since q and
-    -q are the same rotation), so that they do not jump in time. Opacity is linear, scale logarithmic.
+    Quaternions are normalized and have the sign w >= 0 in the keyframe, then the sign nearest to the previous frame
+    (q and -q are the same rotation), so that they are continuous in time. Opacity is linear, scale logarithmic.
 
     Args:
-        frames: the group's frames, all with the same number of splats and SH degree.
-        order: (N,) permutation applied to each frame; None leaves them as they are.
+        frames: frames of the group, with the same number of splats and SH degree.
+        order: (N,) permutation of the splats; None keeps their order.
 
     Yields:
         (C, N) float32, rows as `components(sh_degree)`.
 
     Raises:
-        StudioError: a frame has another number of splats or SH degree, or a value that is not finite.
+        StudioError: the keyframe is empty, a frame differs in its number of splats or SH degree, or a value is not
+            finite.
     """
-    # NumPy, not torch: these are small operations, and torch's thread pool costs more than they do.
+    # NumPy instead of torch: the operations are small, and torch's thread pool costs more than they do.
     previous: np.ndarray | None = None
     shape: tuple[int, int] | None = None
     for number, frame in enumerate(frames):
@@ -123,16 +124,27 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
         if shape is None:
             shape = found
             if len(frame) == 0:
-                raise StudioError("Baking: the keyframe has no splats; train it again before baking.")
+                raise StudioError("bake.no_splats", "the keyframe has no splats", fix="Train the group again.")
         if found != shape:
             raise StudioError(
-                f"Baking: frame {number} of the group has {found[0]} splats of SH degree {found[1]}, its keyframe "
-                f"{shape[0]} of degree {shape[1]}; all frames of a group need the same."
+                "bake.mixed_frames",
+                f"frame {number} of the group has {found[0]} splats of SH degree {found[1]}, but its keyframe has "
+                f"{shape[0]} of degree {shape[1]}",
+                value=found,
+                fix="Train the group again, or split it.",
+                frame=number,
+                expected=shape,
             )
         arrays = {name: tensor.numpy().astype(np.float32, copy=False) for name, tensor in frame.state_dict().items()}
         for name, array in arrays.items():
             if not np.isfinite(array).all():
-                raise StudioError(f"Baking: frame {number} of the group has a value in {name} that is not finite.")
+                raise StudioError(
+                    "gaussians.not_finite",
+                    f"frame {number} of the group has a value in {name} that is not finite",
+                    fix="Train the group again.",
+                    frame=number,
+                    attribute=name,
+                )
         values = np.concatenate(
             [
                 arrays["means"].T,
@@ -153,27 +165,29 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
 
 
 def typical_size(log_scales: np.ndarray, extent: float) -> float:
-    """Size of most splats, world units: the median of (3, N) log scales' means, kept above the scene's finest step (and
-    above nothing, where all splats lie in one point)."""
+    """Typical size of a splat, world units: the exponential of the median over splats of the mean of (3, N) log scales.
+
+    At least extent / 65535, the finest step of the means, and above 0.
+    """
     return max(float(np.exp(np.median(log_scales.mean(axis=0)))), extent / 65535, 1e-9)
 
 
 def scale_floor(typical: float) -> float:
-    """Log scale below which splats are drawn alike: a sixteenth of the typical size. A single splat of scale 1e-12
-    would take most of the 256 levels from all others."""
+    """Lower bound of log scales: a sixteenth of the typical size, below which no difference is visible. Without it, one
+    splat of scale 1e-12 would take most of the 256 levels."""
     return math.log(typical / 16)
 
 
 def _sigmoid(values: np.ndarray) -> np.ndarray:
-    with np.errstate(over="ignore"):  # exp of a large number becomes inf and the result 0, as it should
+    with np.errstate(over="ignore"):  # exp overflows to inf and the result is 0, as intended
         return 1 / (1 + np.exp(-values))
 
 
 class ComponentArrays:
-    """Room for one frame's components, laid out as `Gaussians` wants them.
+    """Buffers for the components of one frame, in the memory layout of `Gaussians`.
 
     Attributes:
-        rows: one (N,) float32 view a component, in the order of `components(sh_degree)`, to be filled.
+        rows: (N,) float32 view per component, in the order of `components(sh_degree)`, to be filled in.
     """
 
     def __init__(self, splats: int, sh_degree: int) -> None:
@@ -192,7 +206,7 @@ class ComponentArrays:
         ]
 
     def gaussians(self) -> Gaussians:
-        """Gaussians over the same memory. Quaternions are as stored: near unit length, not normalized again."""
+        """Gaussians that share the memory. Quaternions are as stored: close to unit length, not normalized."""
         opacities = np.clip(self._opacities, 1e-6, 1 - 1e-6)
         return Gaussians(
             means=torch.from_numpy(self._means),

@@ -1,7 +1,7 @@
-"""The manifest: everything a player must know of a stream, as JSON, checked before anything else is read.
+"""The manifest: everything a player needs to know about a stream, as JSON, validated before any other file is read.
 
-`docs/STREAM.md` describes it for writers of other players. Keys that this version does not know are ignored, so that
-later writers may add some; whatever changes the meaning of the bytes raises the version.
+`docs/STREAM.md` specifies it for other players. Unknown keys are ignored, so that later writers can add some; any
+change to the meaning of the bytes raises the version.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ from studio.stream.manifest_models import (
     MAX_GROUPS,
     Box,
     GroupEntry,
+    InconsistentError,
     Model,
     MotionGroup,
     PlanesGroup,
     Sha256,
-    sentence,
+    invalid,
 )
+from studio.stream.source import BAKE_AGAIN
 
 FORMAT: Final = "v3studio-stream"
 VERSION: Final = 2
@@ -43,19 +45,19 @@ class Manifest(Model):
     """The whole stream.
 
     Attributes:
-        format, version: "v3studio-stream"; 2, or 1 for streams of the profile `planes` that older programs wrote.
+        format, version: "v3studio-stream"; 2, or 1 for streams of the profile `planes` written by older versions.
         profile: "planes" or "motion".
-        fps: frames a second to play at.
+        fps: frame rate of playback.
         frame_count: over all groups.
         sh_degree: 0 to 3, the same in all groups.
-        scan: how splat i lies on a plane; "rows": at row i // side, column i % side; "morton": at the pixel whose
-            column and row, their bits interleaved, come i-th within the square.
+        scan: pixel of splat i on a plane; "rows": row i // side, column i % side; "morton": the i-th pixel of the
+            square in the order of its interleaved column and row bits.
         bounding_box: over all groups.
         groups: in order, without gaps, from frame 0.
-        settings: what it was baked with. For information.
-        metadata: free; "suggested_camera" holds a camera as in rig.json where there is one.
-        total_bytes: all files of the stream, this one included.
-        manifest_sha256: of this file's bytes with these 64 digits replaced by zeros.
+        settings: bake settings, informative.
+        metadata: free-form; "suggested_camera", if present, is a camera as in rig.json.
+        total_bytes: size of all files of the stream, including the manifest.
+        manifest_sha256: SHA-256 of the manifest's bytes with these 64 digits replaced by zeros.
     """
 
     format: Literal["v3studio-stream"] = FORMAT
@@ -79,25 +81,28 @@ class Manifest(Model):
         paths: set[str] = set()
         for number, group in enumerate(self.groups):
             if group.index != number or group.first_frame != frame:
-                raise ValueError(
-                    f"group {number} has index {group.index} and begins at frame {group.first_frame}, expected index "
-                    f"{number} at frame {frame}"
+                raise InconsistentError(
+                    "group_order",
+                    f"group {number} has index {group.index} and starts at frame {group.first_frame}; expected index "
+                    f"{number} and frame {frame}",
                 )
             if group.sh_degree != self.sh_degree:
-                raise ValueError(f"group {number} has SH degree {group.sh_degree}, the stream {self.sh_degree}")
+                raise InconsistentError(
+                    "sh_degree", f"group {number} has SH degree {group.sh_degree}, the stream has {self.sh_degree}"
+                )
             frame = group.end_frame
             for file in group.files:
                 if file.path in paths or file.path == MANIFEST_NAME:
-                    raise ValueError(f"path {file.path!r} is used twice")
+                    raise InconsistentError("duplicate_path", f"path {file.path!r} is used twice")
                 paths.add(file.path)
         if frame != self.frame_count:
-            raise ValueError(f"frame_count is {self.frame_count}, the groups have {frame} frames")
+            raise InconsistentError("frame_count", f"frame_count is {self.frame_count}, the groups have {frame} frames")
         return self
 
     def group_of(self, frame: int) -> GroupEntry:
-        """The group that holds a frame, by bisection. Raises StudioError outside 0 to frame_count - 1."""
+        """The group that contains a frame. Raises StudioError unless 0 <= frame < frame_count."""
         if not 0 <= frame < self.frame_count:
-            raise StudioError(f"The stream has the frames 0 to {self.frame_count - 1}; there is no frame {frame}.")
+            raise no_such_frame(frame, self.frame_count)
         low, high = 0, len(self.groups) - 1
         while low < high:
             middle = (low + high + 1) // 2
@@ -114,11 +119,11 @@ class Manifest(Model):
 
     @property
     def bytes_per_frame(self) -> float:
-        """Total bytes over frames."""
+        """Total bytes divided by the number of frames."""
         return self.total_bytes / self.frame_count
 
     def to_bytes(self) -> bytes:
-        """The manifest as it stands in its file (sum and size must already be filled in, see `seal`)."""
+        """Content of the manifest file. Size and checksum must be filled in already, see `seal`."""
         return (json.dumps(self.model_dump(mode="json"), indent=1, allow_nan=False) + "\n").encode()
 
 
@@ -132,7 +137,7 @@ class PlanesManifest(Manifest):
     @model_validator(mode="after")
     def _check_codec(self) -> PlanesManifest:
         if self.codec.name != "h264":
-            raise ValueError(f"the profile planes is encoded as h264, not {self.codec.name}")
+            raise InconsistentError("codec", f"profile planes requires codec h264, not {self.codec.name}")
         return self
 
 
@@ -148,9 +153,19 @@ class MotionManifest(Manifest):
 PROFILES: Final[dict[str, type[Manifest]]] = {"planes": PlanesManifest, "motion": MotionManifest}
 
 
+def no_such_frame(frame: int, frame_count: int) -> StudioError:
+    """The error for a frame number outside 0 to frame_count - 1."""
+    return StudioError(
+        "stream.no_such_frame",
+        f"no frame {frame}; the stream has frames 0 to {frame_count - 1}",
+        value=frame,
+        frame_count=frame_count,
+    )
+
+
 def manifest_schema() -> dict[str, Any]:
-    """JSON schema (2020-12) of the manifest, what `docs/stream.schema.json` holds. Bounds that tie values together
-    (sums, counts, order) cannot be said in it; `docs/STREAM.md` does."""
+    """JSON schema (2020-12) of the manifest, published as `docs/stream.schema.json`. It cannot express constraints
+    between values (sums, counts, order); see `docs/STREAM.md` for those."""
     kinds = TypeAdapter(PlanesManifest | MotionManifest)
     schema = kinds.json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
@@ -159,15 +174,15 @@ def manifest_schema() -> dict[str, Any]:
 
 
 def seal(manifest: Manifest) -> tuple[Manifest, bytes]:
-    """Fill in `total_bytes` and `manifest_sha256`, which depend on the file's own bytes.
+    """Fill in `total_bytes` and `manifest_sha256`, which depend on the bytes of the manifest itself.
 
     Returns:
-        the manifest, and the bytes to write.
+        The manifest and the bytes to write.
     """
     files = sum(group.bytes for group in manifest.groups)
     zeros = "0" * 64
     total = files
-    while True:  # the size depends on its own digits; it only grows, so it stands still after a few rounds
+    while True:  # the size includes its own digits; it only grows, so this converges after a few rounds
         draft = manifest.model_copy(update={"total_bytes": total, "manifest_sha256": zeros})
         data = draft.to_bytes()
         if files + len(data) == total:
@@ -179,41 +194,68 @@ def seal(manifest: Manifest) -> tuple[Manifest, bytes]:
 
 
 def parse_manifest(data: bytes, name: str) -> Manifest:
-    """Read and check a manifest.
+    """Parse and validate a manifest.
 
     Args:
-        data: the file.
-        name: for messages.
+        data: content of the file.
+        name: path or URL for messages.
 
     Raises:
-        StudioError: not JSON, another format, a newer version, a value out of bounds, a path that leads out of the
-            folder, or bytes that do not fit the manifest's own checksum.
+        StudioError: not JSON, another format, a newer version, a value out of bounds, a path out of the folder, or a
+            checksum mismatch.
     """
     try:
         head = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise StudioError(f"{name}: this is not readable JSON ({error}); bake or fetch the stream again.") from None
+        raise StudioError("manifest.not_json", f"not valid JSON ({error})", file=name, fix=BAKE_AGAIN) from None
     if not isinstance(head, dict) or head.get("format") != FORMAT:
-        raise StudioError(f"{name}: this is not the manifest of a {FORMAT}; choose the folder of a baked stream.")
+        raise StudioError(
+            "manifest.wrong_format",
+            f"not the manifest of a {FORMAT}",
+            file=name,
+            fix="Choose the folder of a baked stream.",
+        )
     version = head.get("version")
     if isinstance(version, int) and not isinstance(version, bool) and version > VERSION:
         raise StudioError(
-            f"{name}: the stream has format version {version}, this program reads up to {VERSION}; update V3 Studio."
+            "manifest.newer_version",
+            f"the stream has format version {version}; this program reads versions up to {VERSION}",
+            file=name,
+            value=version,
+            fix="Update V3 Studio.",
+            expected=VERSION,
         )
     kind = PROFILES.get(head["profile"]) if isinstance(head.get("profile"), str) else None
     if kind is None:
+        profile = str(head.get("profile"))[:80]
         raise StudioError(
-            f"{name}: the profile is {str(head.get('profile'))[:80]!r}; it must be one of {', '.join(PROFILES)}."
+            "manifest.unknown_profile",
+            f"unknown profile {profile!r}; expected one of {', '.join(PROFILES)}",
+            file=name,
+            value=profile,
+            fix=BAKE_AGAIN,
         )
     try:
         manifest = kind.model_validate_json(data)
     except ValidationError as error:
-        raise StudioError(f"{name}: {sentence(error)}; bake or fetch the stream again.") from None
+        raise invalid(error, name, BAKE_AGAIN) from None
     digest = manifest.manifest_sha256
     blanked = data.replace(digest.encode(), b"0" * 64)
     if hashlib.sha256(blanked).hexdigest() != digest:
-        raise StudioError(f"{name}: the bytes do not fit their own SHA-256, so the file was damaged or edited.")
+        raise StudioError(
+            "manifest.wrong_checksum",
+            "the file does not match its own SHA-256: it was damaged or edited",
+            file=name,
+            fix=BAKE_AGAIN,
+        )
     expected = sum(group.bytes for group in manifest.groups) + len(data)
     if manifest.total_bytes != expected:
-        raise StudioError(f"{name}: total_bytes is {manifest.total_bytes}, the stream's files have {expected}.")
+        raise StudioError(
+            "manifest.wrong_total",
+            f"total_bytes is {manifest.total_bytes}, but the listed files have {expected} bytes",
+            file=name,
+            value=manifest.total_bytes,
+            fix=BAKE_AGAIN,
+            expected=expected,
+        )
     return manifest

@@ -1,4 +1,4 @@
-"""What the manifest says of files and groups, checked value by value. `docs/STREAM.md` describes it."""
+"""Models of the manifest's files and groups, with bounds. `docs/STREAM.md` specifies them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from studio.errors import StudioError
 from studio.stream.layout import Component, channels, components, plane_side, tile_side
 
-# Bounds: far above any real stream, low enough that a hostile manifest cannot ask for all memory.
+# Bounds: far above any real stream, low enough that a malicious manifest cannot exhaust memory.
 MAX_SPLATS = 4 << 20
 MAX_GROUP_FRAMES = 10_000
 MAX_FRAMES = 100_000_000
@@ -31,14 +31,22 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 _PATH = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}")
 
 
+class InconsistentError(ValueError):
+    """Raised by validators for values that contradict each other. `rule` is a stable name for programs."""
+
+    def __init__(self, rule: str, problem: str) -> None:
+        super().__init__(problem)
+        self.rule = rule
+
+
 class Model(BaseModel):
-    """Immutable, strict about types; keys that are not known are ignored."""
+    """Immutable, strict types, unknown keys ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
 
 
 class Box(Model):
-    """Axis-aligned box, world units."""
+    """Axis-aligned bounding box, world units."""
 
     min: Point
     max: Point
@@ -46,11 +54,11 @@ class Box(Model):
     @model_validator(mode="after")
     def _check(self) -> Box:
         if any(low > high for low, high in zip(self.min, self.max, strict=True)):
-            raise ValueError(f"box minimum {self.min} lies above its maximum {self.max}")
+            raise InconsistentError("box_order", f"box minimum {self.min} exceeds its maximum {self.max}")
         return self
 
     def union(self, other: Box) -> Box:
-        """The smallest box that holds both."""
+        """The smallest box that contains both."""
         low = tuple(min(a, b) for a, b in zip(self.min, other.min, strict=True))
         high = tuple(max(a, b) for a, b in zip(self.max, other.max, strict=True))
         return Box.model_construct(min=low, max=high)
@@ -71,7 +79,9 @@ class FileEntry(Model):
     @model_validator(mode="after")
     def _check(self) -> FileEntry:
         if not _PATH.fullmatch(self.path):
-            raise ValueError(f"path {self.path[:200]!r} is not a plain relative path below the manifest's folder")
+            raise InconsistentError(
+                "unsafe_path", f"{self.path[:200]!r} is not a plain relative path below the manifest's folder"
+            )
         return self
 
 
@@ -79,25 +89,24 @@ class VideoEntry(FileEntry):
     """A video file.
 
     Attributes:
-        qp: quantization parameter it was encoded with, of the codec's own scale; 0 is lossless. For information.
+        qp: quantization parameter on the codec's own scale, 0 is lossless; informative.
     """
 
     qp: Annotated[int, Field(ge=0, le=63)]
 
 
 class PlaneEntry(VideoEntry):
-    """A video of one plane.
+    """The video of one plane.
 
     Attributes:
-        part: which byte of the component it holds: all (8 bits), high, low, or low_mirrored (255 - low wherever the
-            high byte is odd).
+        part: byte of the component: all (8 bits), high, low, or low_mirrored (255 - low where the high byte is odd).
     """
 
     part: Part
 
 
 class ComponentEntry(Model):
-    """One number a splat and its range: value = min + code * (max - min) / (255 or 65535)."""
+    """One number per splat and its range: value = min + code * (max - min) / (255 or 65535)."""
 
     name: str
     min: Number
@@ -107,21 +116,21 @@ class ComponentEntry(Model):
     @model_validator(mode="after")
     def _check(self) -> ComponentEntry:
         if self.min > self.max:
-            raise ValueError(f"range of {self.name} starts at {self.min}, above its end {self.max}")
+            raise InconsistentError("range_order", f"minimum {self.min} of {self.name} exceeds its maximum {self.max}")
         return self
 
 
 class GroupEntry(Model):
-    """One group: a run of frames with the same splats, decodable on its own.
+    """One group: consecutive frames with the same splats, decodable independently.
 
     Attributes:
         index: 0-based, consecutive.
-        first_frame: 0-based index in the stream of its first frame.
-        frame_count: frames in each of its videos.
+        first_frame: index of its first frame in the stream, 0-based.
+        frame_count: number of frames, the same in each video.
         splats: N, the same in each frame.
         sh_degree: 0 to 3.
-        bounding_box: of all splat centers in all its frames.
-        bytes: sum over its files.
+        bounding_box: of the means of all its frames.
+        bytes: total size of its files.
     """
 
     index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
@@ -134,14 +143,14 @@ class GroupEntry(Model):
 
     @property
     def files(self) -> tuple[FileEntry, ...]:
-        """All its files, in the order in which a player needs them."""
+        """All its files, in the order that a player needs them."""
         raise NotImplementedError
 
     def check_bytes(self) -> None:
-        """Raises ValueError where `bytes` is not the sum over the files."""
+        """Raises ValueError if `bytes` is not the total size of the files."""
         total = sum(file.bytes for file in self.files)
         if self.bytes != total:
-            raise ValueError(f"bytes is {self.bytes}, its files have {total}")
+            raise InconsistentError("bytes_sum", f"bytes is {self.bytes}, but its files have {total} bytes")
 
     @property
     def end_frame(self) -> int:
@@ -149,17 +158,17 @@ class GroupEntry(Model):
         return self.first_frame + self.frame_count
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready form, read back by `from_dict`."""
+        """JSON-ready values, the inverse of `from_dict`."""
         return self.model_dump(mode="json")
 
     @staticmethod
     def from_dict(values: dict[str, Any], name: str = "group entry") -> GroupEntry:
-        """Inverse of `to_dict`; raises a StudioError that begins with `name` for anything else."""
+        """Inverse of `to_dict`. Raises StudioError, with `name` as the file, for invalid values."""
         kind = MotionGroup if "channels" in values else PlanesGroup
         try:
             return kind.model_validate_json(json.dumps(values))
         except ValidationError as error:
-            raise StudioError(f"{name}: {sentence(error)}; bake the group again.") from None
+            raise invalid(error, name, "Bake the group again.") from None
 
 
 class PlanesGroup(GroupEntry):
@@ -176,10 +185,12 @@ class PlanesGroup(GroupEntry):
     @model_validator(mode="after")
     def _check(self) -> PlanesGroup:
         if self.side != plane_side(self.splats):
-            raise ValueError(f"side {self.side} does not fit {self.splats} splats, expected {plane_side(self.splats)}")
+            raise InconsistentError(
+                "plane_side", f"side is {self.side}; {self.splats} splats require {plane_side(self.splats)}"
+            )
         wanted = components(self.sh_degree)
         if tuple(entry.name for entry in self.components) != tuple(component.name for component in wanted):
-            raise ValueError(f"components are not those of SH degree {self.sh_degree}, in order")
+            raise InconsistentError("components", f"components do not match SH degree {self.sh_degree} and its order")
         for entry, component in zip(self.components, wanted, strict=True):
             _check_parts(entry, component)
         self.check_bytes()
@@ -187,12 +198,12 @@ class PlanesGroup(GroupEntry):
 
     @property
     def planes(self) -> tuple[PlaneEntry, ...]:
-        """All videos, in order of the components."""
+        """All videos, in the order of the components."""
         return tuple(plane for component in self.components for plane in component.planes)
 
     @property
     def files(self) -> tuple[FileEntry, ...]:
-        """As `planes`."""
+        """Same as `planes`."""
         return self.planes
 
 
@@ -200,14 +211,15 @@ class SideEntry(FileEntry):
     """The side file: keyframe positions, blocks, motions, classes and escapes.
 
     Attributes:
-        raw_bytes: its size once decompressed.
+        raw_bytes: its decompressed size.
     """
 
     raw_bytes: Annotated[int, Field(ge=1, le=MAX_SIDE_BYTES)]
 
 
 class ChannelEntry(Model):
-    """One tile of the picture: value = offset + (code - 128) * step, for the residuals times 2^class of the splat."""
+    """One tile of the picture: value = offset + (code - 128) * step; residuals are also scaled by 2^class of the
+    splat."""
 
     name: str
     offset: Number
@@ -215,7 +227,7 @@ class ChannelEntry(Model):
 
 
 class Lattice(Model):
-    """Where keyframe positions lie: min + (cell + 1/2) * step for integer cells below 2^bits."""
+    """Quantization of the keyframe's means: min + (cell + 1/2) * step for integer cells below 2^bits."""
 
     bits: Annotated[int, Field(ge=1, le=16)]
     min: Point
@@ -223,13 +235,13 @@ class Lattice(Model):
 
 
 class BlockTable(Model):
-    """Blocks and the units of their motions.
+    """Blocks and the units of their motion.
 
     Attributes:
         count: B.
-        radius: divides places relative to a block's center, world units.
-        step: one unit of an affine motion's numbers, world units.
-        rotation_step: one unit of a mean rotation's three numbers.
+        radius: scale of positions relative to the block's center, world units.
+        step: unit of the affine motion parameters, world units.
+        rotation_step: unit of the mean rotation's MRP.
     """
 
     count: Annotated[int, Field(ge=1, le=32767)]
@@ -242,10 +254,10 @@ class MotionGroup(GroupEntry):
     """A group of the profile `motion`.
 
     Attributes:
-        tile: side of a channel's square in the picture: the smallest multiple of 16 with tile^2 >= N.
-        columns, rows: channel c is the tile in row c / columns, column c % columns.
-        positions: units of the keyframe's positions.
-        blocks: units of the blocks' motions.
+        tile: side of a channel's tile in pixels: the smallest multiple of 16 with tile^2 >= N.
+        columns, rows: channel c is the tile in row c // columns, column c % columns.
+        positions: quantization of the keyframe's means.
+        blocks: number and units of the block motion.
         channels: in the order of `layout.channels(sh_degree)`.
         video, side: the files.
     """
@@ -262,18 +274,24 @@ class MotionGroup(GroupEntry):
     @model_validator(mode="after")
     def _check(self) -> MotionGroup:
         if self.tile != tile_side(self.splats):
-            raise ValueError(f"tile {self.tile} does not fit {self.splats} splats, expected {tile_side(self.splats)}")
+            raise InconsistentError(
+                "tile_side", f"tile is {self.tile}; {self.splats} splats require {tile_side(self.splats)}"
+            )
         wanted = channels(self.sh_degree)
         if tuple(entry.name for entry in self.channels) != wanted:
-            raise ValueError(f"channels are not those of SH degree {self.sh_degree}, in order")
+            raise InconsistentError("channels", f"channels do not match SH degree {self.sh_degree} and its order")
         if self.columns * self.rows < len(wanted):
-            raise ValueError(f"{self.columns} x {self.rows} tiles do not hold {len(wanted)} channels")
+            raise InconsistentError(
+                "tile_count", f"{self.columns} x {self.rows} tiles cannot hold {len(wanted)} channels"
+            )
         if max(self.size) > MAX_PICTURE:
-            raise ValueError(f"the picture of {self.size[0]}x{self.size[1]} is larger than {MAX_PICTURE}")
+            raise InconsistentError(
+                "picture_size", f"picture size {self.size[0]}x{self.size[1]} exceeds {MAX_PICTURE} pixels per side"
+            )
         if self.blocks.count > self.splats:
-            raise ValueError(f"{self.blocks.count} blocks for {self.splats} splats")
+            raise InconsistentError("block_count", f"{self.blocks.count} blocks for {self.splats} splats")
         if math.ldexp(self.positions.step, self.positions.bits) > 2 * MAX_VALUE:
-            raise ValueError(f"positions reach beyond {MAX_VALUE:g}")
+            raise InconsistentError("position_range", f"positions exceed {MAX_VALUE:g}")
         self.check_bytes()
         return self
 
@@ -292,14 +310,43 @@ def _check_parts(entry: ComponentEntry, component: Component) -> None:
     parts = tuple(plane.part for plane in entry.planes)
     allowed = (("all",),) if component.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
     if parts not in allowed:
-        raise ValueError(f"{entry.name} has the planes {parts}, expected {' or '.join(map(str, allowed))}")
+        raise InconsistentError("parts", f"{entry.name} has planes {parts}; expected {' or '.join(map(str, allowed))}")
 
 
-def sentence(error: ValidationError) -> str:
-    """The first finding of a failed check, on one line."""
+def group_invalid(group: int, error: ValueError) -> StudioError:
+    """The error for a baked group with values that the manifest cannot represent."""
+    problem = invalid(error, "", "").problem if isinstance(error, ValidationError) else str(error)
+    return StudioError(
+        "bake.group_invalid",
+        f"group {group} cannot be represented in the format ({problem})",
+        fix="Train the group again.",
+        group=group,
+    )
+
+
+def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
+    """The error for the first finding of a failed validation.
+
+    Its fields: `location`, the dotted path of the value or of the inconsistent object ("" for the whole file), and
+    `rule`, the name of the violated rule (pydantic's, or that of an `InconsistentError`).
+    """
     first = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    value = repr(first.get("input"))
-    found = f", found {value[:80]}" if first["type"] not in ("value_error", "missing") else ""
-    message = first["msg"].removeprefix("Value error, ")
-    return f"{where + ': ' if where else ''}{message}{found}"
+    location = ".".join(str(part) for part in first["loc"])
+    message, rule = first["msg"], first["type"]
+    value: str | None = None
+    found = ""
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InconsistentError):
+        message, rule = str(cause), cause.rule
+    elif rule != "missing":
+        value = repr(first.get("input"))[:80]
+        found = f", found {value}"
+    return StudioError(
+        "manifest.invalid",
+        f"{location + ': ' if location else ''}{message}{found}",
+        file=file,
+        value=value,
+        fix=fix,
+        location=location,
+        rule=rule,
+    )

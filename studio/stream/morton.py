@@ -1,11 +1,11 @@
-"""Morton order: splats near each other in space become neighbors on the planes (paper, "Morton Sort")."""
+"""Morton order: splats close in space become neighbors on the planes (paper, "Morton Sort")."""
 
 from __future__ import annotations
 
 import numpy as np
 
 MORTON_BITS = 21
-"""Bits an axis: coordinates are integers below 2^21, and 3 x 21 bits fit a uint64."""
+"""Bits per axis: coordinates are integers below 2^21, and 3 x 21 bits fit into a uint64."""
 
 _SPREAD = (
     (32, 0x1F00000000FFFF),
@@ -35,10 +35,10 @@ def interleave(cells: np.ndarray) -> np.ndarray:
 
 
 def morton_order(points: np.ndarray) -> np.ndarray:
-    """The order in which splats are laid on the planes.
+    """The order of splats on the planes.
 
-    Coordinates are scaled to 2^21 cells by the longest side of the bounding box, the same for all axes, so that cells
-    are cubes. Equal codes keep the order of the input, so the result depends on nothing but the points.
+    Coordinates are scaled to 2^21 cells by the longest side of the bounding box, so that cells are cubes. Equal codes
+    keep the order of the input, so the result depends on the points only.
 
     Args:
         points: (N, 3) finite positions.
@@ -69,11 +69,10 @@ def deinterleave(codes: np.ndarray) -> np.ndarray:
 
 
 def square_scan(side: int, count: int) -> np.ndarray:
-    """Where splats lie in a square picture along the Morton curve of its pixels, so that neighbors in the order stay
-    neighbors in the picture.
+    """Pixels of splats in a square picture, along a Morton curve: neighbors in the order are close in the picture.
 
-    The pixels of a side x side square, sorted by the number whose bit 2i is bit i of the column and bit 2i + 1 bit i of
-    the row; where the side is no power of two the curve leaves pixels out.
+    The pixels of a side x side square are sorted by the number whose bit 2i is bit i of the column and bit 2i + 1 bit i
+    of the row; if the side is not a power of two, the curve leaves the square in between.
 
     Returns:
         (count,) int64 row * side + column of splats 0, 1, 2, ...

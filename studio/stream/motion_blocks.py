@@ -1,8 +1,8 @@
-"""Blocks of neighbors that move alike: found from the group's trajectories, each with an affine motion a frame.
+"""Segmentation into blocks of splats that move alike, each with one affine motion per frame.
 
-Neighbors in space need not move together (an arm that swings past the hip), so a cut along the curve would tear.
-Instead the splats are cut in two again and again, across the widest spread of places, paths and what an affine motion
-leaves of the paths, as long as the parts' better prediction saves more bits than two more motions cost.
+Neighbors in space need not move together (an arm that swings past the hip), so runs of the Morton order would not do.
+Instead, the splats are bisected recursively along the principal axis of positions, trajectories and residuals of an
+affine fit, as long as the better prediction saves more bits than the additional motion costs.
 """
 
 from __future__ import annotations
@@ -11,26 +11,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_SAMPLES = 4  # frames whose steps judge a cut
+_SAMPLES = 4  # frames that the cost of a split is measured on
 _MIN_SPLATS = 32
-_FORCED_DEPTH = 3  # the first cuts are made in any case: whole bodies are seldom affine, but their halves may need
-_PARAMETER_BITS = 4.0  # what a number of a motion costs, measured
-_LABEL_BITS = 0.3  # what a splat's label costs more when its block is cut
+_FORCED_DEPTH = 3  # the first splits are always made: a split may pay off only after further splits
+_PARAMETER_BITS = 4.0  # bits per motion parameter, measured
+_LABEL_BITS = 0.3  # additional bits per label when a block is split
 _ITERATIONS = 4
 _RIDGE = 0.05
 
 
-def _residual(places: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """(n, D) targets less their least-squares affine fit from (n, 3) places."""
-    design = np.concatenate([places - places.mean(axis=0), np.ones((len(places), 1))], axis=1)
-    normal = design.T @ design + 1e-9 * len(places) * np.eye(4)
+def _residual(points: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """(n, D) targets minus their least-squares affine fit from (n, 3) positions."""
+    design = np.concatenate([points - points.mean(axis=0), np.ones((len(points), 1))], axis=1)
+    normal = design.T @ design + 1e-9 * len(points) * np.eye(4)
     residual: np.ndarray = targets - design @ np.linalg.solve(normal, design.T @ targets)
     return residual
 
 
 def _border(values: np.ndarray) -> int:
-    """Where sorted values fall into two: the cut whose parts' means differ most for their sizes (Otsu 1979), with at
-    least an eighth on either side."""
+    """Index that splits sorted values with the largest between-class variance (Otsu 1979), at least an eighth on either
+    side."""
     counts = np.arange(1, len(values))
     sums = np.cumsum(values)[:-1]
     between = (sums * len(values) / counts - values.sum()) ** 2 * counts / (len(values) - counts)
@@ -39,15 +39,14 @@ def _border(values: np.ndarray) -> int:
 
 
 def find_blocks(positions: np.ndarray, step: float) -> np.ndarray:
-    """Which splats move together.
+    """Label splats by the block that they move with.
 
     Args:
         positions: (F, N, 3), keyframe first, splats in the stream's order.
-        step: size of an error that the residual's quantization makes anyway, world units; finer agreement is not
-            paid for.
+        step: error due to quantization of residuals, world units; a better prediction than that has no value.
 
     Returns:
-        (N,) int64 labels 0 to B - 1, numbered by each block's first splat.
+        (N,) int64 labels 0 to B - 1, in the order of the first splat of each block.
     """
     frames, splats = positions.shape[:2]
     labels = np.zeros(splats, dtype=np.int64)
@@ -55,7 +54,7 @@ def find_blocks(positions: np.ndarray, step: float) -> np.ndarray:
         return labels
     judged = np.unique(np.linspace(1, frames - 1, min(_SAMPLES, frames - 1)).round().astype(int))
     paths = positions[sorted({frames // 3, 2 * frames // 3, frames - 1})].transpose(1, 0, 2).reshape(splats, -1)
-    # The video predicts a residual by the one before it, so what costs bits is its change from frame to frame.
+    # The video predicts a residual from the previous frame, so its change from frame to frame costs bits.
     steps = (positions[judged] - positions[judged - 1]).transpose(1, 0, 2).reshape(splats, -1)
     keyframe = positions[0]
 
@@ -83,7 +82,7 @@ def find_blocks(positions: np.ndarray, step: float) -> np.ndarray:
         costs = [bits(part) for part in parts]
         price = 12 * (frames - 1) * _PARAMETER_BITS + _LABEL_BITS * len(index)
         gain = cost - sum(costs) - price
-        if gain <= 0 and len(index) >= 8 * _MIN_SPLATS:  # a second cut may pay where the first alone does not
+        if gain <= 0 and len(index) >= 8 * _MIN_SPLATS:  # a second split may pay off where the first alone does not
             quarters = [[bits(quarter) for quarter in halves(part)] for part in parts]
             gain = cost - price
             for whole, quarter in zip(costs, quarters, strict=True):
@@ -100,12 +99,12 @@ def find_blocks(positions: np.ndarray, step: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks over keyframe positions, the same computation for writer and reader.
+    """Blocks over the keyframe's means. Encoder and decoder run the same computation.
 
     Attributes:
-        labels: (N,) block of each splat; every block has one.
+        labels: (N,) block of each splat; no block is empty.
         count: B.
-        local: (N, 4): splat's keyframe position from its block's center over `radius`, and 1.
+        local: (N, 4): position in the keyframe relative to the block's center, divided by `radius`, and 1.
     """
 
     labels: np.ndarray
@@ -122,7 +121,7 @@ class Blocks:
         radius: float,
         dtype: type = np.float64,
     ) -> Blocks:
-        """From (N, 3) integer cells of the keyframe: a center is the mean of its block's cells, rounded down."""
+        """From (N, 3) integer cells of the keyframe. The center of a block is the mean of its cells, rounded down."""
         members = np.maximum(np.bincount(labels, minlength=count), 1)
         sums = np.stack([np.bincount(labels, weights=cells[:, i], minlength=count) for i in range(3)], axis=1)
         centers = np.floor(sums / members[:, None])  # sums are integers below 2^53, so this is exact
@@ -131,8 +130,8 @@ class Blocks:
         return cls(labels, count, local)
 
     def fit(self, targets: np.ndarray) -> np.ndarray:
-        """Affine map of each block onto (N, 3) displacements: least squares whose weights fall for outliers
-        (Geman and McClure 1987), so that splats which move otherwise do not bend their block's motion.
+        """Affine map of each block to (N, 3) displacements: robust least squares (Geman and McClure 1987), so that
+        outliers do not distort the motion of their block.
 
         Returns:
             (B, 4, 3): displacement = local @ map.
@@ -146,7 +145,7 @@ class Blocks:
         for _ in range(_ITERATIONS):
             weighted = local * weights[:, None]
             normal = np.add.reduceat(weighted[:, :, None] * local[:, None, :], starts, axis=0)
-            normal += np.diag([_RIDGE] * 3 + [1e-6])  # a flat block must not grow along its normal
+            normal += np.diag([_RIDGE] * 3 + [1e-6])  # keeps flat blocks from growing along their normal
             right = np.add.reduceat(weighted[:, :, None] * target[:, None, :], starts, axis=0)
             maps = np.linalg.solve(normal, right)
             error = np.linalg.norm(target - np.einsum("ni,nik->nk", local, maps[label]), axis=1)
@@ -156,8 +155,8 @@ class Blocks:
         return maps
 
     def displace(self, maps: np.ndarray) -> np.ndarray:
-        """(N, 3) displacements by (B, 4, 3) maps."""
-        # column by column: twice as fast as one einsum over small matrices
+        """(N, 3) displacements from (B, 4, 3) maps."""
+        # column by column: twice as fast as an einsum over small matrices
         numbers = maps.reshape(-1, 12).take(self.labels, axis=0)
         result = np.empty((len(self.labels), 3), dtype=maps.dtype)
         for k in range(3):

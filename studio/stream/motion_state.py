@@ -1,4 +1,4 @@
-"""The side file of the profile `motion`: all that the video does not carry, the same for writer and reader."""
+"""The side file of the profile `motion`: everything that is not in the video. Shared by encoder and decoder."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from studio.rotations import mrp_to_quats
 from studio.stream.manifest_models import MAX_VALUE, BlockTable, Lattice, MotionGroup
 from studio.stream.morton import deinterleave
 from studio.stream.motion_blocks import Blocks
 from studio.stream.octree import decode_octree, encode_octree
-from studio.stream.rotation import from_mrp
 from studio.stream.sidefile import Cursor, deflate, inflate, split
 
 MAX_CLASS = 15
-"""Steps of residuals double from class to class; this many doublings at most."""
+"""Largest class; the step of residuals doubles with each class."""
 
 MAX_BITS = 16
-"""Bits an axis of the keyframe's positions, at most."""
+"""Largest number of bits per axis of the keyframe's means."""
 
 _LABEL_BYTES = 2
 _MOTION_BYTES = 4
@@ -27,11 +27,11 @@ _ESCAPE_BYTES = 4
 
 @dataclass(frozen=True)
 class Escapes:
-    """Numbers that the picture's 256 codes do not reach, sorted by channel, splat and frame.
+    """Codes outside the 0 to 255 of the picture, sorted by channel, splat and frame.
 
     Attributes:
-        channel, splat, frame: (E,) int64, where.
-        code: (E,) int64: the code, below 0 or above 255.
+        channel, splat, frame: (E,) int64 indices.
+        code: (E,) int64, below 0 or above 255.
     """
 
     channel: np.ndarray
@@ -42,16 +42,16 @@ class Escapes:
 
 @dataclass(frozen=True)
 class Side:
-    """Content of a side file.
+    """Content of the side file.
 
     Attributes:
-        codes: (N,) uint64 Morton codes of the keyframe's cells, sorted; 3 * bits bits.
+        codes: (N,) uint64 Morton codes of the keyframe's cells, sorted, 3 * bits bits.
         labels: (N,) int64 block of each splat.
-        classes: (N,) uint8: residual steps of this splat are 2^class times the channel's.
-        affine: (F - 1, 12, B) int64: frame f's affine motion of block b in units of `blocks.step`; number 3 i + k is
-            row i, column k of the 4 x 3 map.
-        rotation: (F - 1, 3, B) int64: its mean rotation since the keyframe as MRP, units of `blocks.rotation_step`.
-        escapes: what the video's codes do not reach.
+        classes: (N,) uint8; the residual steps of a splat are 2^class times those of the channel.
+        affine: (F - 1, 12, B) int64 affine motion of the blocks in units of `blocks.step`; parameter 3 i + k is row i,
+            column k of the 4 x 3 map.
+        rotation: (F - 1, 3, B) int64 mean rotations since the keyframe as MRP, in units of `blocks.rotation_step`.
+        escapes: codes outside the range of the video.
     """
 
     codes: np.ndarray
@@ -62,7 +62,7 @@ class Side:
     escapes: Escapes
 
     def to_parts(self, bits: int) -> list[bytes]:
-        """Byte strings whose concatenation is the raw side file."""
+        """Parts of the uncompressed side file."""
         escapes = self.escapes
         order = np.lexsort((escapes.frame, escapes.splat, escapes.channel))
         channel, splat, frame, code = (getattr(escapes, name)[order] for name in ("channel", "splat", "frame", "code"))
@@ -85,39 +85,39 @@ class Side:
         """Inverse of `to_parts` and `deflate`.
 
         Raises:
-            ValueError: the bytes are not what the manifest's group promises.
+            ValueError: the bytes do not match the manifest.
         """
         cursor = Cursor(inflate(data, group.side.raw_bytes))
         splats, blocks, moved = group.splats, group.blocks.count, group.frame_count - 1
         codes = decode_octree(cursor, group.positions.bits, splats)
         labels = np.cumsum(cursor.integers(splats, _LABEL_BYTES))
         if labels.min() < 0 or labels.max() >= blocks:
-            raise ValueError("a splat belongs to a block that is not there")
+            raise ValueError("a splat belongs to a nonexistent block")
         classes = cursor.take(splats)
         if classes.max() > MAX_CLASS:
-            raise ValueError(f"a splat has the class {classes.max()}, above {MAX_CLASS}")
+            raise ValueError(f"a splat has class {classes.max()}; the maximum is {MAX_CLASS}")
         affine = _from_time_differences(cursor.integers(moved * 12 * blocks, _MOTION_BYTES), (moved, 12, blocks))
         if np.abs(affine).max(initial=0) * group.blocks.step > MAX_VALUE:
-            raise ValueError(f"a block moves further than {MAX_VALUE:g}")
+            raise ValueError(f"a block moves by more than {MAX_VALUE:g}")
         rotation = _from_time_differences(cursor.integers(moved * 3 * blocks, _MOTION_BYTES), (moved, 3, blocks))
         count = int(cursor.integers(1, _ESCAPE_BYTES)[0])
         if count < 0:
-            raise ValueError(f"there are {count} escapes")
+            raise ValueError(f"the number of escapes is {count}")
         channel = cursor.take(count).astype(np.int64)
         splat = np.cumsum(cursor.integers(count, _ESCAPE_BYTES))
         frame = np.cumsum(cursor.integers(count, _ESCAPE_BYTES))
         beyond = cursor.integers(count, _ESCAPE_BYTES)
         if len(cursor.rest):
-            raise ValueError(f"{len(cursor.rest)} bytes are left over")
+            raise ValueError(f"{len(cursor.rest)} unexpected bytes at the end")
         for values, limit in ((channel, len(group.channels)), (splat, splats), (frame, moved + 1)):
             if count and (values.min() < 0 or values.max() >= limit):
-                raise ValueError("an escape lies outside the group")
+                raise ValueError("an escape is outside the group")
         code = np.where(beyond < 0, beyond, beyond + 255)
         return cls(codes, labels, classes, affine, rotation, Escapes(channel, splat, frame, code))
 
 
 def _time_differences(values: np.ndarray) -> np.ndarray:
-    """Second differences over the first axis, as if two zeros stood before it: motion is steady."""
+    """Second differences over the first axis, with two zeros before it: small for steady motion."""
     return np.diff(values, n=2, axis=0, prepend=np.zeros((2, *values.shape[1:]), dtype=np.int64))
 
 
@@ -127,18 +127,18 @@ def _from_time_differences(values: np.ndarray, shape: tuple[int, ...]) -> np.nda
 
 
 def compress(side: Side, bits: int) -> tuple[bytes, int]:
-    """The side file, and its size once decompressed."""
+    """The compressed side file and its decompressed size."""
     parts = side.to_parts(bits)
     return deflate(parts), sum(len(part) for part in parts)
 
 
 class MotionState:
-    """Where splats are by their blocks' motion alone, computed alike by writer and reader.
+    """Splats moved by their blocks, without residuals. Encoder and decoder run the same computation.
 
     Args:
-        lattice, table: units, from the manifest.
+        lattice, table: from the manifest.
         side: content of the side file.
-        dtype: of what is computed.
+        dtype: dtype of the results.
     """
 
     def __init__(self, lattice: Lattice, table: BlockTable, side: Side, dtype: type = np.float64) -> None:
@@ -149,7 +149,7 @@ class MotionState:
         self.blocks = Blocks.over(cells, side.labels, table.count, lattice.step, table.radius, dtype)
 
     def positions(self, index: int) -> np.ndarray:
-        """(N, 3): the keyframe's positions moved by the blocks' affine motions to frame `index` of the group."""
+        """(N, 3) means of the keyframe, moved by the affine motion of the blocks to frame `index` of the group."""
         if index == 0:
             return self.keyframe
         maps = (self._side.affine[index - 1].T * self._table.step).reshape(-1, 4, 3)
@@ -157,12 +157,12 @@ class MotionState:
         return result
 
     def rotations(self, index: int) -> np.ndarray | None:
-        """(B, 4) mean rotations since the keyframe; None where no block turns."""
+        """(B, 4) mean rotations since the keyframe; None if no block rotates."""
         if index == 0 or not self._side.rotation[index - 1].any():
             return None
-        return from_mrp(self._side.rotation[index - 1].T * self._table.rotation_step).astype(self.keyframe.dtype)
+        return mrp_to_quats(self._side.rotation[index - 1].T * self._table.rotation_step).astype(self.keyframe.dtype)
 
 
 def keyframe_bits(extent: float, step: float) -> int:
-    """Fewest bits at which the keyframe's cells are no larger than `step`, 1 to 16."""
+    """Smallest number of bits, 1 to 16, at which the keyframe's cells are at most `step` wide."""
     return min(max(math.ceil(math.log2(max(extent / step, 1))), 1), MAX_BITS) if step > 0 else MAX_BITS

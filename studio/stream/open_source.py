@@ -1,4 +1,4 @@
-"""The source of the files of a stream: a folder or a web server, chosen by what the place looks like."""
+"""Opens the source of a stream: a folder or a web server."""
 
 from __future__ import annotations
 
@@ -10,17 +10,21 @@ from studio.stream.source import FolderSource, Source, is_address
 
 
 def open_source(place: Path | str | Source) -> Source:
-    """The source at a folder or an http(s) address; another source is given back as it is.
+    """The source for a folder or an http(s) URL; a `Source` is returned as is.
 
     Raises:
-        StudioError: there is no such folder, or an address of another kind.
+        StudioError: the folder does not exist, or the URL has another scheme.
     """
     if not isinstance(place, str | Path):
         return place
     if isinstance(place, str) and is_address(place):
         return HttpSource(place)
     if isinstance(place, str) and "://" in place:
-        raise StudioError(f"{place}: streams are read from folders and from http:// or https:// addresses only.")
+        raise StudioError(
+            "source.unsupported_url",
+            "streams are read from folders and from http:// or https:// URLs only",
+            file=place,
+        )
     if not Path(place).is_dir():
-        raise StudioError(f"{place}: there is no such folder; give the folder of a baked stream.")
+        raise StudioError("source.not_found", "no such folder", file=place, fix="Specify the folder of a baked stream.")
     return FolderSource(place)

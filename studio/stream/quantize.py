@@ -1,4 +1,4 @@
-"""Numbers to bytes and back: rounding to levels over a range, and the two bytes of a position."""
+"""Uniform quantization over a range, and the two bytes of 16-bit codes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ LEVELS_16 = 65535
 
 
 def quantize(values: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
-    """Round values to `levels + 1` equally spaced ones from `low` to `high`.
+    """Round values to `levels + 1` equally spaced levels from `low` to `high`.
 
     Args:
-        values: any shape, finite. Values outside the range are moved to its end.
-        low, high: the range; where they are equal every value becomes 0.
+        values: any shape, finite. Values outside the range are clamped.
+        low, high: the range; if they are equal, all codes are 0.
         levels: 255 or 65535.
 
     Returns:
@@ -33,9 +33,9 @@ def dequantize(codes: np.ndarray, low: float, high: float, levels: int) -> np.nd
 def split_bytes(codes: np.ndarray, mirrored: bool) -> tuple[np.ndarray, np.ndarray]:
     """High and low byte of uint16 codes.
 
-    A plain low byte jumps between 255 and 0 wherever the high byte steps: an edge in space and time that costs a
-    video codec many bits, and that a lossy codec blurs. Mirrored, it runs backwards where the high byte is odd
-    (255 - low), so that it is continuous wherever the position is.
+    A plain low byte jumps between 255 and 0 whenever the high byte changes: an edge in space and time that costs many
+    bits and that a lossy codec blurs. Mirrored, it is 255 - low where the high byte is odd, and therefore continuous
+    wherever the position is.
 
     Returns:
         high, low: uint8, same shape.
@@ -48,7 +48,7 @@ def split_bytes(codes: np.ndarray, mirrored: bool) -> tuple[np.ndarray, np.ndarr
 
 
 def join_bytes(high: np.ndarray, low: np.ndarray, mirrored: bool) -> np.ndarray:
-    """Inverse of `split_bytes`: uint16 codes. An error in the low byte never reaches the high one."""
+    """Inverse of `split_bytes`: uint16 codes. Errors of the low byte do not propagate to the high byte."""
     if mirrored:
         low = np.where(high & 1, 255 - low, low)
     return (high.astype(np.uint16) << 8) | low

@@ -1,4 +1,4 @@
-"""Reading a stream: checked files to pictures to Gaussians, exactly the inverse of baking."""
+"""Reading a stream: verified files to decoded pictures to Gaussians, the exact inverse of baking."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from studio.stream.decode import GroupDecoder, open_decoder
 from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_manifest
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, GroupEntry
 from studio.stream.open_source import open_source
-from studio.stream.source import Source, close_source, read_files
+from studio.stream.source import BAKE_AGAIN, Source, close_source, read_files
 
 
 def fetch_group(source: Source, group: GroupEntry) -> dict[str, bytes]:
-    """All files of a group, each checked for its size and SHA-256.
+    """Content by path of all files of a group, verified against size and SHA-256.
 
     Raises:
-        StudioError: names the file that is missing, has another size or other bytes.
+        StudioError: a file is missing, has a different size or a different SHA-256.
     """
     files = read_files(source, [(file.path, file.bytes) for file in group.files])
     for file in group.files:
@@ -31,17 +31,22 @@ def fetch_group(source: Source, group: GroupEntry) -> dict[str, bytes]:
         name = f"{source.name}/{file.path}"
         if len(data) != file.bytes:
             raise StudioError(
-                f"{name}: {len(data)} bytes found, the manifest says {file.bytes}; bake or fetch it again."
+                "stream.wrong_size",
+                f"the file has {len(data)} bytes, the manifest says {file.bytes}",
+                file=name,
+                value=len(data),
+                fix=BAKE_AGAIN,
+                expected=file.bytes,
             )
         if hashlib.sha256(data).hexdigest() != file.sha256:
-            raise StudioError(f"{name}: the bytes do not fit their SHA-256; bake or fetch it again.")
+            raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
     return files
 
 
 class StreamReader:
-    """Random and sequential access to a stream's frames. Thread safe; frames in order are decoded once each.
+    """Random and sequential access to the frames of a stream. Thread safe. Sequential reads decode each frame once.
 
-    Use as a context manager, or `close` it.
+    Use it as a context manager, or call `close`.
     """
 
     def __init__(self, source: Source, manifest: Manifest, threads: int = 0) -> None:
@@ -56,14 +61,14 @@ class StreamReader:
 
     @classmethod
     def open(cls, source: Path | str | Source, threads: int = 0) -> StreamReader:
-        """Read and check the manifest of a stream.
+        """Read and validate the manifest of a stream.
 
         Args:
-            source: the stream's folder, its http:// or https:// address, or another source (left open by `close`).
-            threads: decoding threads; 0 means one a core.
+            source: folder, http(s) URL, or a `Source` (which `close` leaves open).
+            threads: decoding threads; 0 is one per core.
 
         Raises:
-            StudioError: no manifest there, or one that is damaged, newer than this program, or out of bounds.
+            StudioError: the manifest is missing, damaged, out of bounds, or newer than this program.
         """
         opened = open_source(source)
         try:
@@ -83,19 +88,19 @@ class StreamReader:
 
     @property
     def fps(self) -> float:
-        """Frames a second to play at."""
+        """Frame rate of playback, in frames per second."""
         return self.manifest.fps
 
     def open_group(self, group: GroupEntry, files: Mapping[str, bytes] | None = None) -> GroupDecoder:
-        """A decoder at the group's first frame, from files fetched before or from the source (checked)."""
+        """A decoder at the first frame of the group, from `files` as returned by `fetch_group`, or fetched now."""
         files = files or fetch_group(self.source, group)
         return open_decoder(group, files, self._pool, self.source.name, self.manifest.codec.name, self._threads)
 
     def gaussians(self, frame: int) -> Gaussians:
-        """One frame, 0-based. Frames in order cost one decoded picture each, others start at their group's keyframe.
+        """One frame, 0-based. The next frame costs one decoded picture; seeking decodes from the group's keyframe.
 
         Raises:
-            StudioError: no such frame, or its group is missing or damaged.
+            StudioError: no such frame, or a file of its group is missing or damaged.
         """
         group = self.manifest.group_of(frame)
         with self._lock:
@@ -121,7 +126,7 @@ class StreamReader:
             yield self.gaussians(frame)
 
     def verify(self) -> None:
-        """Check size and SHA-256 of every file. Raises StudioError at the first that does not fit."""
+        """Verify size and SHA-256 of every file. Raises StudioError for the first mismatch."""
         for group in self.manifest.groups:
             fetch_group(self.source, group)
 
@@ -131,13 +136,13 @@ class StreamReader:
             self._decoder = None
 
     def end_reads(self) -> None:
-        """End what is being read from a source that `open` made; whoever waits for it gets a StudioError."""
+        """Abort reads from a source that `open` created; threads that wait for them get a StudioError."""
         if self._owns_source:
             close_source(self.source)
 
     def close(self) -> None:
-        """Free decoders and threads."""
-        self.end_reads()  # before the lock, which whoever waits for the source holds
+        """Release decoders and threads."""
+        self.end_reads()  # before taking the lock: a thread that waits for the source holds it
         with self._lock:
             self._drop_decoder()
             self._files = None

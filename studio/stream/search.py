@@ -1,4 +1,4 @@
-"""Finding the QP that reaches a size or a quality."""
+"""Search for the QP that reaches a target size or quality."""
 
 from __future__ import annotations
 
@@ -14,32 +14,37 @@ from studio.stream.manifest_models import GroupEntry
 from studio.stream.settings import QP_MAX
 
 QualityFn = Callable[[int, Gaussians], float]
-"""`quality(index, decoded)`: mean squared error, colors in 0 to 1, of the decoded frame `index` (0-based within its
-group) as drawn, against the same frame as trained."""
+"""`quality(index, decoded)`: mean squared error between renders of a decoded frame and of the same frame as trained,
+colors in 0 to 1; `index` is 0-based within the group."""
 
 QP_BEST = 1
-"""The search stays above lossless coding, which hardware decoders do not take."""
+"""The search excludes lossless coding (QP 0), which hardware decoders do not support."""
 
 
 def search_qp(measure: Callable[[int], float], target: float, what: str, unit: str, at_most: bool) -> int:
-    """The QP that meets a target, by bisection: both size and quality fall as the QP rises.
+    """The QP that meets a target, by bisection: size and quality both decrease with the QP.
 
     Args:
-        measure: what a QP gives.
-        target: largest value allowed (`at_most`: then the lowest such QP is found) or smallest (the highest QP).
+        measure: size or quality at a QP.
+        target: with `at_most` the largest allowed value, and the lowest QP is found; otherwise the smallest allowed
+            value, and the highest QP is found.
         what, unit: for the message.
-        at_most: which of the two.
+        at_most: see `target`.
 
     Raises:
-        StudioError: no QP meets it.
+        StudioError: no QP meets the target.
     """
     end = QP_MAX if at_most else QP_BEST
     extreme = measure(end)
     if (extreme > target) if at_most else (extreme < target):
         raise StudioError(
-            f"Baking: {what} reaches {extreme:.4g} {unit} at QP {end}, which misses the target of {target:.4g}; "
-            + ("allow more" if at_most else "ask for less")
-            + " or change the splats."
+            "bake.target_missed",
+            f"{what} has {extreme:.4g} {unit} at QP {end}, which misses the target of {target:.4g}",
+            value=extreme,
+            fix=f"{'Raise' if at_most else 'Lower'} the target, or train fewer splats.",
+            setting="bake.target_kb_per_frame" if at_most else "bake.target_psnr",
+            qp=end,
+            expected=target,
         )
     good, bad = end, (QP_BEST if at_most else QP_MAX)
     if (measure(bad) <= target) if at_most else (measure(bad) >= target):

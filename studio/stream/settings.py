@@ -1,98 +1,112 @@
-"""Settings of baking: codec, quality, and which QP each attribute gets."""
+"""Settings of baking: profile, codec, quality, and the QP of each attribute."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
-from studio.errors import StudioError
+from pydantic import Field, model_validator
 
+from studio.settings import Affects, Conflict, Heading, Settings
+
+QP_MAX = 51
 QP_KNEE = 22
 """Above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")."""
 
-QP_MAX = 51
-PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow")
-QP_ATTRIBUTES = ("means_low", "opacities", "scales", "quats", "sh")
-PROFILES = ("motion", "planes")
-CODECS = ("h264", "hevc", "av1")
+QP = Annotated[int, Field(ge=0, le=QP_MAX)]
+QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
+Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
+
+PRESETS: tuple[str, ...] = get_args(Preset)
+QP_ATTRIBUTES: tuple[str, ...] = get_args(QpAttribute)
 _HELD_AT_KNEE = ("scales", "quats", "sh")
 
 
-@dataclass(frozen=True)
-class BakeSettings:
-    """How a group of Gaussians becomes video.
+class BakeSettings(Settings):
+    """How a group of Gaussians is encoded."""
 
-    Attributes:
-        profile: "motion" (blocks' motions beside one video of what is left: small) or "planes" (the paper's).
-        qp: quantization parameter, 0 (lossless) to 51. In `planes`, up to 22 it holds for every plane but the
-            positions' high bytes, which are always lossless; above 22 color, scale and rotation stay at 22 (paper's
-            rule). In `motion` it holds for the whole picture.
-        attribute_qps: QPs that replace the rule, by attribute: means_low (positions: their low bytes in `planes`, what
-            motion leaves of them in `motion`), opacities, scales, quats, sh.
-        target_kb_per_frame: instead of `qp`: the lowest QP at which each group's files have at most this many
-            kilobytes (1000 bytes) a frame.
-        target_psnr: instead of `qp`: the highest QP at which decoded frames, drawn, reach this PSNR in dB against the
-            frames as trained, in each group.
-        codec: "h264", which every player decodes; `motion` also takes "hevc" and "av1".
-        preset: how hard the encoder tries; slower ones spend fewer bytes.
-        mirror_low_bytes: let the positions' low bytes run backwards where the high byte is odd, so that they do not
-            jump from 255 to 0. False gives the paper's plain low byte.
-        threads: channels encoded at once; 0 means one a core. It does not change the bytes.
-    """
+    affects: ClassVar[Affects | None] = Affects("videos")
 
-    profile: str = "motion"
-    qp: int = 20
-    attribute_qps: Mapping[str, int] = field(default_factory=dict)
-    target_kb_per_frame: float | None = None
-    target_psnr: float | None = None
-    codec: str = "h264"
-    preset: str = "medium"
+    profile: Annotated[Literal["motion", "planes"], Heading("Size and quality")] = "motion"
+    """motion: block motion and one small residual video (docs/STREAM.md). planes: the paper's, one video per attribute
+    component."""
+
+    qp: QP = 20
+    """Quantization parameter. 0 is lossless; higher values are smaller and coarser. Profile planes: above 22, color,
+    scale and rotation stay at 22, as in the paper; the high bytes of the means are always lossless."""
+
+    target_kb_per_frame: Annotated[float, Field(gt=0)] | None = None
+    """Instead of qp: choose, per group, the lowest QP whose files take at most this many kilobytes (1000 bytes) per
+    frame."""
+
+    target_psnr: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Instead of qp: choose, per group, the highest QP whose decoded frames, rendered from a few cameras, reach this
+    PSNR in dB against the trained frames."""
+
+    codec: Annotated[Literal["h264", "hevc", "av1"], Heading("Encoding")] = "h264"
+    """h264 plays on every device. hevc and av1 require profile motion."""
+
+    attribute_qps: dict[QpAttribute, QP] = Field(default={})
+    """QPs of single attributes, overriding qp; example: {opacities: 26}. means_low is the low bytes of the means in
+    planes, their residuals in motion."""
+
+    preset: Preset = "medium"
+    """Encoder effort: slower presets produce smaller files."""
+
     mirror_low_bytes: bool = True
-    threads: int = 0
+    """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
+    to 0. false: plain low bytes, as in the paper."""
 
-    def __post_init__(self) -> None:
-        for name, value in {"qp": self.qp, **self.attribute_qps}.items():
-            if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= QP_MAX:
-                raise StudioError(f"Baking: QP '{name}' is {value!r}; it must be a whole number from 0 to {QP_MAX}.")
-        for name in self.attribute_qps:
-            if name not in QP_ATTRIBUTES:
-                raise StudioError(f"Baking: there is no QP for '{name}'; choose from {', '.join(QP_ATTRIBUTES)}.")
-        if self.profile not in PROFILES:
-            raise StudioError(f"Baking: profile '{self.profile}' is not known; choose from {', '.join(PROFILES)}.")
-        if self.codec not in CODECS:
-            raise StudioError(f"Baking: codec '{self.codec}' is not known; choose from {', '.join(CODECS)}.")
-        if self.profile == "planes" and self.codec != "h264":
-            raise StudioError(f"Baking: the profile planes is encoded as h264, not {self.codec}; choose motion.")
-        if self.codec == "av1" and self.qp == 0:
-            raise StudioError("Baking: QP 0 (lossless) is not written as av1; choose h264 or hevc, or QP 1.")
-        for name in ("target_kb_per_frame", "target_psnr"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise StudioError(f"Baking: {name} is {value}; it must be above 0.")
+    @model_validator(mode="after")
+    def _combinations(self) -> Self:
         if self.target_kb_per_frame is not None and self.target_psnr is not None:
-            raise StudioError("Baking: both target_kb_per_frame and target_psnr are set; give one of them.")
-        if self.preset not in PRESETS:
-            raise StudioError(f"Baking: preset '{self.preset}' is not known; choose from {', '.join(PRESETS)}.")
-        if self.threads < 0:
-            raise StudioError(f"Baking: threads is {self.threads}; give 0 (one a core) or more.")
+            raise Conflict(
+                "target_kb_per_frame and target_psnr are both set",
+                "Set one of them to null.",
+                "target_kb_per_frame",
+                "target_psnr",
+            )
+        if self.profile == "planes" and self.codec != "h264":
+            raise Conflict(
+                f"codec {self.codec} requires profile motion",
+                "Set profile to motion or codec to h264.",
+                "codec",
+                "profile",
+            )
+        if self.codec == "av1" and self.qp == 0:
+            raise Conflict(
+                "qp 0 (lossless) is not available with codec av1",
+                "Set qp to 1, or codec to h264 or hevc.",
+                "codec",
+                "qp",
+            )
+        return self
+
+    @property
+    def qp_overrides(self) -> dict[str, int]:
+        """`attribute_qps` by plain name."""
+        return {str(name): qp for name, qp in self.attribute_qps.items()}
 
     def attribute_qp(self, attribute: str) -> int:
-        """QP of an attribute of `QP_ATTRIBUTES`; the positions' high bytes ("means_high") always have 0."""
+        """QP of an attribute of `QP_ATTRIBUTES`; 0 for the high bytes of the means ("means_high")."""
         if attribute == "means_high":
             return 0
-        if attribute in self.attribute_qps:
-            return self.attribute_qps[attribute]
+        if attribute in self.qp_overrides:
+            return self.qp_overrides[attribute]
         return min(self.qp, QP_KNEE) if attribute in _HELD_AT_KNEE else self.qp
 
     def at_qp(self, qp: int) -> BakeSettings:
         """The same with another QP."""
-        return replace(self, qp=qp)
+        return self.replace(qp=qp)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready: what shapes the bytes (threads do not)."""
-        values = asdict(self)
-        values["attribute_qps"] = dict(sorted(self.attribute_qps.items()))
-        del values["threads"]
-        return values
+        """JSON-ready, for the manifest. The order of keys is part of the stream's bytes."""
+        return {
+            "profile": self.profile,
+            "qp": self.qp,
+            "attribute_qps": dict(sorted(self.attribute_qps.items())),
+            "target_kb_per_frame": self.target_kb_per_frame,
+            "target_psnr": self.target_psnr,
+            "codec": self.codec,
+            "preset": self.preset,
+            "mirror_low_bytes": self.mirror_low_bytes,
+        }

@@ -1,8 +1,8 @@
-"""Bytes of the side file: numbers split into byte planes, and one raw deflate stream made of the best parts.
+"""Encoding of the side file: integers as byte planes, compressed to one raw deflate stream.
 
-Deflate because every platform has it (zlib, browsers' DecompressionStream). Much of the file is noise in its low bits,
-where matches only cost: each part is compressed both with matches and with Huffman codes alone, and the smaller is
-taken. Parts end on a byte border, so that their concatenation is one deflate stream.
+Deflate is available on every platform (zlib, DecompressionStream in browsers). Low bytes are mostly noise, where
+matches only cost bits: each part is compressed with matches and with Huffman codes only, and the smaller result is
+used. Parts end on byte boundaries, so that their concatenation is one deflate stream.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 
 def deflate(parts: Sequence[bytes]) -> bytes:
-    """One raw deflate stream of all parts, each with the strategy that makes it smallest."""
+    """One raw deflate stream of all parts, each with the strategy that compresses it best."""
     out = bytearray()
     for part in parts:
         best: bytes | None = None
@@ -29,18 +29,18 @@ def deflate(parts: Sequence[bytes]) -> bytes:
 
 
 def inflate(data: bytes, size: int) -> np.ndarray:
-    """Inverse of `deflate`, never holding more than `size` bytes.
+    """Inverse of `deflate`. Never holds more than `size` bytes.
 
     Returns:
         (size,) uint8, read-only.
 
     Raises:
-        ValueError: not a deflate stream of exactly that size.
+        ValueError: not a deflate stream of exactly `size` bytes.
     """
     decoder = zlib.decompressobj(-15)
     try:
         raw = decoder.decompress(data, size + 1)
-        # what is left after the last byte are the end marks, which give no bytes
+        # only the end-of-stream markers remain, which produce no bytes
         if len(raw) == size and not decoder.eof:
             raw += decoder.decompress(decoder.unconsumed_tail, 1)
     except zlib.error as error:
@@ -53,25 +53,26 @@ def inflate(data: bytes, size: int) -> np.ndarray:
 def split(values: np.ndarray, width: int) -> list[bytes]:
     """Signed integers as `width` byte planes, lowest byte first, of their zigzag codes (0, -1, 1, -2 are 0, 1, 2, 3).
 
-    The values must lie within 8 * width bits.
+    Raises:
+        ValueError: a code needs more than 8 * width bits.
     """
     wide = values.astype(np.int64).reshape(-1)
     codes = ((wide << 1) ^ (wide >> 63)).astype(np.uint64)
     if codes.size and int(codes.max()) >> (8 * width):
-        raise ValueError(f"a value does not fit {width} bytes")
+        raise ValueError(f"a value does not fit into {width} bytes")
     return [(codes >> np.uint64(8 * k)).astype(np.uint8).tobytes() for k in range(width)]
 
 
 class Cursor:
-    """Reads what `split` and others wrote, one after the other."""
+    """Reads the parts of a side file one after the other."""
 
     def __init__(self, data: np.ndarray) -> None:
         self.rest = data
 
     def take(self, count: int) -> np.ndarray:
-        """The next `count` bytes, (count,) uint8. Raises ValueError where there are fewer."""
+        """The next `count` bytes, (count,) uint8. Raises ValueError if there are fewer."""
         if count > len(self.rest):
-            raise ValueError("it ends early")
+            raise ValueError("it ends too early")
         taken, self.rest = self.rest[:count], self.rest[count:]
         return taken
 

@@ -1,7 +1,8 @@
-"""Where a stream's files come from: a folder, or a web server (`studio.stream.http_source`)."""
+"""Sources of a stream's files: a folder, or a web server (`studio.stream.http_source`)."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -9,37 +10,40 @@ from typing import Protocol
 
 from studio.errors import StudioError
 
+BAKE_AGAIN = "Bake the stream again, or copy it again."
+"""The fix for a file of a stream that is missing or damaged."""
+
 _WEB = ("http://", "https://")
 
 
 class SourceUnavailable(StudioError):
-    """The server itself does not answer, or not in time: what lies there may well be intact."""
+    """The server does not answer, or not in time. The files on it may well be intact."""
 
 
 class Source(Protocol):
-    """Gives the files of one stream by their path relative to it. Thread safe.
+    """Reads the files of one stream by their path relative to it. Thread safe.
 
-    A source may have two further members: `parallel`, an integer, how many files are best read at once (1 where it
-    has none), and `close()`, which ends reads under way.
+    Two members are optional: `parallel`, the number of files to read at once (1 if missing), and `close()`, which
+    aborts reads in progress.
     """
 
     @property
     def name(self) -> str:
-        """What messages call the stream: a folder or an address."""
+        """The stream in messages: a folder or a URL."""
         ...
 
     def read(self, path: str, limit: int) -> bytes:
-        """The whole file; at most `limit` bytes are ever held.
+        """The whole file. Never holds more than about `limit` bytes.
 
         Raises:
             StudioError: the file is missing, unreadable or longer than `limit`.
-            SourceUnavailable: nothing can be read at present.
+            SourceUnavailable: the server cannot be reached at present.
         """
         ...
 
 
 class FolderSource:
-    """A stream in a folder. Links that lead out of it are not followed."""
+    """A stream in a folder. Symbolic links out of the folder are refused."""
 
     def __init__(self, root: Path | str) -> None:
         self._root = Path(root).resolve()
@@ -54,37 +58,55 @@ class FolderSource:
         file = self._root / path
         try:
             if not file.resolve().is_relative_to(self._root):
-                raise StudioError(f"{file}: this lies outside the stream's folder; the stream is not to be trusted.")
+                raise StudioError(
+                    "source.outside_folder",
+                    "this file is outside the stream's folder",
+                    file=file,
+                    fix="Do not trust this stream; get it from its author again.",
+                )
             with file.open("rb") as handle:
                 data = handle.read(limit + 1)
         except FileNotFoundError:
-            raise StudioError(f"{file}: the file is missing; bake or fetch the stream again.") from None
+            raise StudioError("source.file_missing", "the file is missing", file=file, fix=BAKE_AGAIN) from None
         except (OSError, ValueError, RuntimeError) as error:
-            raise StudioError(f"{file}: cannot be read ({error}).") from None
+            raise StudioError("source.file_unreadable", f"the file cannot be read ({error})", file=file) from None
         if len(data) > limit:
-            raise StudioError(f"{file}: the file is longer than {limit} bytes; bake or fetch the stream again.")
+            raise too_long(file, limit)
         return data
 
 
+def too_long(file: str | os.PathLike[str], limit: int, size: int | None = None) -> StudioError:
+    """The error for a file with more bytes than the manifest promises; `size` where it is known."""
+    found = "the file" if size is None else f"the file has {size} bytes and"
+    return StudioError(
+        "source.file_too_long",
+        f"{found} is longer than the expected {limit} bytes",
+        file=file,
+        value=size,
+        fix=BAKE_AGAIN,
+        expected=limit,
+    )
+
+
 def is_address(place: object) -> bool:
-    """True for text that begins with http:// or https://."""
+    """True for a string that starts with http:// or https://."""
     return isinstance(place, str) and place.lower().startswith(_WEB)
 
 
 def close_source(source: Source) -> None:
-    """End what the source has under way, where it has anything; reading from it afterwards raises StudioError."""
+    """Abort reads in progress. Later reads from a web source raise StudioError."""
     close = getattr(source, "close", None)
     if close is not None:
         close()
 
 
 def read_files(source: Source, wanted: Sequence[tuple[str, int]]) -> dict[str, bytes]:
-    """Several files, (path, limit) each, as many at once as the source likes.
+    """Content by path of several files, given as (path, limit).
 
-    Over a network most of a small file's time is waiting, so a group's files are asked for side by side.
+    Reads `source.parallel` files at once: over a network, most of the time of a small file is latency.
 
     Raises:
-        StudioError: as `Source.read`, of the first file that fails.
+        StudioError: as `Source.read`, for the first file that fails.
     """
     parallel = min(int(getattr(source, "parallel", 1)), len(wanted))
     if parallel <= 1:
@@ -94,4 +116,4 @@ def read_files(source: Source, wanted: Sequence[tuple[str, int]]) -> dict[str, b
         reading = [pool.submit(source.read, path, limit) for path, limit in wanted]
         return {path: future.result() for (path, _), future in zip(wanted, reading, strict=True)}
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)  # after an error nobody waits for the others
+        pool.shutdown(wait=False, cancel_futures=True)  # after an error, do not wait for the other files

@@ -1,6 +1,6 @@
-"""One video of numbers: luma in MP4 through PyAV, written so that the same pictures give the same bytes, and read back.
+"""A video of numbers: 8-bit luma in MP4 through PyAV. The same pictures give the same bytes.
 
-PyAV is imported where it is used, so that importing the package stays quick.
+PyAV is imported where it is used, which keeps importing the package fast.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.stream.settings import PRESETS, QP_MAX
+from studio.stream.source import BAKE_AGAIN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,27 +26,27 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
 NOMINAL_FPS = 30
-"""Rate written into the MP4s. It means nothing: picture k is frame k of the group, and the manifest has the rate."""
+"""Rate written into the MP4s, without meaning: picture k is frame k of the group, and the manifest has the rate."""
 
 _JPEG_RANGE = 2  # AVCOL_RANGE_JPEG: luma uses 0 to 255
 _NEUTRAL = 128
 
 
 def _bytes_of(plane: Any) -> np.ndarray:
-    """(rows, bytes a row) uint8 view of a PyAV picture plane; rows may be longer than the picture."""
+    """(rows, bytes per row) uint8 view of a PyAV picture plane; rows may be wider than the picture."""
     return np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
 
 
 @dataclass(frozen=True)
 class _Codec:
-    """How FFmpeg's encoders are told the same thing: constant QP, I then P, one thread, nothing tuned for eyes.
+    """Parameters of an FFmpeg encoder for constant QP, one I picture then P, one thread, no psychovisual tuning.
 
     Attributes:
         encoder: FFmpeg's name.
         key: name of the option that takes the parameters.
-        parameters: for any QP above 0; {qp} is filled in.
-        lossless: for QP 0; None where that is not offered.
-        tag: four letters that name it in the MP4, where FFmpeg's choice is not the one that players know.
+        parameters: for QPs above 0; {qp} is filled in.
+        lossless: for QP 0; None if not supported.
+        tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
     """
 
     encoder: str
@@ -55,9 +56,9 @@ class _Codec:
     tag: str | None = None
 
 
-# Psychovisual tricks (psy) serve eyes, not numbers. Scene cuts would set further I frames.
+# Psychovisual tuning (psy) helps pictures, not numbers. Scene cut detection would insert more I frames.
 _X264 = "keyint=infinite:scenecut=0:bframes=0:psy=0:threads=1:lookahead-threads=1:log=0"
-# One picture of many tiles: deblocking only blurs them into each other, and a better I frame does not pay (measured).
+# One picture of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
 _X264_TILES = f"{_X264}:no-deblock=1:ipratio=1.0"
 _X265_TILES = (
     "keyint=-1:scenecut=0:bframes=0:psy-rd=0:psy-rdoq=0:aq-mode=0:cutree=0:ipratio=1.0:no-deblock=1:no-sao=1:"
@@ -71,28 +72,28 @@ _TILES = {
         "libsvtav1", "svtav1-params", "rc=0:aq-mode=0:qp={qp}:pred-struct=1:keyint=-1:lp=1:enable-tf=0", None
     ),
 }
-# SVT-AV1 numbers its presets; these take about as long as x264's of the same name.
+# SVT-AV1 numbers its presets; these take about as long as the x264 presets of the same name.
 _AV1_PRESETS = {name: str(number) for name, number in zip(PRESETS, (12, 11, 10, 10, 9, 8, 7, 6, 5), strict=True)}
 AV1_QP_MAX = 63
 
 
 def codec_qp(codec: str, qp: int) -> int:
-    """The QP on the codec's own scale: H.264's and HEVC's ends at 51, AV1's at 63."""
+    """The QP on the codec's own scale: 0 to 51 for H.264 and HEVC, 0 to 63 for AV1."""
     return round(qp * AV1_QP_MAX / QP_MAX) if codec == "av1" else qp
 
 
 class PlaneEncoder:
-    """Encodes pictures of numbers: the first is I, the others P; constant QP; one thread (so the bytes never vary).
+    """Encodes pictures of numbers: one I picture, then P; constant QP; one thread, so that the bytes are reproducible.
 
-    Luma is full range, chroma neutral (yuv420p, because hardware decoders rarely take gray). QP 0 is lossless.
-    Neither dates nor library versions are written into the container; x264 puts its own version into the stream.
+    Luma is full range, chroma neutral (yuv420p, since few hardware decoders support gray). QP 0 is lossless. The
+    container has neither dates nor library versions; x264 writes its own version into the bitstream.
 
     Args:
-        path: the file.
+        path: output file.
         size: width and height.
-        qp: on H.264's scale.
+        qp: on the H.264 scale.
         preset: one of `settings.PRESETS`.
-        tiles: codec of a picture of many tiles; None for one plane of the profile `planes`.
+        tiles: codec of a picture of many tiles; None for a plane of the profile `planes`.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], qp: int, preset: str, tiles: str | None = None) -> None:
@@ -102,10 +103,10 @@ class PlaneEncoder:
         parameters = codec.lossless if qp == 0 else codec.parameters
         assert parameters is not None
         if tiles == "av1":
-            os.environ.setdefault("SVT_LOG", "1")  # errors only: the library writes to stderr past FFmpeg's log level
+            os.environ.setdefault("SVT_LOG", "1")  # errors only: the library ignores FFmpeg's log level
         self._width = size[0]
         self._frames = 0
-        # bitexact: no "Lavf" tag. faststart: the index before the data, so that a player can begin early.
+        # bitexact: no "Lavf" tag. faststart: index before the data, so that playback can start early.
         options = {"fflags": "+bitexact", "movflags": "+faststart"}
         self._out = av.open(str(path), "w", format="mp4", options=options)
         stream: Any = self._out.add_stream(codec.encoder, rate=NOMINAL_FPS)
@@ -137,34 +138,34 @@ class PlaneEncoder:
             self._out.mux(packet)
 
     def close(self) -> None:
-        """Write what is left and close the file."""
+        """Flush the encoder and close the file."""
         for packet in self._stream.encode():
             self._out.mux(packet)
         self._out.close()
 
     def abandon(self) -> None:
-        """Close the file without caring what is in it (after an error)."""
+        """Close the file after an error; its content is undefined."""
         with contextlib.suppress(OSError, ValueError):
             self._out.close()
 
 
 _NO_PROBING: Any = [{"skip_frame": "all"}]  # PyAV's own types are wrong here
-"""FFmpeg decodes the first picture to learn what the manifest tells already, half of the time that opening took. It
-holds for that probing only; `PlaneDecoder` checks each picture."""
+"""Keeps FFmpeg from decoding the first picture while probing, which took half of the time of opening. The manifest has
+the information, and `PlaneDecoder` checks each picture."""
 
 
 class PlaneDecoder:
-    """Decodes one plane's file, held in memory, frame by frame in order.
+    """Decodes one video, held in memory, frame by frame in order.
 
     Args:
         data: the whole file.
-        name: for messages.
-        size: width and height that the manifest says; another picture size is an error.
-        codec: h264, hevc or av1, what the manifest says.
-        threads: of the decoder; more than one decode several pictures at once.
+        name: path or URL for messages.
+        size: width and height, from the manifest.
+        codec: h264, hevc or av1, from the manifest.
+        threads: decoder threads; more than one decode several pictures in parallel.
 
     Raises:
-        StudioError: not an MP4 of that codec, or another picture size.
+        StudioError: not an MP4 of that codec and picture size.
     """
 
     def __init__(self, data: bytes, name: str, size: tuple[int, int], codec: str = "h264", threads: int = 1) -> None:
@@ -173,23 +174,29 @@ class PlaneDecoder:
         self._errors: tuple[type[BaseException], ...] = (av.error.FFmpegError, ValueError, IndexError, EOFError)
         self.name = name
         self._size = size
-        self._lock = threading.Lock()  # FFmpeg crashes if a file is closed while it is decoded
+        self._lock = threading.Lock()  # FFmpeg crashes if a file is closed during decoding
         self._container: InputContainer | None = None
         try:
             container = self._container = av.open(io.BytesIO(data), "r", format="mp4", stream_options=_NO_PROBING)
             stream = container.streams.video[0]
             context = stream.codec_context
-            if context is None:  # a codec that FFmpeg does not know
-                raise ValueError("its codec is not known")
+            if context is None:  # a codec unknown to FFmpeg
+                raise ValueError("unknown codec")
             found, found_size = context.codec.canonical_name, (context.width, context.height)
         except self._errors as error:
             self.close()
-            raise StudioError(f"{name}: this is not a readable MP4 video ({error}); bake or fetch it again.") from None
+            raise StudioError(
+                "stream.video_unreadable", f"not a readable MP4 video ({error})", file=name, fix=BAKE_AGAIN
+            ) from None
         if found != codec or found_size != size:
             self.close()
             raise StudioError(
-                f"{name}: found {found} video of {found_size[0]}x{found_size[1]}, the manifest promises {codec} of "
-                f"{size[0]}x{size[1]}; bake or fetch the stream again."
+                "stream.wrong_video",
+                f"{found} video of {found_size[0]}x{found_size[1]}; the manifest says {codec} of {size[0]}x{size[1]}",
+                file=name,
+                value=(found, *found_size),
+                fix=BAKE_AGAIN,
+                expected=(codec, *size),
             )
         context.thread_count = threads
         if threads > 1:
@@ -200,33 +207,40 @@ class PlaneDecoder:
         """Decode the next picture into `out`, (height, width) uint8.
 
         Raises:
-            StudioError: the file is damaged or has no further frame.
+            StudioError: the file is damaged or has no further picture.
         """
         with self._lock:
             self._read(out)
 
     def _read(self, out: np.ndarray) -> None:
         if self._container is None:
-            raise StudioError(f"{self.name}: the video was closed while it was being read.")
+            raise StudioError("stream.closed", "the video was closed during decoding", file=self.name)
         try:
             frame: av.VideoFrame | None = next(self._frames, None)
         except self._errors as error:
-            raise StudioError(f"{self.name}: the video is damaged ({error}); bake or fetch it again.") from None
+            raise StudioError(
+                "stream.video_damaged", f"the video is damaged ({error})", file=self.name, fix=BAKE_AGAIN
+            ) from None
         if frame is None:
-            raise StudioError(f"{self.name}: the video ends before the group does; bake or fetch it again.")
+            raise StudioError(
+                "stream.video_too_short", "the video has fewer frames than its group", file=self.name, fix=BAKE_AGAIN
+            )
         if (frame.width, frame.height) != self._size or frame.format.name not in (
             "yuv420p",
             "yuvj420p",
             "gray",
         ):
             raise StudioError(
-                f"{self.name}: a frame is {frame.width}x{frame.height} {frame.format.name}, expected "
-                f"{self._size[0]}x{self._size[1]} yuv420p; bake or fetch it again."
+                "stream.wrong_picture",
+                f"a picture is {frame.width}x{frame.height} {frame.format.name}; expected "
+                f"{self._size[0]}x{self._size[1]} yuv420p",
+                file=self.name,
+                fix=BAKE_AGAIN,
             )
         out[:] = _bytes_of(frame.planes[0])[:, : self._size[0]]
 
     def close(self) -> None:
-        """Free the decoder, as soon as no thread reads from it."""
+        """Release the decoder as soon as no thread uses it."""
         with self._lock:
             if self._container is not None:
                 self._container.close()

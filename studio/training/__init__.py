@@ -1,9 +1,14 @@
 """Group training: keyframe, motion, fine-tuning (paper section 4)."""
 
-from studio.training.interframe import InterframeResult, interframe_steps, train_interframe
-from studio.training.keyframe import keyframe_steps, train_keyframe
-from studio.training.settings import LearningRates, TrainSettings
-from studio.training.views import TrainingView
+from typing import TYPE_CHECKING
+
+from studio.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from studio.training.interframe import InterframeResult, interframe_steps, train_interframe
+    from studio.training.keyframe import keyframe_steps, train_keyframe
+    from studio.training.settings import LearningRates, TrainSettings
+    from studio.training.views import TrainingView
 
 __all__ = [
     "InterframeResult",
@@ -15,3 +20,5 @@ __all__ = [
     "train_interframe",
     "train_keyframe",
 ]
+
+lazy_exports(__name__)

@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
+from studio.torch_rotations import rotate_vectors
 from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.splat_rotation import rotate
 
 _DENSE_SHARE = 0.01
 """Splats larger than this fraction of the scene extent are split, smaller ones cloned (percent_dense in 3DGS)."""
@@ -115,6 +115,6 @@ def _halves(gaussians: Gaussians, generator: torch.Generator) -> Gaussians:
     """Two children per splat, sampled from its distribution and 1.6 times smaller."""
     twice = Gaussians.cat(gaussians, gaussians)
     draws = torch.randn(twice.means.shape, generator=generator).to(twice.device) * twice.scales
-    twice.means = twice.means + rotate(twice.unit_quats, draws)
+    twice.means = twice.means + rotate_vectors(twice.unit_quats, draws)
     twice.log_scales = twice.log_scales - torch.log(torch.tensor(1.6))
     return twice

@@ -11,13 +11,14 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
-from studio.stream.layout import plane_side
+from studio.stream.profiles import coding_of
+from studio.torch_rotations import quat_multiply
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
-from studio.training.regularizers import ResidualEntropy, as_baked, baked_values, quantization_steps, temporal_loss
+from studio.training.regularizers import ResidualEntropy, simulate_quantization, temporal_loss
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.splat_rotation import local_median, local_rotations, multiply, neighbors
+from studio.training.splat_rotation import local_median, local_rotations, neighbors
 from studio.training.step import SnapshotFn, Step, Stepper, check_finite
 from studio.training.views import TrainingView
 
@@ -58,6 +59,7 @@ def train_interframe(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
+    snapshot_every: int = 500,
 ) -> InterframeResult:
     """Train frame t from the splats of frame t-1. Their number and order do not change.
 
@@ -71,7 +73,8 @@ def train_interframe(
         seed: equal seeds and inputs give equal splats, bit for bit.
         progress: called with the steps done and in total, `phase` ("motion" or "fine-tune"), and regularly with `loss`,
             `psnr` (dB) and `splats`.
-        snapshot: given the splats every `settings.snapshot_every` steps.
+        snapshot: called with the splats every `snapshot_every` steps.
+        snapshot_every: steps between these calls.
 
     Raises:
         StudioError: `training.diverged`, `training.no_views`, or `training.motion_network_size` for `warm_start`.
@@ -93,7 +96,16 @@ def train_interframe(
     else:
         warm_start = None
     warped, motion = _move(
-        previous, before_previous, warm_start, views, settings, motion_steps, generator, tell(0, "motion"), snapshot
+        previous,
+        before_previous,
+        warm_start,
+        views,
+        settings,
+        motion_steps,
+        generator,
+        tell(0, "motion"),
+        snapshot,
+        snapshot_every,
     )
 
     def snapshot_after_motion(step: int, gaussians: Gaussians) -> None:
@@ -101,7 +113,14 @@ def train_interframe(
             snapshot(motion_steps + step, gaussians)
 
     tuned = _fine_tune(
-        previous, warped, views, settings, generator, tell(motion_steps, "fine-tune"), snapshot_after_motion
+        previous,
+        warped,
+        views,
+        settings,
+        generator,
+        tell(motion_steps, "fine-tune"),
+        snapshot_after_motion,
+        snapshot_every,
     )
     return InterframeResult(tuned, warped, motion)
 
@@ -116,6 +135,7 @@ def _move(
     generator: torch.Generator,
     progress: ProgressFn,
     snapshot: SnapshotFn | None,
+    snapshot_every: int,
 ) -> tuple[Gaussians, dict[str, Tensor]]:
     """Stage 1: train the motion field. Scales, opacities and SH do not change; rotations follow the motion.
 
@@ -142,7 +162,7 @@ def _move(
     def rotated_quats(means: Tensor) -> Tensor:
         if near is None:
             return previous.quats
-        return multiply(local_rotations(previous.means, means.detach(), near), previous.quats)
+        return quat_multiply(local_rotations(previous.means, means.detach(), near), previous.quats)
 
     quats = rotated_quats(start)
     for iteration in range(1, iterations + 1):
@@ -156,7 +176,7 @@ def _move(
         schedule.step()
         optimizer.zero_grad(set_to_none=True)
         _report(iteration, step, len(previous), "motion", progress)
-        if snapshot is not None and iteration % settings.snapshot_every == 0:
+        if snapshot is not None and iteration % snapshot_every == 0:
             snapshot(iteration, moved.detach())
     with torch.no_grad():
         means = start + field(corners)
@@ -166,8 +186,8 @@ def _move(
 def _rate(fraction: float) -> float:
     """Learning rate factor of the motion network: constant in the first half, then decaying exponentially.
 
-    The decay removes noise from large steps: on a walking figure, the error fell from 0.29 to 0.27 of the distance moved,
-    and PSNR rose by 1.4 dB.
+    The decay removes noise from large steps: on a walking figure, the error fell from 0.29 to 0.27 of the distance
+    moved, and PSNR rose by 1.4 dB.
     """
     return float(_LAST_RATE ** max(0.0, 2 * fraction - 1))
 
@@ -180,25 +200,28 @@ def _fine_tune(
     generator: torch.Generator,
     progress: ProgressFn,
     snapshot: SnapshotFn,
+    snapshot_every: int,
 ) -> Gaussians:
-    """Stage 2, equation 13: train the other attributes, regularized towards frame t-1 by entropy and temporal losses."""
+    """Stage 2, equation 13: train the other attributes, with entropy and temporal losses against frame t-1."""
     extent = scene_extent(torch.stack(performer_box(warped.means)))
-    rates = replace(settings.rates, means=settings.rates.means_finetune)
+    rates = settings.rates.replace(means=settings.rates.means_finetune)
     optimizer = SplatOptimizer(warped, rates, extent, train_means=settings.finetune_means)
     stepper = Stepper(views, settings, generator)
-    reference = previous.unit_quats
-    before = baked_values(previous, reference).detach()
-    steps, low = quantization_steps(before), before.amin(0)
-    entropy = ResidualEntropy(before, steps, previous.sh_degree)
+    coding = coding_of(settings.regularize, previous)
+    before = coding.coded_values(previous).detach()
+    quantizer = coding.quantizer(before)
+    steps = quantizer[1]
+    entropy = ResidualEntropy(before, steps, coding.attributes)
     entropy_adam = torch.optim.Adam(entropy.parameters(), lr=_ENTROPY_RATE, fused=True)
-    plane = plane_side(len(previous)) ** 2
     regularized = bool(settings.entropy_weight or settings.temporal_weight or settings.simulate_quantization)
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians
         figures: dict[str, float] = {}
         if regularized:
-            now = baked_values(gaussians, reference)
-        drawn = as_baked(gaussians, now, low, steps) if settings.simulate_quantization else gaussians
+            now = coding.coded_values(gaussians)
+        drawn = gaussians
+        if settings.simulate_quantization:
+            drawn = simulate_quantization(coding, gaussians, now, quantizer)
         step = stepper(drawn, dropout=True)
         loss = step.loss
         if regularized:
@@ -209,14 +232,14 @@ def _fine_tune(
                     figures["bits_per_splat"] = float(bits.detach())
             if settings.temporal_weight:
                 loss = loss + settings.temporal_weight * temporal_loss(
-                    now, before, plane, steps, settings.temporal_huber
+                    now, before, coding.pixels, steps, settings.temporal_huber
                 )
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         entropy_adam.step()
         entropy_adam.zero_grad(set_to_none=True)
         _report(iteration, step, len(previous), "fine-tuning", progress, **figures)
-        if iteration % settings.snapshot_every == 0:
+        if iteration % snapshot_every == 0:
             snapshot(iteration, optimizer.gaussians.detach())
     return optimizer.gaussians.clone()
 

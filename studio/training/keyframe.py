@@ -99,6 +99,7 @@ def train_keyframe(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
+    snapshot_every: int = 500,
     checkpoint: CheckpointFn | None = None,
     resume: Checkpoint | None = None,
 ) -> Gaussians:
@@ -112,7 +113,8 @@ def train_keyframe(
         seed: equal seeds and inputs give equal splats, bit for bit.
         progress: called with the steps done and in total, and regularly with `loss`, `psnr` (dB, of the last training
             crop) and `splats`.
-        snapshot: given the splats every `settings.snapshot_every` steps.
+        snapshot: called with the splats every `snapshot_every` steps.
+        snapshot_every: steps between these calls.
         checkpoint: called with the complete state every `settings.checkpoint_every` steps.
         resume: a checkpoint of the same inputs, settings and seed. The result equals that of an uninterrupted run.
 
@@ -129,7 +131,7 @@ def train_keyframe(
         run.restore(resume)
     while not run.finished:
         run.step()
-        if snapshot is not None and run.done % settings.snapshot_every == 0:
+        if snapshot is not None and run.done % snapshot_every == 0:
             snapshot(run.done, run.optimizer.gaussians.detach())
         if checkpoint is not None and settings.checkpoint_every and run.done % settings.checkpoint_every == 0:
             checkpoint(run.done, run.state())

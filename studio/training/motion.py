@@ -16,8 +16,8 @@ _BOX_PADDING = 0.05
 class MotionField(nn.Module):
     """Translation of each splat from frame t-1 to frame t: x_t = x_{t-1} + MLP(h(x_{t-1})).
 
-    Positions are normalized by the performer's bounding box, and the output is in units of its longest side, so the field
-    does not depend on the scale of the scene. The last layer is initialized to zero: the initial motion is zero.
+    Positions are normalized by the performer's bounding box, and the output is in units of its longest side, so the
+    field does not depend on the scale of the scene. The last layer is initialized to zero: the initial motion is zero.
 
     Args:
         low, high: (3,) corners of the performer's bounding box, world units.
@@ -86,7 +86,7 @@ class MotionField(nn.Module):
                 own[name].copy_(value)
 
     def optimizer(self, learning_rate: float) -> torch.optim.Adam:
-        """Adam with the settings of Mueller et al. for hash grids; the rate of the table is ten times `learning_rate`."""
+        """Adam with the settings of Mueller et al. for hash grids; the table learns at ten times `learning_rate`."""
         return torch.optim.Adam(
             [
                 {"params": [self.grid.table], "lr": 10 * learning_rate},

@@ -1,54 +1,26 @@
 """Residual entropy and temporal losses (paper section 4.2, equations 8 to 12).
 
-Both act on the values that the baker quantizes: unit quaternions with continuous sign, log scales, opacities, SH.
-Positions are the motion stage's alone (the paper sums over R, S, o, c, SH). All channels stand side by side in one
-(N, C) tensor: many small tensors would cost more in overhead than in arithmetic.
+Both act on the values that a stream profile codes (`studio.stream.profiles`). The paper sums over rotation, scale,
+opacity, color and SH; means belong to the motion stage. All channels are columns of one (N, C) tensor, since many small
+tensors would cost more in overhead than in arithmetic.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from studio.gaussians import Gaussians
+from studio.stream.profiles import SplatCoding
+
+Quantizer = tuple[Tensor, Tensor]
 
 _TAIL = 1e-3
 """Below this probability, the float32 difference of two CDF values has lost too many digits."""
-
-_MIN_STEP = 1e-3
-
-
-def channels(sh_degree: int) -> dict[str, slice]:
-    """Which columns of `baked_values` belong to which attribute."""
-    columns = {"rotation": slice(0, 4), "scale": slice(4, 7), "opacity": slice(7, 8), "color": slice(8, 11)}
-    if sh_degree > 0:
-        columns["sh"] = slice(11, 8 + 3 * (sh_degree + 1) ** 2)
-    return columns
-
-
-def baked_values(gaussians: Gaussians, reference_quats: Tensor) -> Tensor:
-    """(N, C) values as the stream stores them, columns as in `channels`: rotation, scale, opacity, color, SH rest.
-
-    Args:
-        gaussians: N splats.
-        reference_quats: (N, 4) unit quaternions; each of ours takes the sign that is nearer to its reference (q and
-            -q are one rotation).
-    """
-    quats = gaussians.unit_quats
-    sign = torch.where((quats.detach() * reference_quats).sum(-1, keepdim=True) < 0, -1.0, 1.0)
-    return torch.cat([quats * sign, gaussians.log_scales, gaussians.opacities[:, None], gaussians.sh.flatten(1)], dim=1)
-
-
-def quantization_steps(values: Tensor, levels: int = 256) -> Tensor:
-    """(C,) step of each channel when its range is cut into `levels` values, as the baker does; at least 1e-3.
-
-    The floor is for channels that are (nearly) constant in the frame they are measured in: their range over the group,
-    which the baker takes, is not known yet.
-    """
-    return ((values.amax(0) - values.amin(0)) / (levels - 1)).clamp_min(_MIN_STEP).detach()
 
 
 class _Bits(torch.autograd.Function):
@@ -115,22 +87,21 @@ def bits_of_residual(residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
 class ResidualEntropy(nn.Module):
     """Equations 8 to 11: expected bits per splat of the quantized frame-to-frame residuals.
 
-    Each attribute has a learnable mean and standard deviation, in quantization steps. The constant y_min that equation 9
-    subtracts from the residual is part of the learnable mean here.
+    Each attribute has a learnable mean and standard deviation, in quantization steps. The constant y_min that equation
+    9 subtracts from the residual is part of the learnable mean here.
 
     Args:
-        previous: (N, C) baked values of frame t-1.
+        previous: (N, C) coded values of frame t-1.
         steps: (C,) quantization step of each channel.
-        sh_degree: of the splats; says which columns share a mean and a deviation.
+        attributes: columns of each attribute; they share a mean and a deviation.
     """
 
     _owner: Tensor
     _previous: Tensor
     _steps: Tensor
 
-    def __init__(self, previous: Tensor, steps: Tensor, sh_degree: int) -> None:
+    def __init__(self, previous: Tensor, steps: Tensor, attributes: Mapping[str, slice]) -> None:
         super().__init__()
-        attributes = channels(sh_degree)
         owner = torch.zeros(previous.shape[1], dtype=torch.long)
         for index, columns in enumerate(attributes.values()):
             owner[columns] = index
@@ -144,7 +115,7 @@ class ResidualEntropy(nn.Module):
         """Scalar: bits per splat, summed over the channels of all attributes and averaged over the N splats.
 
         Args:
-            current: (N, C) baked values of frame t.
+            current: (N, C) coded values of frame t.
             generator: draws the uniform noise per element that simulates rounding.
         """
         noise = torch.rand(current.shape, generator=generator, dtype=current.dtype).to(current.device) - 0.5
@@ -159,7 +130,7 @@ def temporal_loss(
     """Equation 12: sum over attributes of |y_t - y_{t-1}|_1, divided by W x H of the Gaussian video.
 
     Args:
-        current, previous: (N, C) baked values.
+        current, previous: (N, C) coded values.
         plane_pixels: W x H.
         steps: (C,) quantization steps; required if `huber` is above 0.
         huber: if above 0, use a Huber loss with this width in quantization steps: quadratic below it, and equation 12
@@ -174,21 +145,15 @@ def temporal_loss(
     return difference.sum() / plane_pixels
 
 
-def as_baked(gaussians: Gaussians, values: Tensor, low: Tensor, steps: Tensor) -> Gaussians:
-    """The splats with attributes rounded as the baker rounds them; gradients pass as if nothing were rounded.
+def simulate_quantization(coding: SplatCoding, gaussians: Gaussians, values: Tensor, quantizer: Quantizer) -> Gaussians:
+    """The splats with attributes rounded as the baker rounds them; gradients pass straight through the rounding.
 
     Args:
-        gaussians: N splats; positions and the number of coefficients are taken from here.
-        values: (N, C) their baked values, columns as in `channels`.
-        low, steps: (C,) where each channel's levels begin, and how far they are apart.
+        coding: the profile's.
+        gaussians: N splats; means and the number of coefficients are taken from here.
+        values: (N, C) their coded values.
+        quantizer: (C,) offset and (C,) step of each channel.
     """
+    low, steps = quantizer
     rounded = torch.round((values.detach() - low) / steps) * steps + low
-    values = values + (rounded - values).detach()
-    opacities = values[:, 7].clamp(1e-4, 1 - 1e-4)
-    return Gaussians(
-        gaussians.means,
-        values[:, :4],
-        values[:, 4:7],
-        torch.logit(opacities),
-        values[:, 8:].reshape(gaussians.sh.shape),
-    )
+    return coding.decode(gaussians, values + (rounded - values).detach())

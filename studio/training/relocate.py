@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
+from studio.torch_rotations import rotate_vectors
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.splat_rotation import rotate
 
 _DEAD = 0.005
 """Splats at or below this opacity are dead."""
@@ -115,7 +115,7 @@ def add_noise(optimizer: SplatOptimizer, strength: float, generator: torch.Gener
     draws = torch.randn(gaussians.means.shape, generator=generator).to(gaussians.device)
     quats = gaussians.unit_quats
     inverse = quats * quats.new_tensor([1, -1, -1, -1])
-    noise = rotate(quats, rotate(inverse, draws) * gaussians.scales**2)
+    noise = rotate_vectors(quats, rotate_vectors(inverse, draws) * gaussians.scales**2)
     optimizer.shift_means(noise * (share * strength * _NOISE_RATE * optimizer.means_rate)[:, None])
 
 

@@ -1,168 +1,204 @@
-"""Plain settings of group training. Defaults are the paper's where the paper names a value."""
+"""Settings of training. Defaults are the paper's where the paper names a value, unless the field says otherwise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
 
-from studio.errors import StudioError
+from pydantic import Field
 
+from studio.settings import Affects, Heading, Settings
 
-@dataclass(frozen=True)
-class LearningRates:
-    """Adam learning rates: 3DGS's, as in the released V3 code, but for the positions.
-
-    Attributes:
-        means: first step, times the diagonal of the performer's box; decays exponentially to `means_final` over the
-            keyframe. 3DGS's 1.6e-4 is relative to the spread of the cameras, which is two to four times that.
-        means_final: last step of that decay, times the scene extent.
-        means_finetune: positions while fine-tuning a later frame (`TrainSettings.finetune_means`), times the extent.
-        sh_dc: constant color; `sh_rest` for the higher coefficients.
-        opacity, scale, rotation: logit opacity, log scale, quaternion.
-    """
-
-    means: float = 6e-4
-    means_final: float = 6e-6
-    means_finetune: float = 6e-5
-    sh_dc: float = 2.5e-3
-    sh_rest: float = 1.25e-4
-    opacity: float = 0.05
-    scale: float = 5e-3
-    rotation: float = 1e-3
+_LATER = Affects("later_frames")
+"""Of settings that only frames after the keyframe are trained with: changing them keeps the keyframes."""
 
 
-@dataclass(frozen=True)
-class TrainSettings:
-    """How keyframes and the frames after them are trained.
+class LearningRates(Settings):
+    """Adam learning rates of the splats: those of 3DGS, as in the released V3 code, except for the means."""
 
-    Attributes:
-        sh_degree: 0 to 3.
-        dssim_weight: lambda of equation 7, weight of D-SSIM against L1.
-        alpha_weight: weight of the L1 between drawn alpha and matte; 0 leaves coverage to the background.
-        opacity_reg: keyframe: weight of the mean opacity (Kheradmand et al. 2024, section 4.4): what no picture needs
-            fades and is pruned, so that fewer phantoms stand in views that were never trained on.
-        scale_reg: keyframe: weight of the mean scale, relative to the scene extent (there too).
-        background: what shows behind the performer while training: "random" (a new color each step, so that
-            coverage is learned), "black" or "white".
-        dropout: share of the splats that each step of the keyframe and of fine-tuning leaves out.
-        use_plates: where the capture has clean plates, compare the picture as filmed with the splats drawn over the
-            plate, instead of cutting the performer out by his matte.
-        crop_margin: the loss is computed in the performer's box, padded by this share of its size (and 16 px).
-        keyframe_iterations: 3DGS steps of the keyframe, before pruning.
-        strategy: how the keyframe's splats find their places: "default" is 3DGS's rule, "mcmc" relocates dead splats
-            and grows to `densify_max_splats` (Kheradmand et al. 2024).
-        mcmc_noise: strength of MCMC's exploration noise, 1 as published; only for "mcmc".
-        densify_from, densify_until, densify_every: densification, in steps.
-        densify_gradient: mean screen gradient (NDC) above which a splat is cloned or split.
-        densify_max_splats: no densification beyond this count (before pruning).
-        opacity_reset_every: 3DGS's opacity reset, in steps; none in the last quarter of densification.
-        sh_degree_every: one more SH degree is optimized after this many steps.
-        prune_ratio: share with the lowest opacity that one pruning round removes (section 4.1: 30 %).
-        prune_rounds: pruning rounds at least; more follow until `max_splats` holds.
-        max_splats: cap after pruning.
-        prune_finetune_iterations: steps after each pruning round, without densification.
-        motion_iterations: steps of the motion network a frame (section 5: 500).
-        motion_first_iterations: steps of it for the frame after the keyframe, which has no velocity to start from;
-            None: as many as the others.
-        motion_learning_rate: Adam, MLP weights; the hash table takes ten times that.
-        motion_views: cameras that each step of the motion network looks at; drawing is cheap beside the network, and
-            several views make each step surer.
-        motion_velocity: start from the constant-velocity guess x_{t-1} + (x_{t-1} - x_{t-2}) and learn the rest.
-        motion_velocity_neighbors: of the velocity take the median over each splat and this many nearest ones, which
-            drops what single splats were moved by noise and the smooth motion field could not put right; 0: each its
-            own.
-        motion_warm_start: begin with the network of the frame before instead of a fresh one; the velocity guess is then
-            left out, because that network knows it.
-        motion_neighbors: each splat turns as the offsets to this many nearest splats do; 0: motion is a translation
-            only, as in the paper.
-        hash_levels, hash_features, hash_log2_size, hash_base_resolution, hash_growth: the multiresolution grid.
-        mlp_width, mlp_layers: hidden layers of the motion MLP.
-        finetune_iterations: steps of fine-tuning a frame (section 5: 2000).
-        finetune_means: tune positions as well (the paper tunes "other attributes" only).
-        entropy_weight: lambda_e of equation 13; the paper takes 1e-4, which measured worse (docs/TRAINING.md).
-        temporal_weight: lambda_t of equation 13.
-        temporal_huber: equation 12 is an L1; above 0 it is a Huber loss instead, quadratic up to this many quantization
-            steps, so that what rounding hides anyway is not pressed to zero.
-        simulate_quantization: fine-tuning draws the attributes as the baker will round them (straight-through).
-        rates: learning rates of the splats.
-        snapshot_every: steps between calls of the `snapshot` callback.
-        checkpoint_every: keyframe: steps between calls of the `checkpoint` callback; 0 never.
-    """
+    means: float = Field(default=6e-4, gt=0)
+    """Means at the first step of a keyframe, as a multiple of the diagonal of the performer's bounding box. Decays
+    exponentially to means_final. (3DGS's 1.6e-4 is relative to the camera spread, two to four times larger.)"""
 
-    sh_degree: int = 0
-    dssim_weight: float = 0.2
-    alpha_weight: float = 0.0
-    opacity_reg: float = 0.01
-    scale_reg: float = 0.2
-    background: str = "random"
-    dropout: float = 0.2
+    means_final: float = Field(default=6e-6, gt=0)
+    """Means at the last step of a keyframe, as a multiple of the same diagonal."""
+
+    means_finetune: Annotated[float, _LATER] = Field(default=6e-5, gt=0)
+    """Means while fine-tuning a later frame (with finetune_means), as a multiple of the same diagonal."""
+
+    sh_dc: float = Field(default=2.5e-3, gt=0)
+    """Spherical harmonics of degree 0, the base color."""
+
+    sh_rest: float = Field(default=1.25e-4, gt=0)
+    """Spherical harmonics of degree 1 and higher, the view-dependent color."""
+
+    opacity: float = Field(default=0.05, gt=0)
+    """Opacities, as logits."""
+
+    scale: float = Field(default=5e-3, gt=0)
+    """Scales, as logarithms."""
+
+    rotation: float = Field(default=1e-3, gt=0)
+    """Rotations, as quaternions."""
+
+
+class TrainSettings(Settings):
+    """How a group is trained: the keyframe, then motion and fine-tuning of each later frame."""
+
+    affects: ClassVar[Affects | None] = Affects("keyframe")
+
+    sh_degree: Annotated[int, Heading("Losses and images")] = Field(default=0, ge=0, le=3)
+    """Degree of the spherical harmonics: 0 is one color per splat, 3 the most view-dependent."""
+
+    dssim_weight: float = Field(default=0.2, ge=0, le=1)
+    """Weight of D-SSIM against L1: lambda in the paper's equation 7."""
+
+    alpha_weight: float = Field(default=0.0, ge=0)
+    """Weight of the L1 difference between rendered alpha and matte. 0: coverage is learned from the background only."""
+
+    opacity_reg: float = Field(default=0.01, ge=0)
+    """Keyframe: weight of the mean opacity. Splats that no image needs fade and are pruned, which leaves fewer floaters
+    in held-out views (Kheradmand et al. 2024, section 4.4)."""
+
+    scale_reg: float = Field(default=0.2, ge=0)
+    """Keyframe: weight of the mean scale relative to the performer's size (Kheradmand et al. 2024, section 4.4)."""
+
+    background: Literal["random", "black", "white"] = "random"
+    """Background color behind the performer during training. random: a new color at each step, which teaches
+    coverage."""
+
+    dropout: float = Field(default=0.2, ge=0, lt=1)
+    """Fraction of the splats left out of each step of the keyframe and of fine-tuning. Improves held-out views."""
+
     use_plates: bool = True
-    crop_margin: float = 0.15
-    keyframe_iterations: int = 12_000
-    strategy: str = "default"
-    mcmc_noise: float = 1.0
-    densify_from: int = 500
-    densify_until: int = 9_000
-    densify_every: int = 100
-    densify_gradient: float = 2e-4
-    densify_max_splats: int = 300_000
-    opacity_reset_every: int = 3_000
-    sh_degree_every: int = 1_000
-    prune_ratio: float = 0.3
-    prune_rounds: int = 1
-    max_splats: int = 100_000
-    prune_finetune_iterations: int = 2_000
-    motion_iterations: int = 500
-    motion_first_iterations: int | None = None
-    motion_learning_rate: float = 1e-3
-    motion_views: int = 4
-    motion_velocity: bool = True
-    motion_velocity_neighbors: int = 24
-    motion_warm_start: bool = False
-    motion_neighbors: int = 0
-    hash_levels: int = 16
-    hash_features: int = 4
-    hash_log2_size: int = 15
-    hash_base_resolution: int = 16
-    hash_growth: float = 1.5
-    mlp_width: int = 64
-    mlp_layers: int = 2
-    finetune_iterations: int = 2_000
-    finetune_means: bool = False
-    entropy_weight: float = 1e-5
-    temporal_weight: float = 1e-3
-    temporal_huber: float = 0.0
-    simulate_quantization: bool = False
+    """If the capture has clean plates, compare the unmasked footage with splats rendered over the plate, rather than
+    masking the performer. Reduces the effect of matte errors."""
+
+    crop_margin: float = Field(default=0.15, ge=0, le=10)
+    """Padding of the performer's bounding box that images are cropped to, as a fraction of the box size (16 pixels are
+    added)."""
+
+    keyframe_iterations: Annotated[int, Heading("Keyframe")] = Field(default=12_000, ge=1)
+    """Training steps of the keyframe before pruning."""
+
+    strategy: Literal["default", "mcmc"] = "default"
+    """Densification strategy. default: clone and split, as in 3DGS. mcmc: relocate dead splats and grow to
+    densify_max_splats (Kheradmand et al. 2024)."""
+
+    mcmc_noise: float = Field(default=1.0, ge=0)
+    """Strength of the exploration noise of strategy mcmc; 1 as published."""
+
+    densify_from: int = Field(default=500, ge=0)
+    """Densification starts after this step."""
+
+    densify_until: int = Field(default=9_000, ge=0)
+    """Densification stops at this step."""
+
+    densify_every: int = Field(default=100, ge=1)
+    """Steps between densifications."""
+
+    densify_gradient: float = Field(default=2e-4, gt=0)
+    """Mean screen-space gradient (NDC) above which a splat is cloned or split."""
+
+    densify_max_splats: int = Field(default=300_000, ge=1)
+    """No densification above this number of splats (before pruning)."""
+
+    opacity_reset_every: int = Field(default=3_000, ge=1)
+    """Steps between opacity resets; none in the last quarter of densification."""
+
+    sh_degree_every: int = Field(default=1_000, ge=1)
+    """Steps after which the next degree of spherical harmonics is trained, up to sh_degree."""
+
+    prune_ratio: Annotated[float, Heading("Pruning")] = Field(default=0.3, gt=0, lt=1)
+    """Fraction of the splats, lowest opacity first, removed in each pruning round. The paper uses 0.3."""
+
+    prune_rounds: int = Field(default=1, ge=0, le=50)
+    """Minimum number of pruning rounds; more follow until there are at most max_splats."""
+
+    max_splats: int = Field(default=100_000, ge=1, le=10_000_000)
+    """Maximum number of splats after pruning. The paper stays below 100,000."""
+
+    prune_finetune_iterations: int = Field(default=2_000, ge=0)
+    """Training steps after each pruning round, without densification."""
+
+    motion_iterations: Annotated[int, Heading("Motion"), _LATER] = Field(default=500, ge=0)
+    """Steps of the motion network per frame. The paper uses 500."""
+
+    motion_first_iterations: Annotated[int | None, _LATER] = Field(default=None, ge=0)
+    """Steps for the first frame after a keyframe, which has no velocity to start from. null: motion_iterations."""
+
+    motion_learning_rate: Annotated[float, _LATER] = Field(default=1e-3, gt=0)
+    """Adam learning rate of the MLP; the hash grid uses ten times this value."""
+
+    motion_views: Annotated[int, _LATER] = Field(default=4, ge=1, le=1000)
+    """Cameras per step of the motion network. Rendering is cheap compared with the network, and several views make the
+    gradient less noisy."""
+
+    motion_velocity: Annotated[bool, _LATER] = True
+    """Start from constant velocity, x[t-1] + (x[t-1] - x[t-2]), and learn the residual motion."""
+
+    motion_velocity_neighbors: Annotated[int, _LATER] = Field(default=24, ge=0, le=1000)
+    """Use the median velocity of each splat and this many nearest neighbors, which removes the noise of single splats.
+    0: each splat's own velocity."""
+
+    motion_warm_start: Annotated[bool, _LATER] = False
+    """Initialize the network with the previous frame's weights (and without the velocity) instead of from scratch."""
+
+    motion_neighbors: Annotated[int, _LATER] = Field(default=0, ge=0, le=1000)
+    """Rotate each splat with the offsets to this many nearest neighbors. 0: translation only, as in the paper."""
+
+    hash_levels: Annotated[int, Heading("Motion network"), _LATER] = Field(default=16, ge=1, le=32)
+    """Levels of the motion network's hash grid."""
+
+    hash_features: Annotated[int, _LATER] = Field(default=4, ge=1, le=16)
+    """Features per level."""
+
+    hash_log2_size: Annotated[int, _LATER] = Field(default=15, ge=4, le=24)
+    """Entries per level, as a power of two."""
+
+    hash_base_resolution: Annotated[int, _LATER] = Field(default=16, ge=1, le=4096)
+    """Resolution of the coarsest level, in cells per side."""
+
+    hash_growth: Annotated[float, _LATER] = Field(default=1.5, gt=1, le=4)
+    """Ratio of the resolutions of consecutive levels."""
+
+    mlp_width: Annotated[int, _LATER] = Field(default=64, ge=1, le=1024)
+    """Neurons per hidden layer of the MLP."""
+
+    mlp_layers: Annotated[int, _LATER] = Field(default=2, ge=1, le=8)
+    """Hidden layers of the MLP."""
+
+    finetune_iterations: Annotated[int, Heading("Fine-tuning"), _LATER] = Field(default=2_000, ge=0)
+    """Fine-tuning steps per frame, after the motion. The paper uses 2000."""
+
+    finetune_means: Annotated[bool, _LATER] = False
+    """Fine-tune the means as well; the paper fine-tunes the other attributes only."""
+
+    entropy_weight: Annotated[float, _LATER] = Field(default=1e-5, ge=0)
+    """Weight of the residual entropy loss: lambda_e in equation 13. Not the paper's 1e-4, which was measured to need
+    14 % more bytes at equal quality (docs/TRAINING.md)."""
+
+    temporal_weight: Annotated[float, _LATER] = Field(default=1e-3, ge=0)
+    """Weight of the temporal loss: lambda_t in the paper's equation 13."""
+
+    temporal_huber: Annotated[float, _LATER] = Field(default=0.0, ge=0)
+    """Threshold of a Huber loss in place of the temporal L1, in quantization steps: quadratic below it. 0: L1, as in
+    the paper's equation 12."""
+
+    regularize: Annotated[Literal["planes", "motion"], _LATER] = "planes"
+    """Profile whose coded values the entropy and temporal losses and simulate_quantization act on, independent of the
+    profile that is baked. planes: as in the paper."""
+
+    simulate_quantization: Annotated[bool, _LATER] = False
+    """Fine-tuning renders attributes as rounded by the baker (straight-through estimator)."""
+
     rates: LearningRates = LearningRates()
-    snapshot_every: int = 500
-    checkpoint_every: int = 500
+    """Learning rates of the splats."""
+
+    checkpoint_every: Annotated[int, Heading("Checkpoints"), Affects()] = Field(default=500, ge=0)
+    """Steps between checkpoints of a keyframe, from which an interrupted run resumes. 0: no checkpoints."""
 
     def motion_steps(self, first: bool) -> int:
-        """Steps of the motion network for a frame; `first`: no frame of its group but the keyframe is before it."""
+        """Steps of the motion network for a frame; `first`: it is the first one after the keyframe."""
         if first and self.motion_first_iterations is not None:
             return self.motion_first_iterations
         return self.motion_iterations
-
-    def __post_init__(self) -> None:
-        """Raises StudioError on values that no training could use."""
-        if self.sh_degree not in (0, 1, 2, 3):
-            raise StudioError(f"sh_degree is {self.sh_degree}; it must be 0, 1, 2 or 3.")
-        if self.background not in ("random", "black", "white"):
-            raise StudioError(f"background is '{self.background}'; it must be random, black or white.")
-        if self.strategy not in ("default", "mcmc"):
-            raise StudioError(f"strategy is '{self.strategy}'; it must be default or mcmc.")
-        if not 0 <= self.dropout < 1:
-            raise StudioError(f"dropout is {self.dropout}; it must be at least 0 and below 1.")
-        if not 0 < self.prune_ratio < 1:
-            raise StudioError(f"prune_ratio is {self.prune_ratio}; it must lie between 0 and 1.")
-        if self.max_splats < 1:
-            raise StudioError(f"max_splats is {self.max_splats}; at least one splat is needed.")
-
-
-AFTER_KEYFRAME = (
-    "motion_iterations", "motion_first_iterations", "motion_learning_rate", "motion_views", "motion_velocity",
-    "motion_velocity_neighbors", "motion_warm_start", "motion_neighbors", "hash_levels", "hash_features",
-    "hash_log2_size", "hash_base_resolution", "hash_growth", "mlp_width", "mlp_layers", "finetune_iterations",
-    "finetune_means", "entropy_weight", "temporal_weight", "temporal_huber", "simulate_quantization",
-    "rates.means_finetune",
-)  # fmt: skip
-"""Settings that only the frames after the keyframe are trained by: changing them leaves keyframes as they are."""

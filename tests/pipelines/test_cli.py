@@ -71,9 +71,7 @@ def test_wrong_usage_is_2_and_a_wrong_setting_1(cli, tmp_path):
     assert not (tmp_path / "take").exists()
     refused = cli("config", "--train.max-splts", "3")
     assert refused.returncode == 1
-    assert refused.stderr == (
-        "error: the command line: train.max_splts is not a setting. The nearest is train.max_splats.\n"
-    )
+    assert refused.stderr == ("error: command line: unknown setting train.max_splts. Did you mean train.max_splats?\n")
     nowhere = cli("bake")
     assert nowhere.returncode == 1
     assert "give its folder, as in --take" in nowhere.stderr

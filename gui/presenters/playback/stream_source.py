@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from gui.presenters.playback.frame_cache import AHEAD, FrameCache
 from studio.cameras import Camera
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 from studio.gaussians import Gaussians
 
 if TYPE_CHECKING:
@@ -148,18 +148,19 @@ class StreamSource:
 
     def _note(self, frame: int, error: Exception) -> None:
         """Remember what cannot be played: from this frame to the end of its group."""
+        from studio.playback.pipeline import nothing_playable
         from studio.stream import SourceUnavailable
 
         group = self._reader.manifest.group_of(frame)
         self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
         first = self._first_bad(group, frame)
-        self._shared.note_damage(group, first, group.end_frame, str(error) or type(error).__name__)
+        self._shared.note_damage(group, first, group.end_frame, _message(error))
         lost = sum(skipped.frame_count for skipped in self._shared.skipped)
         told: Exception
         if self._unavailable > 1:
             told = error  # twice in a row: it is not the group, the server is gone
         elif lost >= self.frame_count:
-            told = StudioError(f"Nothing of the stream can be played. {self._shared.skipped[0]}")
+            told = nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
         else:
             told = LeftOut(next(str(one) for one in self._shared.skipped if one.group == group.index))
         for lost_frame in range(first, group.end_frame):
@@ -198,3 +199,9 @@ class StreamSource:
             self._shared.close_decoder()
         self._cache.clear()
         self._reader.close()
+
+
+def _message(error: Exception) -> Message:
+    if isinstance(error, StudioError):
+        return error.message
+    return Message("playback.failed", str(error) or type(error).__name__)

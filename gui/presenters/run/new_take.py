@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.config import Config, dump_config, load_config
-from pipelines.stages.arguments import camera_file, capture_spec
+from pipelines.stages.camera_file import camera_file
 from pipelines.takes.atomic_files import disk_errors, write_text
 from pipelines.takes.take import Take
 from studio.errors import StudioError
@@ -49,7 +49,7 @@ class NewTake:
 
         try:
             config = self.config()
-            footage = open_footage(capture_spec(config.capture), None, strict=False)
+            footage = open_footage(config.capture, None, strict=False)
             rig = camera_file(config.capture)
         except StudioError as error:
             return str(error)
@@ -80,7 +80,7 @@ class NewTake:
         from studio.capture import open_footage
 
         config = self.config()
-        open_footage(capture_spec(config.capture), None, strict=False)
+        open_footage(config.capture, None, strict=False)
         where = self.take.strip() or self.proposed_take()
         if not where:
             raise StudioError("Choose a folder for the take.")

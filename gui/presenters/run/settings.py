@@ -12,7 +12,7 @@ import yaml
 from pipelines.config import Config
 from pipelines.config.description import allowed_values
 from pipelines.config.loading import parse_override
-from pipelines.config.section import Section
+from studio.settings import Heading, Settings, marker, submodel
 
 SECTIONS = {
     "capture": ("capture",),
@@ -80,9 +80,8 @@ def fields_of(stage: str) -> list[SettingField]:
     """All settings of a stage, in the order of their declaration."""
     found: list[SettingField] = []
     for section in SECTIONS[stage]:
-        model = Config.model_fields[section].annotation
-        assert isinstance(model, type)
-        assert issubclass(model, Section)
+        model = submodel(Config.model_fields[section])
+        assert model is not None
         found += _fields(model, f"{section}.")
     return found
 
@@ -97,13 +96,15 @@ def matching(fields: Sequence[SettingField], words: str) -> list[SettingField]:
     return [field for field in fields if all(word in text(field) for word in wanted)]
 
 
-def _fields(model: type[Section], prefix: str, heading: str = "", within: str = "") -> Iterator[SettingField]:
+def _fields(model: type[Settings], prefix: str, heading: str = "", within: str = "") -> Iterator[SettingField]:
     for name, field in model.model_fields.items():
         annotation = field.annotation
-        heading = model.headings.get(name, heading)
-        if isinstance(annotation, type) and issubclass(annotation, Section):
+        own = marker(field, Heading)
+        heading = own.text if own is not None else heading
+        inner = submodel(field)
+        if inner is not None:
             title = (field.description or name).split(".")[0]
-            yield from _fields(annotation, f"{prefix}{name}.", title, f"{name}: ")
+            yield from _fields(inner, f"{prefix}{name}.", title, f"{name}: ")
             continue
         parts = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
         kinds = [part for part in parts if part is not type(None)]

@@ -15,6 +15,7 @@ from gui.presenters.run.run_state import RunState
 from gui.presenters.stages.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from gui.presenters.worker import LatestWorker
 from pipelines.config import Config, dump_config, load_config
+from pipelines.config.loading import COMMAND_LINE
 from pipelines.stages.base import Context
 from pipelines.takes.atomic_files import disk_errors, write_text
 from pipelines.takes.take import Take
@@ -275,7 +276,7 @@ class Workspace:
                 with disk_errors(self.take.root):
                     write_text(self.take.config, dump_config(config))
         except StudioError as error:
-            return str(error).removeprefix("the command line: ")
+            return str(error).removeprefix(f"{COMMAND_LINE}: ")
         self._next_look = 0.0
         return ""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from gui.presenters.drawing.palette import ACCENT, BAD, DIM, GROUND, RAISED, TEX
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import Size, StageView, sentence
 from pipelines.config import Config
-from pipelines.stages.arguments import capture_spec
 from studio.capture import Footage, check_footage, open_footage
 from studio.errors import Cancelled, StudioError
 
@@ -43,7 +41,7 @@ class CaptureView(StageView):
         footage = self._open()
         if footage is None:
             return sentence(size, "This take has no settings that can be read, so no footage is known.", self.em)
-        problems = [*footage.problems, *self._check.problems]
+        problems = [*map(str, footage.problems), *self._check.problems]
         lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
         room = min(len(lines), 8)
         bottom = (room + 1.2) * line_height(self._small) if lines or self._check.words else 0
@@ -68,7 +66,12 @@ class CaptureView(StageView):
             return None
         if self._footage is None or self._footage_of is None or self._footage_of.capture != config.capture:
             self._footage = open_footage(
-                capture_spec(config.capture, config.run), None, strict=False, cache_folder=self._cache_folder()
+                config.capture,
+                None,
+                strict=False,
+                cache_folder=self._cache_folder(),
+                device=config.run.device,
+                threads=config.run.threads,
             )
             self._footage_of = config
         return self._footage
@@ -198,15 +201,22 @@ class FootageCheck:
             self.words = f"checking the footage, {done} of {total} images"
 
         try:
-            spec = replace(capture_spec(config.capture, config.run), cache_bytes=64 << 20)
-            problems = check_footage(open_footage(spec, None, strict=False, cache_folder=cache_folder), tell)
+            footage = open_footage(
+                config.capture.replace(cache_megabytes=64),
+                None,
+                strict=False,
+                cache_folder=cache_folder,
+                device=config.run.device,
+                threads=config.run.threads,
+            )
+            problems = check_footage(footage, tell)
         except Cancelled:
             self.words = "the check was stopped"
         except StudioError as error:
             self.words, self.problems = "the footage cannot be checked", (str(error),)
         else:
             count = len(problems)
-            self.problems = problems
+            self.problems = [str(problem) for problem in problems]
             self.words = (
                 f"{count} problem{'s' * (count != 1)} found" if problems else "all images were read: no problem"
             )

@@ -8,17 +8,14 @@ from collections.abc import Hashable
 from pathlib import Path
 
 from gui.presenters.run.workspace import Workspace
-from pipelines.config import BakeSection
-from pipelines.stages.arguments import bake_settings
 from pipelines.takes.frame_files import read_frame
 from studio.errors import StudioError
+from studio.stream.settings import BakeSettings
 
 TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 TRIED_FRAMES = 5
 
-NO_TARGET: dict[str, None] = {
-    name: None for name in ("target_kb_per_frame", "target_psnr") if name in BakeSection.model_fields
-}
+_NO_TARGET: dict[str, None] = {"target_kb_per_frame": None, "target_psnr": None}
 """A target would choose the QP by itself."""
 
 
@@ -82,7 +79,7 @@ class QpTrial:
         """Stop before the next QP."""
         self._stop.set()
 
-    def _run(self, files: list[Path], section: BakeSection, stop: threading.Event) -> None:
+    def _run(self, files: list[Path], section: BakeSettings, stop: threading.Event) -> None:
         from studio.stream import bake_group
 
         try:
@@ -91,8 +88,8 @@ class QpTrial:
                 if stop.is_set():
                     return
                 with tempfile.TemporaryDirectory() as folder:
-                    settings = bake_settings(section.model_copy(update={"qp": qp, **NO_TARGET}), 1)
-                    entry = bake_group(frames, Path(folder), 0, 0, settings)
+                    settings = section.replace(qp=qp, **_NO_TARGET)
+                    entry = bake_group(frames, Path(folder), 0, 0, settings, threads=1)
                 self.results[qp] = entry.bytes / entry.frame_count
                 self.changes += 1
         except StudioError as error:

@@ -28,8 +28,8 @@ class Accuracy:
         world: of a measured place in meters.
     """
 
-    mark: float = 1.0
-    world: float = 0.01
+    mark: float
+    world: float
 
 
 def adjust(

@@ -7,7 +7,6 @@ mat, a bolt, a marker on the performer at one moment. With a few of them measure
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from studio.calibration.manual.bundle_adjustment import Accuracy, adjust
 from studio.calibration.manual.covariance import contradiction, spread_of_positions, uncertainty
 from studio.calibration.manual.file import TiePoint
 from studio.calibration.result import CalibrationResult, reprojection_report
+from studio.calibration.settings import CalibrateSettings
 from studio.calibration.target.intrinsics import check_lens_size
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -37,24 +37,6 @@ _VAGUE = 0.2
 """Share of the distance to the points; a camera whose place the marks leave open by more is nowhere."""
 
 
-@dataclass(frozen=True)
-class TieSettings:
-    """How cameras are found from tie points.
-
-    Attributes:
-        accuracy: of the marks and of measured places.
-        shared_intrinsics: cameras of one size whose lens is not known have one in common. None: they have, as a few
-            marks say little of each.
-        radial: estimate a radial term of lenses that are not known.
-        seed: of random choices.
-    """
-
-    accuracy: Accuracy = field(default_factory=Accuracy)
-    shared_intrinsics: bool | None = None
-    radial: bool = True
-    seed: int = 0
-
-
 def calibrate_from_tie_points(
     points: Sequence[TiePoint],
     sizes: Mapping[str, tuple[int, int]],
@@ -62,7 +44,8 @@ def calibrate_from_tie_points(
     known: Mapping[str, Camera] | None = None,
     focal_lengths: Mapping[str, float] | None = None,
     distance: tuple[str, str, float] | None = None,
-    settings: TieSettings | None = None,
+    settings: CalibrateSettings | None = None,
+    seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> CalibrationResult:
     """Find the cameras from marks.
@@ -74,6 +57,7 @@ def calibrate_from_tie_points(
         focal_lengths: pixels, where a photograph's data say one; a start.
         distance: two cameras and their distance, where no place was measured.
         settings: how to solve.
+        seed: of all random choices.
         progress: of the attempts.
 
     Returns:
@@ -88,7 +72,8 @@ def calibrate_from_tie_points(
         StudioError: a camera sees too few of the points that others see (named), nothing fits, or points on a line say
             too little.
     """
-    settings, known = settings or TieSettings(), dict(known or {})
+    settings, known = settings or CalibrateSettings(), dict(known or {})
+    accuracy = _accuracy(settings)
     observations = _observations(points, sizes)
     free = [name for name in sizes if name not in known]
     groups = _groups(free, sizes, settings.shared_intrinsics)
@@ -98,15 +83,15 @@ def calibrate_from_tie_points(
         for number, guess in enumerate(guesses):
             progress(number, len(guesses) + 1)
             lenses = _lenses(sizes, known, focal_lengths or {}, guess)
-            for start in starts(lenses, observations, settings.seed):
+            for start in starts(lenses, observations, seed):
                 if len(start.cameras) >= 2:
-                    yield adjust(start, observations, groups, settings.accuracy, radial=False, steps=_ROUGH)
+                    yield adjust(start, observations, groups, accuracy, radial=False, steps=_ROUGH)
 
-    best = _best(attempts(), observations, _GOOD * settings.accuracy.mark)
+    best = _best(attempts(), observations, _GOOD * accuracy.mark)
     if best is None or len(best.cameras) < len(sizes):
         raise StudioError(_lonely(observations, sizes, best))
     best, left_out = _settled(best, observations, groups, settings)
-    unsure = uncertainty(best, observations, groups, settings.accuracy, radial=settings.radial)
+    unsure = uncertainty(best, observations, groups, accuracy, radial=settings.has_distortion)
     vague = [name for name in sizes if unsure[name] > _VAGUE]
     if vague:
         raise StudioError(
@@ -118,7 +103,7 @@ def calibrate_from_tie_points(
     result.report |= {
         "known_lenses": [name for name in sizes if name in known],
         "uncertain": {name: round(unsure[name], 4) for name in sizes},
-        "world_accuracy": settings.accuracy.world,
+        "world_accuracy": accuracy.world,
     }
     return result
 
@@ -183,13 +168,17 @@ def _misfit(rig: TieRig, observations: Observations) -> float:
     return float(every.mean()) if len(every) else np.inf
 
 
+def _accuracy(settings: CalibrateSettings) -> Accuracy:
+    return Accuracy(mark=settings.tie_accuracy, world=settings.tie_world_accuracy)
+
+
 def _settled(
-    rig: TieRig, observations: Observations, groups: list[list[str]], settings: TieSettings
+    rig: TieRig, observations: Observations, groups: list[list[str]], settings: CalibrateSettings
 ) -> tuple[TieRig, list[dict[str, Any]]]:
     """Adjusted, with marks left out that must be mistakes, the worst one first."""
     left_out: list[dict[str, Any]] = []
     while True:
-        rig = adjust(rig, observations, groups, settings.accuracy, radial=settings.radial)
+        rig = adjust(rig, observations, groups, _accuracy(settings), radial=settings.has_distortion)
         errors = rig.errors(observations)
         wrong = contradiction(rig, observations)
         if wrong:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from studio.calibration.settings import CalibrateSettings
 from studio.camera_files.colmap_model import lens_model
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -25,64 +25,6 @@ _SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
 """With which lenses the cameras are put together before the other terms are solved for."""
 
 
-@dataclass(frozen=True)
-class SfmSettings:
-    """How to solve.
-
-    Attributes:
-        camera_model: COLMAP model of lenses that are not known: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL (one focal
-            length, one radial term), RADIAL, OPENCV or FULL_OPENCV.
-        shared_intrinsics: all cameras have one lens in common (one camera carried about, or lenses locked alike);
-            False: each has its own; None: the footage decides, see `shared_intrinsics`. Images of different size never
-            share one.
-        focal_factor: first guess of unknown focal lengths, in longer image sides.
-        refine_principal_point: estimate it too; needs many well spread points.
-        intrinsics_groups: names of cameras that have one lens in common, a tuple a group; cameras in none have their
-            own.
-        fix_intrinsics: lenses given are kept; else they are where refinement begins.
-        fix_poses: poses given are kept; else they are where refinement begins.
-        max_features: a camera, at most.
-        max_image_size: longer side in pixels above which features are found in a reduced image.
-        guided: match again along the epipolar lines; more matches, longer.
-        mapper: "incremental", "global", or "auto": incremental, then with weaker demands, then global, until all
-            cameras stand.
-        threads: 0 = all cores. One thread gives the same result, bit for bit, for the same seed.
-        seed: of everything random.
-    """
-
-    camera_model: str = "SIMPLE_RADIAL"
-    shared_intrinsics: bool | None = None
-    intrinsics_groups: tuple[tuple[str, ...], ...] = ()
-    focal_factor: float = 1.2
-    refine_principal_point: bool = False
-    fix_intrinsics: bool = True
-    fix_poses: bool = False
-    max_features: int = 8192
-    max_image_size: int = 2400
-    guided: bool = False
-    mapper: str = "auto"
-    threads: int = 0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.camera_model not in _START:
-            raise StudioError(f"The camera model '{self.camera_model}' is unknown; choose one of {', '.join(_START)}.")
-        if self.mapper not in ("auto", "incremental", "global"):
-            raise StudioError(f"The mapper '{self.mapper}' is unknown; choose auto, incremental or global.")
-        grouped = [name for group in self.intrinsics_groups for name in group]
-        twice = [name for name in grouped if grouped.count(name) > 1]
-        if twice:
-            raise StudioError(f"Camera '{twice[0]}' stands twice in intrinsics_groups; it has one lens only.")
-        if any(len(group) < 2 for group in self.intrinsics_groups):
-            raise StudioError(
-                "intrinsics_groups has a group of fewer than two cameras; name those that have one lens in common."
-            )
-        if self.threads < 0 or self.max_features < 100 or self.max_image_size < 64 or not self.focal_factor > 0:
-            raise StudioError(
-                "Calibration needs threads >= 0, max_features >= 100, max_image_size >= 64 and focal_factor > 0."
-            )
-
-
 def sfm_job(
     names: Sequence[str],
     sizes: Mapping[str, tuple[int, int]],
@@ -90,8 +32,10 @@ def sfm_job(
     masks: bool,
     known: Mapping[str, Camera],
     focal_lengths: Mapping[str, float],
-    settings: SfmSettings,
+    settings: CalibrateSettings,
     poses: Rig | None,
+    threads: int,
+    seed: int,
 ) -> dict[str, Any]:
     """The job for `sfm.worker`, JSON-ready.
 
@@ -104,6 +48,8 @@ def sfm_job(
         focal_lengths: first guesses in pixels, by camera.
         settings: how to solve.
         poses: an older solution of all the cameras, or None.
+        threads: CPU threads; 0: all cores.
+        seed: of all random choices.
 
     Raises:
         StudioError: intrinsics_groups names a camera that is not there, or a known lens is of another image size.
@@ -153,8 +99,8 @@ def sfm_job(
         "max_image_size": settings.max_image_size,
         "guided": settings.guided,
         "mapper": settings.mapper,
-        "seed": settings.seed,
-        "threads": settings.threads or os.cpu_count() or 1,
+        "seed": seed,
+        "threads": threads or os.cpu_count() or 1,
         "fix_intrinsics": settings.fix_intrinsics,
         "refine_principal_point": settings.refine_principal_point,
         "find_shared": settings.shared_intrinsics is None and not settings.intrinsics_groups,

@@ -14,9 +14,10 @@ import numpy as np
 
 from studio.calibration.alignment import Similarity, align_rigs, compare_rigs, scale_to_distance, upright
 from studio.calibration.result import CalibrationResult, reprojection_report
+from studio.calibration.settings import CalibrateSettings
 from studio.calibration.sfm.child import run_reporting
 from studio.calibration.sfm.images import Pictures, write_pictures
-from studio.calibration.sfm.job import SfmSettings, sfm_job
+from studio.calibration.sfm.job import sfm_job
 from studio.calibration.sfm.verdict import TRUSTED
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
@@ -44,7 +45,9 @@ def calibrate_from_images(
     known: Mapping[str, Camera] | None = None,
     poses: Rig | None = None,
     focal_lengths: Mapping[str, float] | None = None,
-    settings: SfmSettings | None = None,
+    settings: CalibrateSettings | None = None,
+    threads: int = 0,
+    seed: int = 0,
     allow_unregistered: bool = False,
     reference: Rig | None = None,
     distance: tuple[str, str, float] | None = None,
@@ -64,6 +67,8 @@ def calibrate_from_images(
             old one as well as it can. Its lenses are used where `known` has none.
         focal_lengths: first guesses in pixels, from EXIF say.
         settings: how to solve.
+        threads: CPU threads; 0: all cores. With one thread, the same seed gives the same result bit for bit.
+        seed: of all random choices.
         allow_unregistered: go on without cameras that find no place (they stand in the report) instead of raising.
         reference: put the result where this rig is (by camera centers, at least three in common).
         distance: two cameras and how far apart they are, to fix the scale.
@@ -77,7 +82,7 @@ def calibrate_from_images(
         StudioError: too few or unusable images, no solution, or cameras without a place: named, with the reason.
         Cancelled: from progress.
     """
-    settings = settings or SfmSettings()
+    settings = settings or CalibrateSettings()
     started = time.monotonic()
     names = list(images)
     if len(names) < 2:
@@ -91,7 +96,9 @@ def calibrate_from_images(
         poses = poses.subset(names)
         known = {**{camera.name: camera for camera in poses}, **(known or {})}
     sizes, sync_frames = write_pictures(folder, names, images, masks or {}, progress)
-    job = sfm_job(names, sizes, sync_frames, bool(masks), known or {}, focal_lengths or {}, settings, poses)
+    job = sfm_job(
+        names, sizes, sync_frames, bool(masks), known or {}, focal_lengths or {}, settings, poses, threads, seed
+    )
     path = folder / "job.json"
     path.write_text(json.dumps(job))
 
@@ -116,7 +123,7 @@ def calibrate_from_images(
     return result
 
 
-def _moved(result: CalibrationResult, before: Rig, settings: SfmSettings) -> dict[str, dict[str, float]]:
+def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) -> dict[str, dict[str, float]]:
     """How far each camera is from where it stood in the older solution: center (in its units) and degrees."""
     if settings.fix_poses or len(result.rig) < 3:
         return {}

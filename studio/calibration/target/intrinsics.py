@@ -46,7 +46,7 @@ def lens_from_views(
         size: width and height of its images.
         board: what it sees.
         views: of several positions and tilts of the board.
-        model: COLMAP's name of the lens model, as in `SfmSettings.camera_model`.
+        model: COLMAP's name of the lens model, as in `CalibrateSettings.camera_model`.
         principal_point: estimate it; else it is the image's middle.
 
     Raises:

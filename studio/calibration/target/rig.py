@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from studio.calibration.alignment import Similarity, upright
 from studio.calibration.result import CalibrationResult, image_coverage, reprojection_report
+from studio.calibration.settings import CalibrateSettings
 from studio.calibration.target.bundle_adjustment import TargetRig
-from studio.calibration.target.intrinsics import LENSES, check_lens_size, lens_from_views
+from studio.calibration.target.intrinsics import check_lens_size, lens_from_views
 from studio.calibration.target.outlier_rejection import settle
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.calibration.target.pose_graph import chain
@@ -21,44 +21,21 @@ from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 
+_OUTLIER = 4.0
+"""Views whose error is this many times that against a target pose of their own, and above half a pixel, are left out:
+the target moved, and the cameras are not exactly synchronized."""
 
-@dataclass(frozen=True)
-class TargetSettings:
-    """How to solve.
+_COVERED = 0.6
+"""Fraction of the image that views must cover for the principal point to be estimated: with less, a shifted principal
+point cannot be told from a rotated camera."""
 
-    Attributes:
-        camera_model: COLMAP's model of lenses that are not known, as in `SfmSettings`.
-        principal_point: "refine", "center" (the image's middle), or "auto": estimated where the views of the board
-            cover three fifths of the image: else a shifted principal point looks like a turned camera.
-        origin: moment whose board gives the world's origin (its middle), x axis (along its columns) and up; None puts
-            the origin where the cameras look and takes up from the cameras. Meters in any case.
-        upright: the origin's board stands upright (up is from its last row to its first) instead of lying flat (up is
-            out of its face).
-        outlier: views that lie off by more than this many times what they lie off a board of their own, and by more
-            than half a pixel, are left out: the board was moving and the cameras are not quite at the same instant.
-        threads: at most; 0 = all cores.
-    """
 
-    camera_model: str = "RADIAL"
-    principal_point: str = "auto"
-    origin: int | None = None
-    upright: bool = False
-    outlier: float = 4.0
-    threads: int = 0
-
-    def __post_init__(self) -> None:
-        if self.camera_model not in LENSES:
-            raise StudioError(f"The camera model '{self.camera_model}' is unknown; choose one of {', '.join(LENSES)}.")
-        if self.principal_point not in ("auto", "refine", "center"):
-            raise StudioError(f"The principal point is '{self.principal_point}'; choose auto, refine or center.")
-        if self.threads < 0 or not self.outlier > 0:
-            raise StudioError("Calibration from boards needs threads >= 0 and outlier > 0.")
-
-    def estimates_principal_point(self, views: Sequence[TargetObservation], size: tuple[int, int]) -> bool:
-        """Whether the principal point of a camera with these views is estimated."""
-        if self.principal_point == "auto":
-            return image_coverage(np.concatenate([view.pixels for view in views]), size) >= 0.6
-        return self.principal_point == "refine"
+def _estimates_principal_point(
+    settings: CalibrateSettings, views: Sequence[TargetObservation], size: tuple[int, int]
+) -> bool:
+    if settings.refine_principal_point:
+        return True
+    return image_coverage(np.concatenate([view.pixels for view in views]), size) >= _COVERED
 
 
 def detect_target(
@@ -106,7 +83,8 @@ def calibrate_lenses(
     board: CalibrationTarget,
     views: Mapping[str, Sequence[TargetObservation]],
     sizes: Mapping[str, tuple[int, int]],
-    settings: TargetSettings | None = None,
+    settings: CalibrateSettings | None = None,
+    threads: int = 0,
 ) -> tuple[dict[str, Camera], dict[str, dict[str, Any]]]:
     """Lenses alone, each camera by its own pictures of the board, which need not be of common moments.
 
@@ -117,15 +95,15 @@ def calibrate_lenses(
     Raises:
         StudioError: a camera sees the board too seldom.
     """
-    settings = settings or TargetSettings()
+    settings = settings or CalibrateSettings()
     cameras, figures = {}, {}
     for name, seen in views.items():
-        principal_point = bool(seen) and settings.estimates_principal_point(seen, sizes[name])
+        principal_point = bool(seen) and _estimates_principal_point(settings, seen, sizes[name])
         start = lens_from_views(name, sizes[name], board, seen, settings.camera_model, principal_point=principal_point)
         state = chain({name: start}, board, {(number, name): view for number, view in enumerate(seen)})
         if not state.views:
             raise StudioError(f"Camera '{name}': none of its {len(seen)} pictures of the board fits a lens.")
-        state, _ = _settle(state, board, settings, {}, principal_point)
+        state, _ = _settle(state, board, settings, {}, principal_point, threads)
         cameras[name] = state.cameras[name]
         errors = np.concatenate(list(state.errors(board).values()))
         figures[name] = {
@@ -143,7 +121,8 @@ def calibrate_from_target(
     sizes: Mapping[str, tuple[int, int]],
     *,
     known: Mapping[str, Camera] | None = None,
-    settings: TargetSettings | None = None,
+    settings: CalibrateSettings | None = None,
+    threads: int = 0,
     progress: ProgressFn = no_progress,
 ) -> CalibrationResult:
     """Lenses and places of all cameras.
@@ -154,6 +133,7 @@ def calibrate_from_target(
         sizes: width and height of each camera's pictures; names all cameras.
         known: cameras whose lenses are known and stay as they are; their poses are not used.
         settings: how to solve.
+        threads: CPU threads; 0: all cores.
         progress: of the steps.
 
     Returns:
@@ -164,7 +144,7 @@ def calibrate_from_target(
     Raises:
         StudioError: a camera never sees the board, or never together with another; an origin without a board.
     """
-    settings = settings or TargetSettings()
+    settings = settings or CalibrateSettings()
     known = dict(known or {})
     if board.is_symmetric:
         raise StudioError(
@@ -185,14 +165,14 @@ def calibrate_from_target(
             check_lens_size(known[name], size)
             lenses[name] = known[name]
         else:
-            estimated[name] = settings.estimates_principal_point(own, size)
+            estimated[name] = _estimates_principal_point(settings, own, size)
             lenses[name] = lens_from_views(
                 name, size, board, own, settings.camera_model, principal_point=estimated[name]
             )
     progress(len(sizes), 2 * len(sizes) + 3)
     state = chain(lenses, board, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
-    state, dropped = _settle(state, board, settings, known, all(estimated.values()))
+    state, dropped = _settle(state, board, settings, known, all(estimated.values()), threads)
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
     result = _result(state, board, settings)
     result.report["boards"] = {
@@ -212,22 +192,23 @@ def calibrate_from_target(
 def _settle(
     state: TargetRig,
     board: CalibrationTarget,
-    settings: TargetSettings,
+    settings: CalibrateSettings,
     known: Mapping[str, Camera],
     principal_point: bool,
+    threads: int,
 ) -> tuple[TargetRig, int]:
     return settle(
         state,
         board,
         settings.camera_model,
-        settings.outlier,
+        _OUTLIER,
         known=known,
         principal_point=principal_point,
-        threads=settings.threads or os.cpu_count() or 1,
+        threads=threads or os.cpu_count() or 1,
     )
 
 
-def _result(state: TargetRig, board: CalibrationTarget, settings: TargetSettings) -> CalibrationResult:
+def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSettings) -> CalibrationResult:
     """Everything in the world's coordinates."""
     order = {sync_frame: number for number, sync_frame in enumerate(state.boards)}
     count = len(board.corners)
@@ -241,14 +222,14 @@ def _result(state: TargetRig, board: CalibrationTarget, settings: TargetSettings
         ]
         observations[name] = np.concatenate(seen_by)
     rig = Rig(tuple(state.cameras.values()))
-    if settings.origin is not None:
-        if settings.origin not in state.boards:
-            near = min(state.boards, key=lambda sync_frame: abs(sync_frame - int(settings.origin or 0)))
+    if settings.board_origin is not None:
+        if settings.board_origin not in state.boards:
+            near = min(state.boards, key=lambda sync_frame: abs(sync_frame - int(settings.board_origin or 0)))
             raise StudioError(
-                f"Frame {settings.origin} should give the origin, but no camera sees the board there; the nearest "
-                f"frame in which one does is {near}."
+                f"Frame {settings.board_origin} should give the origin, but no camera sees the board there; the "
+                f"nearest frame in which one does is {near}."
             )
-        world = target_world(board, state.boards[settings.origin], upright=settings.upright)
+        world = target_world(board, state.boards[settings.board_origin], upright=settings.board_upright)
     else:
         world = upright(rig, points, keep_scale=True)
     rig, points = world.rig(rig), world.points(points)
@@ -267,7 +248,7 @@ def target_world(board: CalibrationTarget, place: np.ndarray, *, upright: bool) 
     Args:
         board: the board.
         place: (4, 4) from board coordinates to the present ones.
-        upright: see `TargetSettings`.
+        upright: see `CalibrateSettings`.
     """
     x, y, z = place[:3, :3].T
     rotation = np.stack([x, z, -y]) if upright else np.stack([x, -y, -z])

@@ -1,1 +1,1 @@
-"""Mattes: one file per source, and what they share."""
+"""Matte sources, one file each, and what they share."""

@@ -1,9 +1,8 @@
-"""Which `MatteSource` a `CaptureSpec` asks for, and finding its files."""
+"""Choose the `MatteSource` for a `CaptureSettings` and find its files."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, detect_beside
 from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from studio.capture.mattes.chroma_key import ChromaMatteSource, DespillingMatteSource
-from studio.capture.mattes.clean_plate import DifferenceSettings
 from studio.capture.mattes.garbage_mattes import garbage_mattes
 from studio.capture.mattes.matte_cache import MatteCache
 from studio.capture.mattes.matte_source import (
@@ -26,34 +24,53 @@ from studio.capture.mattes.matte_source import (
 )
 from studio.capture.mattes.matting_function import FunctionMatteSource
 from studio.capture.mattes.median_background import Background, cached_background, estimate_background
-from studio.capture.mattes.onnx_model import OnnxModel, OnnxSettings
+from studio.capture.mattes.onnx_model import OnnxModel
 from studio.capture.mattes.plain_background import PlainMatteSource, plain_color
 from studio.capture.patterns import Match, find_files, natural_key
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings, OnnxSettings
 from studio.errors import StudioError
 
-_FEW_FRAMES = 10  # below this too little of the set is seen behind the performer
+_FEW_FRAMES = 10  # below this the performer hides too much of the set
 
 
 def mask_source(
-    spec: CaptureSpec,
+    spec: CaptureSettings,
     sources: Mapping[str, FrameSource],
     frames: tuple[int, ...],
     pool: DecoderPool,
     cache_folder: Path | None,
+    device: str = "auto",
+    threads: int = 0,
 ) -> tuple[MatteSource, str]:
-    """The source of mattes that `spec.masks` asks for, and a sentence on it.
+    """The matte source that `spec.masks` selects.
+
+    Args:
+        spec: the capture's settings.
+        sources: frames of each camera.
+        frames: frame numbers that must have a mask file.
+        pool: bounds the number of open decoders.
+        cache_folder: for estimated backgrounds and mattes of a model; None caches in memory only.
+        device, threads: what a matting model runs on, as in `OnnxModel`.
+
+    Returns:
+        the source, and a sentence that describes it.
 
     Raises:
-        StudioError: it is not there, or lacks a camera or frame.
+        StudioError: `matte.*`: its files are not found, or lack a camera or frame.
     """
     kind = spec.masks
     names = tuple(sources)
     if kind in ("alpha", "auto") and all(source.has_alpha for source in sources.values()):
-        return AlphaMatteSource(), "Masks: the images' alpha channel."
+        return AlphaMatteSource(), "Masks: alpha channel of the images."
     if kind == "alpha":
         bare = next(name for name, source in sources.items() if not source.has_alpha)
-        raise StudioError(f"Masks are to come from the alpha channel, but the images of camera '{bare}' have none.")
+        raise StudioError(
+            "matte.alpha_missing",
+            f"capture.masks is alpha, but the images of camera '{bare}' have no alpha channel",
+            fix="Choose another source of masks in capture.masks.",
+            camera=bare,
+            setting="capture.masks",
+        )
     if kind in ("files", "auto"):
         found = _mask_files(spec, names, required=kind == "files")
         if found is not None:
@@ -66,28 +83,37 @@ def mask_source(
             without = sorted(set(names) - {match.camera for match in matches}, key=natural_key)
             if without:
                 raise StudioError(
-                    f"Camera '{without[0]}' has no clean plate ('{pattern}'); add it, or leave the camera out."
+                    "matte.plate_missing",
+                    f"camera '{without[0]}' has no clean plate that matches '{pattern}'",
+                    file=spec.root,
+                    value=pattern,
+                    fix="Add it, or exclude the camera.",
+                    camera=without[0],
+                    setting="capture.clean_plates",
                 )
             load = plates_from_files(matches, spec.color_matrix)
             paths = [match.path for match in matches]
-            matte_source = PlateMatteSource(load, paths, _difference(spec))
-            return matte_source, f"Masks: difference to the clean plates '{pattern}'."
+            matte_source = PlateMatteSource(load, paths, spec)
+            return matte_source, f"Masks: difference from the clean plates '{pattern}'."
     if kind == "chroma_key":
-        return _chroma(spec, sources, pool), "Masks: what has not the color of the screen."
+        return _chroma(spec, sources, pool), "Masks: chroma key."
     if kind == "model":
-        return _model(spec, names, pool, cache_folder), f"Masks: by the model {spec.mask_model}."
+        return _model(spec, names, pool, cache_folder, device, threads), f"Masks: matting model {spec.mask_model}."
     if kind == "plain" or (kind == "auto" and _before_plain(sources)):
-        return PlainMatteSource(
-            lambda camera: _first(sources[camera])
-        ), "Masks: what has not the plain color behind it."
+        return PlainMatteSource(lambda camera: _first(sources[camera])), "Masks: difference from the plain background."
     count = min(len(source.frames) for source in sources.values())
     if kind == "median_background" and count < 3:
         raise StudioError(
-            f"A median background needs at least 3 frames, but the footage has {count}; give masks or clean plates."
+            "matte.too_few_frames",
+            f"A median background needs at least 3 frames, but the footage has {count}",
+            value=count,
+            fix="Provide masks or clean plates.",
+            expected=3,
+            setting="capture.masks",
         )
     if kind == "median_background" or (kind == "auto" and count >= _FEW_FRAMES):
 
-        def behind(camera: str) -> Background:
+        def background(camera: str) -> Background:
             source = sources[camera]
 
             def read(frame: int) -> np.ndarray:
@@ -97,9 +123,9 @@ def mask_source(
             return cached_background(cache_folder, key, lambda: estimate_background(read, source.frames))
 
         paths = [path for source in sources.values() for path in source.files()]
-        matte_source = PlateMatteSource(behind, paths, _difference(spec))
-        return matte_source, "Masks: difference to the set as recovered from the footage."
-    return FullMatteSource(), "Masks: none, everything is foreground."
+        matte_source = PlateMatteSource(background, paths, spec)
+        return matte_source, "Masks: difference from the background estimated from the footage."
+    return FullMatteSource(), "Masks: none; everything is foreground."
 
 
 def _first(source: FrameSource) -> np.ndarray:
@@ -107,81 +133,102 @@ def _first(source: FrameSource) -> np.ndarray:
 
 
 def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
-    """Whether the performer was cut out and put before one color: three cameras are asked."""
+    """Whether the images show the performer cut out on a plain color, judged from three cameras."""
     some = list(sources.values())
     try:
         return all(plain_color(_first(source)) is not None for source in {some[0], some[len(some) // 2], some[-1]})
-    except StudioError:  # a broken file is told of where it is needed
+    except StudioError:  # a broken file is reported where it is needed
         return False
 
 
-def _chroma(spec: CaptureSpec, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatteSource:
+def _chroma(spec: CaptureSettings, sources: Mapping[str, FrameSource], pool: DecoderPool) -> ChromaMatteSource:
     def read(camera: str, frame: int) -> np.ndarray:
         return sources[camera].read(frame)[:, :, :3]
 
     key = None if isinstance(spec.key_color, str) else spec.key_color
     kind = DespillingMatteSource if spec.despill else ChromaMatteSource
     garbage = garbage_mattes(spec, tuple(sources), pool)
-    return kind(read, lambda camera: sources[camera].frames, key, _difference(spec), garbage)
+    return kind(read, lambda camera: sources[camera].frames, key, spec, garbage)
 
 
 def _model(
-    spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool, cache_folder: Path | None
+    spec: CaptureSettings,
+    names: tuple[str, ...],
+    pool: DecoderPool,
+    cache_folder: Path | None,
+    device: str,
+    threads: int,
 ) -> FunctionMatteSource:
     if not spec.mask_model:
-        raise StudioError("Masks are to come from a model, but none is given; set mask_model to its ONNX file.")
+        raise StudioError(
+            "matte.model_not_set",
+            "capture.masks is model, but no model is set",
+            fix="Set capture.mask_model to an ONNX file.",
+            setting="capture.mask_model",
+        )
     path = spec.root / Path(spec.mask_model).expanduser()
-    settings = OnnxSettings(
-        spec.mask_model_size,
-        spec.mask_model_mean,
-        spec.mask_model_std,
-        spec.mask_model_sigmoid,
-        spec.mask_device,
-        spec.mask_threads,
-    )
-    model = OnnxModel(path, settings)
-    kept = None
+    model = OnnxModel(path, spec, device=device, threads=threads)
+    cache = None
     if cache_folder is not None:
-        recipe = replace(settings, device="", threads=0)  # where it runs does not decide the mattes
-        kept = MatteCache(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
+        # mattes do not depend on the device
+        recipe = spec.model_dump_json(include=set(OnnxSettings.model_fields) - {"mask_model"})
+        cache = MatteCache(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
     return FunctionMatteSource(
         model,
-        f"The matting model {path}",
+        "matting model",
         files=model.files(),
-        kept=kept,
+        cache=cache,
         components=spec.mask_components,
         garbage=garbage_mattes(spec, names, pool),
     )
 
 
-def _difference(spec: CaptureSpec) -> DifferenceSettings:
-    return DifferenceSettings(spec.mask_sensitivity, spec.mask_components, spec.mask_shadows)
-
-
-def _mask_files(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+def _mask_files(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
     if spec.mask_files != "auto":
         matches = [match for match in find_files(spec.root, spec.mask_files) if match.camera in names]
         if not matches:
-            raise StudioError(f"{spec.root}: no mask of the footage's cameras fits the pattern '{spec.mask_files}'.")
+            raise StudioError(
+                "matte.not_found",
+                f"no mask of the footage's cameras matches the pattern '{spec.mask_files}'",
+                file=spec.root,
+                value=spec.mask_files,
+                fix="Check capture.mask_files.",
+                setting="capture.mask_files",
+            )
         return spec.mask_files, matches
     found = detect_beside(spec.root, MASK_FOLDERS, names)
     if found is None and required:
         raise StudioError(
-            f"{spec.root}: no mask files were found; say where they are, mask_files: 'masks/{{camera}}.png'."
+            "matte.not_found",
+            "no mask files found",
+            file=spec.root,
+            fix="Set capture.mask_files, for example 'masks/{camera}/{frame}.png'.",
+            setting="capture.mask_files",
         )
     return found
 
 
-def _plates(spec: CaptureSpec, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+def _plates(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
     if spec.clean_plates != "auto":
         matches = [match for match in find_files(spec.root, spec.clean_plates) if match.camera in names]
         if not matches:
-            raise StudioError(f"{spec.root}: no clean plate of the footage's cameras fits '{spec.clean_plates}'.")
+            raise StudioError(
+                "matte.plates_not_found",
+                f"no clean plate of the footage's cameras matches the pattern '{spec.clean_plates}'",
+                file=spec.root,
+                value=spec.clean_plates,
+                fix="Check capture.clean_plates.",
+                setting="capture.clean_plates",
+            )
         return spec.clean_plates, matches
     found = detect_beside(spec.root, PLATE_FOLDERS, names)
     if found is None and required:
         raise StudioError(
-            f"{spec.root}: no clean plates were found; say where they are, clean_plates: 'clean_plates/{{camera}}.png'."
+            "matte.plates_not_found",
+            "no clean plates found",
+            file=spec.root,
+            fix="Set capture.clean_plates, for example 'clean_plates/{camera}.png'.",
+            setting="capture.clean_plates",
         )
     return found
 
@@ -198,25 +245,45 @@ def _file_matte_source(
     for name in names:
         missing = matte_source.missing(name, frames)
         if missing:
-            frames_in_words = f"frame{'s' if len(missing) > 1 else ''} {number_ranges(missing)}"
             raise StudioError(
-                f"Camera '{name}' has no {what} for {frames_in_words}; add the missing files or leave the "
-                "camera or the frames out."
+                "matte.missing",
+                f"Camera '{name}' has no {what} for frame{'s' if len(missing) > 1 else ''} {number_ranges(missing)}",
+                fix="Add the missing files, or exclude the camera or the frames.",
+                camera=name,
+                frames=tuple(missing),
+                kind=what,
             )
     return matte_source
 
 
-def exact_mattes(spec: CaptureSpec, names: tuple[str, ...], frames: tuple[int, ...]) -> tuple[MatteSource | None, str]:
-    """`spec.evaluation_mattes` of the named cameras, and a sentence on them; None where there are none.
+def exact_mattes(
+    spec: CaptureSettings, names: tuple[str, ...], frames: tuple[int, ...]
+) -> tuple[MatteSource | None, str]:
+    """The exact mattes for evaluation, `spec.evaluation_mattes`.
+
+    Args:
+        spec: the capture's settings.
+        names: cameras of the footage.
+        frames: frame numbers that must have a matte.
+
+    Returns:
+        their source and a sentence that describes it; None and "" if the setting is empty.
 
     Raises:
-        StudioError: the pattern fits nothing, or a camera or frame lacks its matte.
+        StudioError: `matte.not_found`, or `matte.missing` for a camera or frame.
     """
     pattern = spec.evaluation_mattes
     if not pattern:
         return None, ""
     matches = [match for match in find_files(spec.root, pattern) if match.camera in names]
     if not matches:
-        raise StudioError(f"{spec.root}: no evaluation matte fits the pattern '{pattern}'.")
+        raise StudioError(
+            "matte.not_found",
+            f"no evaluation matte matches the pattern '{pattern}'",
+            file=spec.root,
+            value=pattern,
+            fix="Check capture.evaluation_mattes.",
+            setting="capture.evaluation_mattes",
+        )
     matte_source = _file_matte_source(matches, names, frames, DecoderPool(len(names)), "evaluation matte", spec.offsets)
-    return matte_source, f"Measured within the exact mattes '{pattern}'."
+    return matte_source, f"Evaluation within the exact mattes '{pattern}'."

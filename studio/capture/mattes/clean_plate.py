@@ -1,41 +1,25 @@
-"""A soft foreground matte from an image and the same view of the empty set.
+"""Clean plate: a soft matte from an image and an image of the same view of the empty set.
 
-Steps: evidence a pixel (difference to the plate in units of the noise, shadows discounted; then how much likelier the
-color is in the foreground than in the background), smoothing of the evidence along the image's own edges (a guided
-filter, He et al. 2010, in place of a graph cut), connected pieces, and at the silhouette a matte solved from the known
-background: I = a F + (1 - a) B.
+Steps: per-pixel evidence (difference from the plate in units of the noise, discounting shadows; then the likelihood
+ratio of the color in foreground and background), edge-preserving smoothing of the evidence (a guided filter, He et al.
+2010, instead of a graph cut), connected components, and at the silhouette a matte solved from the known background:
+I = a F + (1 - a) B.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from studio.capture.mattes.filters import color_table, guided_filter, keep_components, look_up, masked_mean
+from studio.capture.settings import DifferenceSettings
 
 _NO_CHROMA = 127.5  # gray in Cr and Cb
-_FADED = 4.0  # levels of chroma: what a shadow takes away below that is not noticed
-_WORK_SIDE = 960  # evidence is gathered at this size; edges are solved at full size
-
-
-@dataclass(frozen=True)
-class DifferenceSettings:
-    """How `difference_matte` decides.
-
-    Attributes:
-        sensitivity: above 1 finds more foreground, below 1 less.
-        components: how many foreground pieces to keep, largest first; 0 keeps all that are larger than noise.
-        shadows: discount pixels that look like the plate under less light.
-    """
-
-    sensitivity: float = 1.0
-    components: int = 0
-    shadows: bool = True
+_FADED = 4.0  # levels of chroma: a smaller loss by a shadow is ignored
+_WORK_SIDE = 960  # longest side for computing evidence; edges are solved at full size
 
 
 def noise_of(difference: np.ndarray) -> np.ndarray:
-    """Robust standard deviation of each channel of an image difference, taken as if most pixels were background.
+    """Robust standard deviation per channel of an image difference, assuming that most pixels are background.
 
     Args:
         difference: (H, W, C) float32.
@@ -49,14 +33,14 @@ def noise_of(difference: np.ndarray) -> np.ndarray:
 
 
 def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
-    """Gain a channel that takes the plate to the image's exposure and white balance: median of ratios, 0.7 to 1.4.
+    """Per-channel gain that matches the plate to the image's exposure and white balance.
 
     Args:
         image, plate: (H, W, 3) float32 in 0..255.
-        known: (H, W) bool, where to look; None is everywhere.
+        known: (H, W) bool, which pixels to use; None is all.
 
     Returns:
-        (3,) float32.
+        (3,) float32 median of ratios, clamped to 0.7..1.4; ones if fewer than 500 pixels are usable.
     """
     red, green, blue = plate[..., 0], plate[..., 1], plate[..., 2]
     usable = (red > 20) & (green > 20) & (blue > 20) & (red < 240) & (green < 240) & (blue < 240)
@@ -70,45 +54,46 @@ def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | Non
 
 
 def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: DifferenceSettings) -> np.ndarray:
-    """Log-odds of foreground from the difference to the plate alone.
+    """Log-odds of foreground from the difference from the plate alone.
 
     Args:
         image, plate: (H, W, 3) float32 RGB in 0..255, the plate at the image's exposure.
+        settings: sensitivity and shadows.
 
     Returns:
-        (H, W) float32, between -4 (as the plate) and 6 (surely not).
+        (H, W) float32, between -4 (equal to the plate) and 6 (certainly foreground).
     """
     import cv2
 
     luma_chroma = []
-    for picture in (image, plate):
-        # Chroma is recorded at half the size: compare it more blurred than luma.
-        scaled = (cv2.GaussianBlur(picture, (0, 0), 0.7) / 255.0).astype(np.float32)
+    for pixels in (image, plate):
+        # Chroma is usually subsampled: blur it more than luma.
+        scaled = (cv2.GaussianBlur(pixels, (0, 0), 0.7) / 255.0).astype(np.float32)
         values = cv2.cvtColor(scaled, cv2.COLOR_RGB2YCrCb) * np.float32(255.0)
         values[..., 1:] = cv2.GaussianBlur(values[..., 1:], (0, 0), 1.3)
         luma_chroma.append(values)
     ours, empty = luma_chroma
     difference = ours - empty
     noise = noise_of(difference)
-    # A little misregistration or ringing at the plate's own edges is no foreground.
+    # Tolerate slight misregistration and ringing at edges of the plate.
     across, down = cv2.Sobel(empty, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(empty, cv2.CV_32F, 0, 1, scale=1 / 8)
     slope = across * across + down * down
     variance = noise * noise + slope * np.array([0.15**2, 0.5**2, 0.5**2], np.float32)
-    if settings.shadows:
+    if settings.mask_shadows:
         shadow, factor = _shadow(ours[..., 0], empty[..., 0], noise)
         variance[..., 0] += shadow * difference[..., 0] ** 2
-        # less light takes color away by the same factor, which shows where the set is colorful
+        # less light reduces chroma by the same factor, which matters where the set is colorful
         faded = (shadow * (1 - factor))[..., None] * (empty[..., 1:] - np.float32(_NO_CHROMA))
         difference[..., 1:] += faded * np.clip(np.abs(faded) - _FADED, 0.0, 1.0)
-    # The floor keeps faint reflections and flicker out of very clean footage.
+    # This floor suppresses faint reflections and flicker in very clean footage.
     difference *= difference
     difference /= variance + np.array([9.0, 2.25, 2.25], np.float32)
     score = np.sqrt(cv2.transform(difference, np.ones((1, 3), np.float32)))
-    return np.clip(1.2 * (score * settings.sensitivity - 4.0), -4.0, 6.0).astype(np.float32)
+    return np.clip(1.2 * (score * settings.mask_sensitivity - 4.0), -4.0, 6.0).astype(np.float32)
 
 
 def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) in 0..1: how much a pixel is the plate's luma times one factor below 1 all around it; and the factor."""
+    """(H, W) in 0..1, 1 where luma nearby is the plate's times one factor below 1 (a shadow); and that factor."""
     import cv2
 
     size = (9, 9)
@@ -127,18 +112,18 @@ def difference_matte(
     doubtful: np.ndarray | None = None,
     colors: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Foreground matte of `image` by comparison with `plate`.
+    """Matte of `image` by comparison with `plate`.
 
     Args:
         image: (H, W, 3) uint8 RGB.
         plate: (H, W, 3) uint8 RGB, the same view without the performer.
-        settings: None is the defaults.
-        known: (H, W) bool, where the plate can be believed; None is everywhere. Elsewhere only colors decide.
-        doubtful: (H, W) bool, where the plate may show the performer; likeness to it does not make a hole there.
-        colors: `color_table` of performer against set, learned from the whole footage; None learns from this image.
+        settings: None: the defaults.
+        known: (H, W) bool, where the plate is reliable; None is everywhere. Elsewhere only `colors` decides.
+        doubtful: (H, W) bool, where the plate may show the performer: similarity does not make a hole there.
+        colors: `color_table` of performer over set, learned from the whole footage; None learns it from this image.
 
     Returns:
-        (H, W) uint8, 255 foreground, soft at the edges.
+        (H, W) uint8, 255 = foreground, soft at the edges.
     """
     import cv2
 
@@ -177,7 +162,7 @@ def foreground_mask(
     doubtful: np.ndarray | None = None,
     colors: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Binary foreground (H, W) uint8 0 or 1 of float32 images; see `difference_matte`."""
+    """Binary foreground (H, W) uint8, 0 or 1, of (H, W, 3) float32 images in 0..255; see `difference_matte`."""
     import cv2
 
     evidence = difference_evidence(image, plate, settings)
@@ -199,10 +184,10 @@ def foreground_mask(
     smooth = guided_filter(gray, evidence, radius=3, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
     minimum = int(1e-4 * mask.size)
-    mask = keep_components(mask, settings.components, minimum, core=sure, likeness=ratio)
+    mask = keep_components(mask, settings.mask_components, minimum, core=sure, likeness=ratio)
     if doubtful is None or ratio is None or not mask.any():
         return mask
-    # Dents and holes where the plate may show the performer: closed where the colors are the performer's.
+    # Where the plate may show the performer, close concavities and holes that have the performer's colors.
     reach = max(1, round(0.04 * max(cv2.boundingRect(mask)[2:])))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     padded = cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
@@ -211,26 +196,26 @@ def foreground_mask(
     cv2.floodFill(outside, None, (0, 0), 2)
     enclosed = outside[1:-1, 1:-1] != 2
     added = enclosed & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
-    return keep_components((mask > 0) | added, settings.components, minimum, core=sure, likeness=ratio)
+    return keep_components((mask > 0) | added, settings.mask_components, minimum, core=sure, likeness=ratio)
 
 
 def solve_edges(
     image: np.ndarray, plate: np.ndarray, gain: np.ndarray, mask: np.ndarray, reach: float, known: np.ndarray | None
 ) -> np.ndarray:
-    """A soft matte from a binary one: within `reach` pixels of the silhouette, solve I = a F + (1 - a) B for a.
+    """Soften a binary matte: within `reach` pixels of the silhouette, solve I = a F + (1 - a) B for a.
 
-    F is the mean foreground color just inside, B the plate. Where the two are hardly told apart the distance to the
-    silhouette decides.
+    F is the mean foreground color just inside, B the plate. If the two are too similar, a depends on the distance from
+    the silhouette instead.
 
     Args:
         image, plate: (H, W, 3) uint8.
-        gain: (3,) exposure of the plate.
+        gain: (3,) gain applied to the plate.
         mask: (H, W) uint8, 0 or 1.
-        reach: pixels.
-        known: where the plate can be believed, or None.
+        reach: in pixels.
+        known: (H, W) bool, where the plate is reliable; None is everywhere.
 
     Returns:
-        (H, W) uint8.
+        (H, W) uint8 matte.
     """
     import cv2
 
@@ -252,7 +237,7 @@ def solve_edges(
     power = cv2.transform(contrast * contrast, total)
     by_color = cv2.transform((ours - behind) * contrast, total) / np.maximum(power, 1.0)
     by_place = cv2.GaussianBlur(inner.astype(np.float32), (0, 0), 0.5 * reach)
-    # Variance of the color solution: noise and texture of about 12 levels; of the place: 0.25.
+    # Standard deviation of the color solution: noise and texture of about 12 levels; of the distance: 0.25.
     trust = power / (12.0**2 * 3) * 0.25**2 * 16
     trust = np.where(weight > 1e-3, trust, 0.0)
     if known is not None:

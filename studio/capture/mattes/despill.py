@@ -1,22 +1,22 @@
-"""Taking the screen's light off the performer's outline.
+"""Despill: remove the screen's light from the performer's outline.
 
-At the outline a pixel mixes performer and screen, I = a F + (1 - a) B, and the screen's light colors the performer
-himself. The first is undone with the matte and the screen as it is seen beside him, the second by the usual rule: the
-screen's channel may be no brighter than the brighter of the other two. Both touch the outline only, because clothes of
-the screen's hue would lose their color.
+A pixel at the outline mixes performer and screen, I = a F + (1 - a) B, and light from the screen also tints the
+performer. The mixture is solved for F with the matte and the screen color next to the performer; the tint is limited by
+the usual rule that the screen's channel may not exceed the larger of the other two. Both apply to the outline only,
+since clothes of the screen's hue would lose their color.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-_LEAST_COVER = 0.1  # of a pixel by the performer, below which his color is not solved for: noise would rule
+_LEAST_COVER = 0.1  # alpha is clamped to this when solving for F: below, noise dominates
 
 
 def key_channels(color: np.ndarray) -> tuple[list[int], list[int]]:
-    """Channels (0 red, 1 green, 2 blue) that a screen's (3,) color is bright in, and the others.
+    """The bright channels (0 red, 1 green, 2 blue) of a screen's (3,) RGB color, and the others.
 
-    One for green, blue and red screens; two for yellow, cyan and magenta ones.
+    There is one bright channel for green, blue and red screens, two for yellow, cyan and magenta ones.
     """
     order = np.argsort(-np.asarray(color, np.float64), kind="stable")
     high, middle, low = (float(color[index]) for index in order)
@@ -25,17 +25,17 @@ def key_channels(color: np.ndarray) -> tuple[list[int], list[int]]:
 
 
 def despill(image: np.ndarray, matte: np.ndarray, behind: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """The image without the screen's light at the performer's outline.
+    """Remove the screen's light at the performer's outline.
 
     Args:
         image: (H, W, 3) uint8 RGB.
         matte: (H, W) uint8, 255 = performer.
         behind: (H, W, 3) uint8 RGB, the screen without the performer.
-        color: (3,) the screen's color.
+        color: (3,) RGB color of the screen.
 
     Returns:
-        (H, W, 3) uint8. Pixels further from the outline than 1 % of the performer's size (at least 3 pixels) are as
-        they were.
+        (H, W, 3) uint8. Pixels farther from the outline than 1 % of the performer's size (at least 3 pixels) are
+        unchanged.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""Small image operations that masks are made with."""
+"""Image filters shared by the matte sources."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ import numpy as np
 
 
 def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: float) -> np.ndarray:
-    """Smooth `values` along the edges of `guide` (He, Sun and Tang, "Guided Image Filtering", 2010, gray guide).
+    """Edge-preserving smoothing of `values` (He, Sun and Tang, "Guided Image Filtering", ECCV 2010; gray guide).
 
     Args:
         guide: (H, W) float32 in 0..1.
         values: (H, W) float32.
-        radius: pixels; windows are 2 radius + 1 wide.
-        epsilon: variance of the guide below which it counts as flat.
+        radius: in pixels; windows are 2 radius + 1 wide.
+        epsilon: regularization; variance of the guide below which it counts as flat.
+
+    Returns:
+        (H, W) float32.
     """
     import cv2
 
@@ -28,25 +31,25 @@ def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: f
 
 
 def color_histogram(colors: np.ndarray, bins: int = 16) -> np.ndarray:
-    """(bins, bins, bins) smoothed density of (N, 3) colors in 0..255, summing to 1."""
+    """(bins, bins, bins) float32 smoothed density of (N, 3) colors in 0..255; sums to 1."""
     import cv2
 
     index = np.clip((colors * (bins / 256.0)).astype(np.int32), 0, bins - 1)
     flat = (index[:, 0] * bins + index[:, 1]) * bins + index[:, 2]
     cube: np.ndarray = np.bincount(flat, minlength=bins**3).astype(np.float32)
-    for _ in range(3):  # one axis after another, by turning the cube
+    for _ in range(3):  # one axis after another
         blurred = cv2.GaussianBlur(cube.reshape(bins, bins * bins), (1, 5), sigmaX=0.0001, sigmaY=0.8)
         cube = np.ascontiguousarray(np.moveaxis(blurred.reshape(bins, bins, bins), 0, 2))
     return cube / max(float(cube.sum()), 1.0)
 
 
 def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: float = 1e-5) -> np.ndarray:
-    """How much likelier colors are among `front` than among `back`, natural log.
+    """Log-likelihood ratio of colors: foreground over background, natural logarithm.
 
     Args:
-        front, back: (N, 3) sample colors in 0..255.
-        bins: a channel.
-        floor: density below which a color counts as not seen; 0 is returned where neither has it.
+        front, back: (N, 3) samples of foreground and background colors in 0..255.
+        bins: per channel.
+        floor: density added to both; colors that occur in neither get 0.
 
     Returns:
         (bins, bins, bins) float32, for `look_up`.
@@ -66,11 +69,15 @@ def look_up(table: np.ndarray, image: np.ndarray) -> np.ndarray:
 
 
 def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gaussian mean of the pixels where `mask` is 1, and the weight that it rests on (0 to 1).
+    """Gaussian mean of the pixels where `mask` is 1.
 
     Args:
         image: (H, W, 3) float32.
         mask: (H, W) uint8, 0 or 1.
+        sigma: standard deviation in pixels.
+
+    Returns:
+        (H, W, 3) float32 mean, and (H, W) float32 its total weight in 0..1.
     """
     import cv2
 
@@ -86,15 +93,19 @@ def keep_components(
     core: np.ndarray | None = None,
     likeness: np.ndarray | None = None,
 ) -> np.ndarray:
-    """The connected pieces of a binary mask that are no noise, with small holes filled.
+    """Remove small components of a binary mask and fill small holes.
 
     Args:
         mask: (H, W) uint8, 0 or 1, or bool.
-        components: how many pieces to keep, largest first; 0 keeps all that reach `minimum` and a hundredth of the
-            largest.
-        minimum: pixels; smaller pieces go, smaller holes are filled.
-        core: (H, W) bool; a piece without any such pixels (2x2 at least) goes.
-        likeness: (H, W) float32; a piece whose mean is below half of the largest piece's goes (reflections, mostly).
+        components: how many components to keep, largest first; 0 keeps all.
+        minimum: area in pixels; smaller components are removed and smaller holes filled. Components below 1 % of the
+            largest are removed too.
+        core: (H, W) bool; a component without at least 2x2 such pixels is removed.
+        likeness: (H, W) float32; a component whose mean is below half of the largest component's is removed
+            (reflections, mostly).
+
+    Returns:
+        (H, W) uint8, 0 or 1.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""Garbage mattes: what of a camera's picture is looked at for the performer at all."""
+"""Garbage mattes: parts of the image that can never contain the performer."""
 
 from __future__ import annotations
 
@@ -10,16 +10,21 @@ import numpy as np
 from studio.capture.frame_sources import DecoderPool, make_sources
 from studio.capture.mattes.matte_source import FileMatteSource
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files
-from studio.capture.spec import CaptureSpec
+from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
 
 
 class GarbageMattes:
-    """A picture a camera, or one a camera and frame: white is kept. Cameras without one keep all of their picture.
+    """One image per camera, or per camera and frame; black excludes. Cameras without a garbage matte keep the whole
+    image.
 
     Args:
-        matches: the files; an image without a frame number holds for all frames of its camera.
-        offsets: frames that cameras are late, as in `CaptureSpec`; for files that are one a frame.
+        matches: the files; an image without a frame number applies to all frames of its camera.
+        pool: bounds the number of open decoders.
+        offsets: camera to sync offset in frames, as in `CaptureSettings`; for files with a frame number, and videos.
+
+    Raises:
+        StudioError: a file cannot be opened.
     """
 
     def __init__(self, matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int] | None = None) -> None:
@@ -33,29 +38,36 @@ class GarbageMattes:
         self._matte_source = FileMatteSource(make_sources(matches, pool, offsets=moving))
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
-        """(H, W) bool, where the performer may be in the raw `image`; None is everywhere.
+        """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None is everywhere.
 
         Raises:
-            StudioError: the file cannot be read, has another aspect ratio, or there is none for this frame.
+            StudioError: the file cannot be read, `matte.aspect_ratio`, or `footage.no_such_frame`.
         """
         if camera not in self._cameras:
             return None
         return self._matte_source.matte(camera, 0 if camera in self._still else frame, image) > 127
 
     def files(self) -> list[Path]:
-        """What they are read from."""
+        """The files that they are read from."""
         return self._matte_source.files()
 
 
-def garbage_mattes(spec: CaptureSpec, names: tuple[str, ...], pool: DecoderPool) -> GarbageMattes | None:
-    """Those that `spec.garbage_mattes` names for the cameras `names`; None where the capture has none.
+def garbage_mattes(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPool) -> GarbageMattes | None:
+    """The garbage mattes `spec.garbage_mattes` of the cameras `names`; None if the setting is empty.
 
     Raises:
-        StudioError: the pattern fits nothing, or a file cannot be opened.
+        StudioError: `matte.garbage_not_found`, or a file cannot be opened.
     """
     if not spec.garbage_mattes:
         return None
     matches = [match for match in find_files(spec.root, spec.garbage_mattes) if match.camera in names]
     if not matches:
-        raise StudioError(f"{spec.root}: no garbage matte of the footage's cameras fits '{spec.garbage_mattes}'.")
+        raise StudioError(
+            "matte.garbage_not_found",
+            f"no garbage matte of the footage's cameras matches the pattern '{spec.garbage_mattes}'",
+            file=spec.root,
+            value=spec.garbage_mattes,
+            fix="Check capture.garbage_mattes.",
+            setting="capture.garbage_mattes",
+        )
     return GarbageMattes(matches, pool, spec.offsets)

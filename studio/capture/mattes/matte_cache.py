@@ -1,4 +1,4 @@
-"""Mattes on disk: what a slow model made of a picture is made once."""
+"""Disk cache for the mattes of slow matting models."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 
 class MatteCache:
-    """PNG files named by a digest of the recipe and of the picture itself, so that a file is never out of date.
+    """PNG files named by a digest of the image and of everything else that a matte depends on, so never stale.
 
     Args:
-        folder: where they lie; made when the first is written. Files may be deleted at any time.
-        recipe: everything that decides the mattes apart from the picture.
+        folder: where the files are; created by the first write. Files may be deleted at any time.
+        recipe: everything that the mattes depend on apart from the image.
     """
 
     def __init__(self, folder: Path, recipe: str) -> None:
@@ -26,18 +26,18 @@ class MatteCache:
         return self._folder / f"matte_{digest.hexdigest()}.png"
 
     def read(self, image: np.ndarray) -> np.ndarray | None:
-        """(H, W) uint8 matte of an (H, W, 3) uint8 picture; None where none is kept or its file is damaged."""
+        """(H, W) uint8 matte of an (H, W, 3) uint8 image; None if it is not cached or its file is damaged."""
         from PIL import Image
 
         try:
             with Image.open(self._path(image)) as file:
                 matte = np.array(file)
-        except (OSError, ValueError, SyntaxError):  # not there, or cut off: made again
+        except (OSError, ValueError, SyntaxError):  # missing or truncated: recomputed
             return None
         return matte if matte.dtype == np.uint8 and matte.shape == image.shape[:2] else None
 
     def write(self, image: np.ndarray, matte: np.ndarray) -> None:
-        """Keep the (H, W) uint8 `matte` of a picture. Raises OSError where the disk does not take it."""
+        """Cache the (H, W) uint8 `matte` of an image. Raises OSError if the file cannot be written."""
         from PIL import Image
 
         path = self._path(image)

@@ -1,7 +1,7 @@
-"""Where a capture's mattes come from: one small protocol, one class a source.
+"""The `MatteSource` protocol and its basic implementations.
 
-A `MatteSource` works on raw footage pixels; `Footage` undistorts and scales what it returns like the image. Any other
-source needs nothing but this protocol to take part; for a matting function there is `FunctionMatteSource`.
+A `MatteSource` works on raw footage pixels; `Footage` undistorts and scales its mattes like the images. A new source
+only has to implement this protocol; for a matting function there is `FunctionMatteSource`.
 """
 
 from __future__ import annotations
@@ -14,31 +14,44 @@ import numpy as np
 
 from studio.capture.frame_sources import FrameSource
 from studio.capture.images import read_image
-from studio.capture.mattes.clean_plate import DifferenceSettings, difference_matte
+from studio.capture.mattes.clean_plate import difference_matte
 from studio.capture.mattes.median_background import Background, median_plate
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.per_camera_cache import PerCameraCache
+from studio.capture.settings import DifferenceSettings
 from studio.errors import StudioError
 
 
 class MatteSource(Protocol):
-    """Gives foreground mattes of raw frames. Must be thread safe and give the same matte for the same frame."""
+    """Computes mattes of raw frames. Must be thread safe and deterministic."""
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """(H, W) uint8, 255 foreground, of the raw `image` (H, W, 3 or 4 with alpha) of a camera and frame."""
+        """The matte of one frame.
+
+        Args:
+            camera: the camera's name.
+            frame: the frame number.
+            image: (H, W, 3) RGB or (H, W, 4) RGBA uint8 raw image.
+
+        Returns:
+            (H, W) uint8, 255 = foreground.
+
+        Raises:
+            StudioError: no matte can be computed.
+        """
         ...
 
     def files(self) -> list[Path]:
-        """The files that the mattes are made from, apart from the footage."""
+        """The files that the mattes depend on, apart from the footage."""
         ...
 
 
 @runtime_checkable
 class Recolors(Protocol):
-    """A `MatteSource` that also takes something off the performer's colors: a screen's light, say."""
+    """A `MatteSource` that also corrects colors, such as by despill."""
 
     def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:
-        """(H, W, 3) uint8 to use for the raw `image` (H, W, 3) uint8, of which `matte` (H, W) is the matte."""
+        """The corrected (H, W, 3) uint8 RGB of a raw `image` (H, W, 3) uint8 with the `matte` (H, W) uint8."""
         ...
 
 
@@ -55,12 +68,19 @@ class FullMatteSource:
 
 
 class AlphaMatteSource:
-    """The images' own alpha channel."""
+    """The alpha channel of the images."""
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MatteSource`."""
+        """See `MatteSource`. Raises StudioError `matte.alpha_missing`."""
         if image.shape[2] != 4:
-            raise StudioError(f"Frame {frame} of camera '{camera}' has no alpha channel to take the mask from.")
+            raise StudioError(
+                "matte.alpha_missing",
+                f"Frame {frame} of camera '{camera}' has no alpha channel",
+                fix="Choose another source of masks in capture.masks.",
+                camera=camera,
+                frame=frame,
+                setting="capture.masks",
+            )
         return np.ascontiguousarray(image[:, :, 3])
 
     def files(self) -> list[Path]:
@@ -69,28 +89,37 @@ class AlphaMatteSource:
 
 
 class FileMatteSource:
-    """Separate mask images or videos, one a camera and frame; white is foreground.
+    """Mask images or videos, one per camera and frame; white is foreground.
 
-    A file's alpha channel is used where it has one and its colors say nothing (all equal). Masks of another size than
-    the images are scaled where the aspect ratio is the same.
+    A file's alpha channel is used if it has one and all its colors are equal. Masks of another size than the images
+    are resized if the aspect ratio is the same.
+
+    Args:
+        sources: camera name to its masks.
     """
 
     def __init__(self, sources: Mapping[str, FrameSource]) -> None:
         self._sources = dict(sources)
 
     def missing(self, camera: str, frames: tuple[int, ...]) -> list[int]:
-        """Which of `frames` have no mask for `camera`."""
+        """Those of `frames` for which `camera` has no mask."""
         source = self._sources.get(camera)
         have = set(source.frames) if source is not None else set()
         return [frame for frame in frames if frame not in have]
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MatteSource`."""
+        """See `MatteSource`.
+
+        Raises:
+            StudioError: `matte.missing`, `matte.aspect_ratio`, or the file cannot be read.
+        """
         import cv2
 
         source = self._sources.get(camera)
         if source is None:
-            raise StudioError(f"Camera '{camera}' has no mask file.")
+            raise StudioError(
+                "matte.missing", f"Camera '{camera}' has no mask files", camera=camera, frames=(frame,), kind="mask"
+            )
         mask = source.read(frame)
         if mask.shape[2] == 4 and np.ptp(mask[:, :, :3]) == 0:
             matte = mask[:, :, 3]
@@ -99,9 +128,16 @@ class FileMatteSource:
         height, width = image.shape[:2]
         if matte.shape != (height, width):
             if abs(matte.shape[1] * height - matte.shape[0] * width) > max(height, width):
+                files = source.files([frame])
                 raise StudioError(
-                    f"The mask {source.where(frame)} is {matte.shape[1]}x{matte.shape[0]}, its image {width}x{height}: "
-                    "they must have one aspect ratio."
+                    "matte.aspect_ratio",
+                    f"the mask of frame {frame} is {matte.shape[1]}x{matte.shape[0]}, its image {width}x{height}",
+                    file=files[0] if files else None,
+                    value=(matte.shape[1], matte.shape[0]),
+                    fix="Masks must have the aspect ratio of the images.",
+                    camera=camera,
+                    frame=frame,
+                    expected=(width, height),
                 )
             shrink = matte.shape[1] > width
             how = cv2.INTER_AREA if shrink else cv2.INTER_LINEAR
@@ -114,11 +150,11 @@ class FileMatteSource:
 
 
 class PlateMatteSource:
-    """Difference to the empty set, whose picture is loaded or estimated once a camera.
+    """Difference from the empty set, whose image is loaded or estimated once per camera.
 
     Args:
-        background: gives what is known of the set behind a camera's footage; called once each, then kept.
-        files: what the plates are made from.
+        background: loads or estimates the background of a camera; called once per camera.
+        files: files that the backgrounds depend on.
         settings: see `difference_matte`.
     """
 
@@ -130,22 +166,27 @@ class PlateMatteSource:
         self._backgrounds = PerCameraCache(background)
 
     def background(self, camera: str) -> Background:
-        """The empty set as `camera` sees it, in raw pixels."""
+        """The background of `camera`, in raw pixels."""
         return self._backgrounds(camera)
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MatteSource`."""
+        """See `MatteSource`. Raises StudioError `matte.plate_size`, or the plate cannot be loaded."""
         behind = self.background(camera)
         if behind.plate.shape[:2] != image.shape[:2]:
+            size, expected = (behind.plate.shape[1], behind.plate.shape[0]), (image.shape[1], image.shape[0])
             raise StudioError(
-                f"The clean plate of camera '{camera}' is {behind.plate.shape[1]}x{behind.plate.shape[0]}, its footage "
-                f"{image.shape[1]}x{image.shape[0]}; they must have one size."
+                "matte.plate_size",
+                f"The clean plate of camera '{camera}' is {size[0]}x{size[1]}, its footage {expected[0]}x{expected[1]}",
+                value=size,
+                fix="Clean plates must have the size of the footage.",
+                camera=camera,
+                expected=expected,
             )
         image = np.ascontiguousarray(image[:, :, :3])
         return difference_matte(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
 
     def plate(self, camera: str) -> np.ndarray | None:
-        """(H, W, 3) uint8 raw picture of the empty set where all of it can be believed, else None."""
+        """(H, W, 3) uint8 raw image of the empty set if all of it is reliable, else None."""
         behind = self.background(camera)
         return behind.plate if behind.known is None and behind.doubtful is None else None
 
@@ -155,7 +196,16 @@ class PlateMatteSource:
 
 
 def plates_from_files(matches: list[Match], color_matrix: str) -> Callable[[str], Background]:
-    """A loader of clean plates from images, several images a camera or videos (of which the median is taken)."""
+    """A loader of clean plates: one image per camera, or the median of several images or of a video.
+
+    Args:
+        matches: files of the clean plates.
+        color_matrix: of videos, see `VideoReader`.
+
+    Returns:
+        a function from a camera's name to its background. It raises StudioError `matte.plate_missing` for a camera
+        without a plate, or if the file cannot be read.
+    """
     groups: dict[str, list[Match]] = {}
     for match in matches:
         groups.setdefault(match.camera, []).append(match)
@@ -164,7 +214,12 @@ def plates_from_files(matches: list[Match], color_matrix: str) -> Callable[[str]
         from studio.capture.video import VideoReader
 
         if camera not in groups:
-            raise StudioError(f"Camera '{camera}' has no clean plate; it has {', '.join(sorted(groups)) or 'none'}.")
+            raise StudioError(
+                "matte.plate_missing",
+                f"Camera '{camera}' has no clean plate; cameras with one: {', '.join(sorted(groups)) or 'none'}",
+                camera=camera,
+                setting="capture.clean_plates",
+            )
         paths = [match.path for match in groups[camera]]
         if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
             reader = VideoReader(paths[0], color_matrix)

@@ -1,4 +1,4 @@
-"""Mattes by any function of a picture: a matting model, or an engineer's own code."""
+"""Mattes from any function of an image: a matting model, or your own code."""
 
 from __future__ import annotations
 
@@ -15,38 +15,39 @@ from studio.errors import StudioError
 
 
 class MattingFunction(Protocol):
-    """From a picture to its matte. May be called by several threads at once."""
+    """Computes the matte of an image. May be called from several threads at once."""
 
     def __call__(self, image: np.ndarray, /) -> np.ndarray:
-        """(H, W) floats in 0..1, 1 = performer, of (H, W, 3) uint8 RGB."""
+        """(H, W) float in 0..1, 1 = performer, from (H, W, 3) uint8 RGB."""
         ...
 
 
 class FunctionMatteSource:
-    """A `MatteSource` of a `MattingFunction`; `Footage.with_matte_source` takes it.
+    """A `MatteSource` that calls a `MattingFunction`; for `Footage.with_matte_source`.
 
     Args:
-        function: makes the mattes.
-        name: what to call it in messages.
-        files: what it is made from; a take runs again when they change.
-        kept: where mattes are kept on disk; None keeps none.
-        components: how many pieces of performer to keep, largest first; 0 keeps all that the function gives.
+        function: computes the mattes.
+        name: what the function is called in errors.
+        files: files that the function depends on; a take becomes stale when they change. The first one is named in
+            errors.
+        cache: caches mattes on disk; None does not.
+        components: how many connected components to keep, largest first; 0 keeps all.
         garbage: where the performer may be; None is everywhere.
     """
 
     def __init__(
         self,
         function: MattingFunction,
-        name: str = "The matting function",
+        name: str = "matting function",
         *,
         files: Sequence[Path] = (),
-        kept: MatteCache | None = None,
+        cache: MatteCache | None = None,
         components: int = 0,
         garbage: GarbageMattes | None = None,
     ) -> None:
         self._function, self._name = function, name
         self._files = list(files)
-        self._kept = kept
+        self._cache = cache
         self._components = components
         self._garbage = garbage
 
@@ -54,14 +55,15 @@ class FunctionMatteSource:
         """See `MatteSource`.
 
         Raises:
-            StudioError: the function gave something else than a matte of the image's size in 0..1.
+            StudioError: `matte.function_output`: the function did not return a matte of the image's size in 0..1; or
+                what the function raises.
         """
         image = np.ascontiguousarray(image[:, :, :3])
-        matte = self._kept.read(image) if self._kept is not None else None
+        matte = self._cache.read(image) if self._cache is not None else None
         if matte is None:
-            matte = self._made(camera, frame, image)
-            if self._kept is not None:
-                self._kept.write(image, matte)
+            matte = self._compute(camera, frame, image)
+            if self._cache is not None:
+                self._cache.write(image, matte)
         inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
         if inside is not None:
             matte = matte * inside.astype(np.uint8)
@@ -71,25 +73,33 @@ class FunctionMatteSource:
         """See `MatteSource`."""
         return self._files + (self._garbage.files() if self._garbage is not None else [])
 
-    def _made(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+    def _compute(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         values = np.asarray(self._function(image))
-        where = f"{self._name}, camera '{camera}', frame {frame}:"
+        problem = ""
+        found: object = None
         if values.shape != image.shape[:2] or values.dtype.kind != "f":
+            found = f"{values.shape} {values.dtype}"
+            problem = f"returned an array of {found}; expected floats of shape {image.shape[:2]}"
+        elif not np.isfinite(values).all():
+            problem = "returned NaN or infinite values"
+        elif values.min() < -0.01 or values.max() > 1.01:
+            low, high = float(values.min()), float(values.max())
+            found = (low, high)
+            problem = f"returned values from {low:.3g} to {high:.3g}; expected 0 to 1"
+        if problem:
             raise StudioError(
-                f"{where} gave an array of {values.shape} {values.dtype}; a matte is (height, width) floats, here "
-                f"{image.shape[:2]}."
-            )
-        if not np.isfinite(values).all():
-            raise StudioError(f"{where} gave values that are no numbers; the function or its model is broken.")
-        if values.min() < -0.01 or values.max() > 1.01:
-            raise StudioError(
-                f"{where} gave values from {values.min():.3g} to {values.max():.3g}; a matte's lie in 0 to 1."
+                "matte.function_output",
+                f"{self._name}, camera '{camera}', frame {frame}: {problem}",
+                file=self._files[0] if self._files else None,
+                value=found,
+                camera=camera,
+                frame=frame,
             )
         return np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
 
 
 def _largest(matte: np.ndarray, components: int) -> np.ndarray:
-    """The largest pieces of a soft matte, with the soft edge around them."""
+    """The largest components of a soft matte, with their soft edges."""
     import cv2
 
     solid = matte > 127

@@ -1,14 +1,14 @@
-"""The empty set, recovered from footage in which a performer moves before it.
+"""The empty set, estimated from footage in which a performer moves.
 
-A temporal median fails where the performer stays for half of the time. Here, per camera, at small size:
+A temporal median fails if the performer covers a pixel half of the time. Instead, per camera and at reduced size:
 
-1. A pixel's background is its densest color over time (its mode): what stands still comes back exactly, what moves
-   does not, even where it is seen more often.
-2. What differs from clear modes gives the performer's colors, the rest the set's; among a pixel's modes the one that
-   looks more like the set is taken, and colors are learned again.
-3. Frames are matted with that, and modes taken once more among the frames in which a pixel is not covered.
+1. The background of a pixel is the mode of its color over time: static parts have one exact color, moving parts do not,
+   even if they are visible more often.
+2. Differences from clear modes give the performer's colors, the rest the set's. Of the modes of a pixel the one that
+   looks more like the set is chosen, and colors are learned again.
+3. Frames are matted with the result, and modes are computed once more from frames in which a pixel is not covered.
 
-Where a pixel is covered all the time the background stays unknown, and says so.
+Where a pixel is always covered, its background is marked as unknown.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.mattes.clean_plate import DifferenceSettings, difference_evidence
+from studio.capture.mattes.clean_plate import difference_evidence
 from studio.capture.mattes.filters import color_table, guided_filter, look_up
+from studio.capture.settings import DifferenceSettings
 
 _SIDE = 480  # longest side while estimating
-_SLOTS = 7  # full-size samples of which a pixel's median is taken
-_VERSION = 1  # of the estimate, in the names of cached files
+_SLOTS = 7  # full-size samples per pixel for the median
+_VERSION = 1  # of the algorithm, part of the names of cached files
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """What is known of the set behind the performer, as one camera sees it.
+    """The set behind the performer in one camera.
 
     Attributes:
         plate: (H, W, 3) uint8 RGB.
-        known: (H, W) bool, where the plate can be believed; None is everywhere.
-        doubtful: (H, W) bool, where the plate has a color of the performer's that comes and goes, and so may show the
+        known: (H, W) bool, where the plate is reliable; None is everywhere.
+        doubtful: (H, W) bool, where the plate has an intermittent color of the performer's, and so may show the
             performer standing still; None is nowhere.
-        colors: (B, B, B) float32, log ratio of a color's density on the performer to that on the set; None where the
-            performer's colors were not learned.
+        colors: (B, B, B) float32, log ratio of a color's density on the performer to that on the set (see
+            `color_table`); None if the performer's colors were not learned.
     """
 
     plate: np.ndarray
@@ -49,22 +50,34 @@ class Background:
 
 
 def median_plate(images: Callable[[int], np.ndarray], count: int, samples: int = 15) -> np.ndarray:
-    """Per-pixel median of up to `samples` pictures (H, W, 3) uint8 of an empty set, spread over `count`."""
+    """Per-pixel median of images of an empty set.
+
+    Args:
+        images: returns the (H, W, 3) uint8 image of an index below `count`.
+        count: how many images there are.
+        samples: how many of them to use at most, evenly spaced.
+
+    Returns:
+        (H, W, 3) uint8.
+    """
     chosen = sorted({round(index) for index in np.linspace(0, count - 1, min(samples, count))})
     stack = np.stack([images(index) for index in chosen])
     plate = np.empty(stack.shape[1:], np.uint8)
-    for top in range(0, stack.shape[1], 64):  # in strips: np.median works on a float copy
+    for top in range(0, stack.shape[1], 64):  # in strips: np.median makes a float copy
         plate[top : top + 64] = np.rint(np.median(stack[:, top : top + 64], axis=0)).astype(np.uint8)
     return plate
 
 
 def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int], samples: int = 40) -> Background:
-    """Recover the empty set from one camera's footage (see the module's text).
+    """Estimate the empty set from one camera's footage (see the module docstring).
 
     Args:
-        read: gives (H, W, 3) uint8 RGB of a frame; called twice a sample, forwards.
+        read: returns the (H, W, 3) uint8 RGB image of a frame; called twice per sample, in order.
         frames: frame numbers to choose from.
-        samples: how many frames to look at, spread evenly.
+        samples: how many frames to use, evenly spaced.
+
+    Returns:
+        the background, at full size.
     """
     import cv2
 
@@ -89,14 +102,14 @@ def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int]
 
 
 def _tolerance(stack: np.ndarray) -> int:
-    """Levels that a still pixel may differ by between samples: 4 and three times the noise."""
+    """Largest difference of a static pixel between samples, in levels: 4 plus three times the noise."""
     steps = [np.abs(stack[i + 1].astype(np.int16) - stack[i]) for i in range(0, len(stack) - 1, 4)]
     noise = 1.4826 * float(np.median(np.stack(steps))) / np.sqrt(2.0)
     return round(4 + 3 * noise)
 
 
 def _neighbors(stack: np.ndarray, tolerance: int) -> np.ndarray:
-    """(S, H, W) float32: how many samples of a pixel lie within `tolerance` of each one, itself included."""
+    """(S, H, W) float32: number of samples of a pixel within `tolerance` of each one, itself included."""
     import cv2
 
     count = np.ones(stack.shape[:3], np.uint16)
@@ -110,7 +123,7 @@ def _neighbors(stack: np.ndarray, tolerance: int) -> np.ndarray:
 
 
 def _pick(stack: np.ndarray, score: np.ndarray, tolerance: int) -> tuple[np.ndarray, np.ndarray]:
-    """The mean color (H, W, 3) float32 around each pixel's best sample, and which samples (S, H, W) belong to it."""
+    """Per pixel the mean color (H, W, 3) float32 around the best-scored sample, and its members (S, H, W) bool."""
     best = score.argmax(axis=0)
     center = np.take_along_axis(stack, best[None, :, :, None], axis=0)[0].astype(np.int16)
     members = np.stack([np.abs(sample - center).max(axis=-1) <= tolerance for sample in stack])
@@ -129,7 +142,7 @@ def _evidence_of_color(table: np.ndarray, image: np.ndarray) -> np.ndarray:
 def _estimate_small(
     stack: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-    """Plate (H, W, 3) float32, its samples (S, H, W) bool, where it is known and doubtful (H, W), color table."""
+    """Plate (H, W, 3) float32, its members (S, H, W) bool, known and doubtful (H, W) bool, color table or None."""
     import cv2
 
     tolerance = _tolerance(stack)
@@ -146,10 +159,10 @@ def _estimate_small(
             clear &= _evidence_of_color(table, plate) < 1.0
         front = stack[moved & clear]
         if len(front) < 200:
-            # Nothing moves much: there is no performer to learn colors from.
+            # Hardly anything moves: no performer to learn colors from.
             everywhere = np.ones(plate.shape[:2], bool)
             return plate, members, everywhere, ~everywhere, None
-        # Colors of the set count more where the performer moves.
+        # Colors of the set count more near the performer.
         near = plate[clear & swept]
         table = color_table(front, np.concatenate([plate[clear], near, near]), bins=24, floor=2e-5)
         colors = np.stack([_evidence_of_color(table, sample) for sample in stack])
@@ -166,7 +179,7 @@ def _estimate_small(
         plate, members = _pick(stack, score, tolerance)
     members &= covered < 0.0
     best = np.take_along_axis(covered, score.argmax(axis=0)[None], axis=0)[0]
-    # A color of the performer's that comes and goes may still be the performer standing there.
+    # An intermittent color of the performer's may still be the performer standing there.
     doubtful = (_evidence_of_color(table, plate) > 0.0) & (members.mean(axis=0) < 0.85)
     return plate, members, best < 0.0, doubtful, table
 
@@ -176,7 +189,7 @@ def _covered(
 ) -> np.ndarray:
     """Log-odds that the performer covers a pixel, smoothed along edges."""
     evidence = difference_evidence(image, plate, settings)
-    # Where the plate looks more like the performer than the image does, the plate is the one that is wrong.
+    # Where the plate looks more like the performer than the image does, the plate is wrong.
     evidence = np.where((behind - colors > 1.0) & (evidence > 0.0), -2.0, evidence) + 0.7 * colors
     gray = np.ascontiguousarray((image[..., 0] + image[..., 1] + image[..., 2]) / 765.0)
     return guided_filter(gray, evidence.astype(np.float32), radius=6, epsilon=4e-4)
@@ -185,7 +198,7 @@ def _covered(
 def _full_plate(
     read: Callable[[int], np.ndarray], chosen: Sequence[int], members: np.ndarray, fallback: np.ndarray
 ) -> np.ndarray:
-    """Full-size plate: per pixel the median of up to `_SLOTS` of its members, spread over time; else `fallback`."""
+    """Full-size plate: per pixel the median of up to `_SLOTS` of its members, spread over time, or `fallback`."""
     import cv2
 
     height, width = fallback.shape[:2]
@@ -201,7 +214,7 @@ def _full_plate(
         where = where[filled[where] < _SLOTS]
         slots[filled[where], where] = read(frame).reshape(-1, 3)[where]
         filled[where] += 1
-    # Slots that stayed empty repeat the filled ones, which leaves the median as good as theirs.
+    # Fill empty slots by repeating the others, which hardly changes the median.
     for slot in range(1, _SLOTS):
         lacking = np.flatnonzero((filled <= slot) & (filled > 0))
         slots[slot, lacking] = slots[slot % filled[lacking], lacking]
@@ -212,15 +225,24 @@ def _full_plate(
 
 
 def cached_background(folder: Path | None, key: str, make: Callable[[], Background]) -> Background:
-    """`make()`, or what it gave before: kept as `background_<key>.npz` in `folder` (None: not kept)."""
+    """`make()`, cached on disk.
+
+    Args:
+        folder: of the cache; None: no caching.
+        key: identifies the footage; its first 32 characters are part of the file name.
+        make: computes the background.
+
+    Returns:
+        the background. A damaged file is replaced.
+    """
     if folder is None:
         return make()
     path = folder / f"background_{key[:32]}_v{_VERSION}.npz"
     try:
-        with np.load(path) as kept:
-            return Background(**{name: kept[name] for name in kept.files})
+        with np.load(path) as file:
+            return Background(**{name: file[name] for name in file.files})
     except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
-        pass  # not there, or cut off: made again
+        pass  # missing or truncated: recomputed
     made = make()
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / f".{path.name}.{os.getpid()}.tmp"

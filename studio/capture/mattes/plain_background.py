@@ -1,5 +1,6 @@
-"""Pictures whose performer was cut out already and put before one plain color, white or black mostly, as data sets of
-performers are often given out."""
+"""Images in which the performer has already been cut out and placed on a plain color, mostly white or black, as in many
+published data sets.
+"""
 
 from __future__ import annotations
 
@@ -11,20 +12,24 @@ import numpy as np
 from studio.capture.per_camera_cache import PerCameraCache
 from studio.errors import StudioError
 
-_BORDER = 4  # pixels all around that are looked at for the color
-_UNIFORM = 0.97  # share of them that must have it
-_NEAR = 6  # levels that count as the same color there
-_STRONG = 40  # levels above which a pixel is surely not background
-_MOST = 30  # levels that are forgiven at most
-_SPECK = 1e-5  # of the picture: smaller pieces are noise
+_BORDER = 4  # width in pixels of the border in which the color is measured
+_UNIFORM = 0.97  # share of the border that must have the color
+_NEAR = 6  # largest difference in levels that counts as the same color there
+_STRONG = 40  # difference in levels above which a pixel is certainly foreground
+_MOST = 30  # largest tolerance in levels
+_SPECK = 1e-5  # share of the image; smaller components are noise
 
 
 def plain_color(image: np.ndarray) -> np.ndarray | None:
-    """(3,) uint8: the one color that nearly all of the picture's border has, exactly as far as coding leaves it; None
-    where there is no such color, or nothing else in the picture. Of what is filmed this is never true.
+    """The plain background color of an image, from its border.
+
+    Camera footage never has one: nearly all of the border must have the same color up to compression artifacts.
 
     Args:
         image: (H, W, 3) uint8.
+
+    Returns:
+        (3,) uint8; None if there is no such color, or nothing else in the image.
     """
     border = np.concatenate(
         [part.reshape(-1, 3) for part in (image[:_BORDER], image[-_BORDER:], image[:, :_BORDER], image[:, -_BORDER:])]
@@ -38,14 +43,14 @@ def plain_color(image: np.ndarray) -> np.ndarray | None:
 
 
 def plain_matte(image: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """What is not of the plain color, soft by one pixel at the outline.
+    """Matte of everything that differs from a plain color, soft by one pixel at the outline.
 
-    Patches of the color within the performer are holes (between an arm and the body). How many levels count as the
-    same color is found beside the performer, where coding leaves its noise.
+    Areas of that color inside the performer are holes (between an arm and the body). The tolerance is measured from
+    the compression noise next to the performer.
 
     Args:
         image: (H, W, 3) uint8.
-        color: (3,) uint8, of the background.
+        color: (3,) uint8, the background's.
 
     Returns:
         (H, W) uint8, 255 = performer.
@@ -63,31 +68,31 @@ def plain_matte(image: np.ndarray, color: np.ndarray) -> np.ndarray:
     difference, strong = np.ascontiguousarray(difference[part]), np.ascontiguousarray(strong[part])
     around = cv2.dilate(strong, np.ones((25, 25), np.uint8)) > cv2.dilate(strong, np.ones((9, 9), np.uint8))
     noise = float(np.percentile(difference[around], 75)) if around.any() else 0.0
-    performer = _pieces((difference > min(2 + 3 * noise, _MOST)).astype(np.uint8), _SPECK * matte.size)
-    performer = 1 - _pieces(1 - performer, _SPECK * matte.size)
+    performer = _without_specks((difference > min(2 + 3 * noise, _MOST)).astype(np.uint8), _SPECK * matte.size)
+    performer = 1 - _without_specks(1 - performer, _SPECK * matte.size)
     inner = cv2.erode(performer, np.ones((3, 3), np.uint8), borderValue=1)
-    # an outline pixel is as much performer as it differs, beside the most that one next to it does
+    # alpha of an outline pixel: its difference relative to the largest one next to it
     most = np.maximum(cv2.dilate(difference * inner, np.ones((5, 5), np.uint8)), difference)
     soft = np.clip(difference.astype(np.float32) / np.maximum(most, 1) * 255 + 0.5, 0, 255).astype(np.uint8)
     matte[part] = np.where(inner > 0, 255, soft * performer)
     return matte
 
 
-def _pieces(mask: np.ndarray, least: float) -> np.ndarray:
-    """The 0/1 mask without its pieces of fewer than `least` pixels."""
+def _without_specks(mask: np.ndarray, least: float) -> np.ndarray:
+    """The 0/1 mask without components of fewer than `least` pixels."""
     import cv2
 
-    _, labels, figures, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    kept = figures[:, cv2.CC_STAT_AREA] >= max(least, 4)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    kept = stats[:, cv2.CC_STAT_AREA] >= max(least, 4)
     kept[0] = False
     return kept.astype(np.uint8)[labels]
 
 
 class PlainMatteSource:
-    """What is not of the plain color behind it; the color is taken off the outline's pixels (see `Recolors`).
+    """Foreground is what differs from the plain background; its color is removed from the outline (see `Recolors`).
 
     Args:
-        first: gives a camera's first picture (H, W, 3) uint8, from which the color is found.
+        first: returns a camera's first image (H, W, 3) uint8, in which the background color is measured.
     """
 
     def __init__(self, first: Callable[[str], np.ndarray]) -> None:
@@ -98,17 +103,20 @@ class PlainMatteSource:
         color = plain_color(self._first(camera))
         if color is None:
             raise StudioError(
-                f"Camera '{camera}': the border of its first picture has not one plain color, so masks cannot be made "
-                "of it; choose other masks."
+                "matte.not_plain",
+                f"Camera '{camera}': the border of its first image is not one plain color",
+                fix="Choose another source of masks in capture.masks.",
+                camera=camera,
+                setting="capture.masks",
             )
         return color
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MatteSource`. Raises StudioError where the camera's first picture has no plain background."""
+        """See `MatteSource`. Raises StudioError `matte.not_plain`."""
         return plain_matte(np.ascontiguousarray(image[:, :, :3]), self._colors(camera))
 
     def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:
-        """See `Recolors`: the performer's own color in mixed pixels, F = (I - (1 - a) B) / a."""
+        """See `Recolors`: the performer's color in mixed pixels, F = (I - (1 - a) B) / a."""
         rows, columns = np.nonzero((matte > 25) & (matte < 255))
         alpha = matte[rows, columns, None].astype(np.float32) / 255
         mixed = image[rows, columns].astype(np.float32) - (1 - alpha) * self._colors(camera)

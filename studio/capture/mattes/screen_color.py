@@ -1,7 +1,7 @@
-"""The colored screen behind a performer: finding its color in a camera's footage.
+"""The color of the screen behind a performer, estimated per camera.
 
-A screen is told by its direction in RGB: less light scales a color toward black and leaves the direction, so wrinkles
-and shadows of the screen stay screen. Colors are compared by the tangents of their angles to that direction.
+A screen is described by its direction in RGB space: less light scales a color toward black and keeps its direction, so
+wrinkles and shadows of the screen are still screen. Colors are compared by the tangent of their angle to it.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import numpy as np
 
 from studio.errors import StudioError
 
-_SIDE = 320  # longest side while looking for the color
+_SIDE = 320  # longest side of the images in which the color is searched
 _HUES = 72  # bins of 5 degrees
-_NEAR = 0.25  # tangent of the angle within which a color may be a given key color: 14 degrees
-_LEAST_SHARE = 0.12  # of the picture, border counted twice, that an unasked-for screen must cover
+_NEAR = 0.25  # tangent of the largest angle between a color and a given key color: 14 degrees
+_LEAST_SHARE = 0.12  # share of the image, border counted twice, that a screen must cover to be detected
 _LEAST_SATURATION = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Screen:
-    """What is known of a camera's screen.
+    """The screen as seen by one camera.
 
     Attributes:
-        color: (3,) float32 RGB in 0..255, its median.
-        spread: tangent of the angle by which its colors lie apart (robust standard deviation on each axis).
+        color: (3,) float32 RGB in 0..255, the median.
+        spread: robust standard deviation of its colors' tangents, per axis.
     """
 
     color: np.ndarray
@@ -36,7 +36,7 @@ class Screen:
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """(3, 3) float32 orthonormal rows: the color's direction, and two across it."""
+        """(3, 3) float32 orthonormal rows: the color's direction, and two perpendicular to it."""
         along = self.color.astype(np.float64) / np.linalg.norm(self.color)
         start = np.zeros(3)
         start[int(along.argmin())] = 1.0
@@ -45,33 +45,36 @@ class Screen:
         return np.stack([along, first, np.cross(along, first)]).astype(np.float32)
 
     def tangents(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far colors point away from the screen's, and how bright they are along it.
+        """Direction of colors relative to the screen's, and their brightness along it.
 
         Args:
             image: (H, W, 3) float32 RGB in 0..255.
 
         Returns:
-            (H, W, 2) tangents on the two axes across, 0 on the screen under any light; (H, W) length along its
-            direction, at least 1.
+            (H, W, 2) tangents along the two perpendicular axes, 0 for the screen under any light; (H, W) length along
+            the screen's direction, at least 1.
         """
         import cv2
 
-        turned = cv2.transform(image, self.axes)
-        along = np.maximum(turned[..., 0], 1.0)
-        return turned[..., 1:] / along[..., None], along
+        rotated = cv2.transform(image, self.axes)
+        along = np.maximum(rotated[..., 0], 1.0)
+        return rotated[..., 1:] / along[..., None], along
 
 
 def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[float] | None = None) -> Screen:
-    """The screen's color as one camera sees it.
+    """Estimate the screen's color in one camera.
 
     Args:
         images: a few frames, (H, W, 3) uint8 RGB.
-        camera: its name, for the messages.
-        key_color: about what color to look for, RGB in 0..1; None takes the hue that covers most of the picture in
-            saturated colors, where the border counts twice (the performer seldom stands there).
+        camera: its name, for errors.
+        key_color: approximate RGB in 0..1; None takes the saturated hue that covers most of the image, counting the
+            border twice (the performer is rarely there).
+
+    Returns:
+        the screen.
 
     Raises:
-        StudioError: no saturated color covers enough; nothing in the pictures is like `key_color`.
+        StudioError: `matte.no_screen`: no saturated color covers enough of the image; `matte.key_color_not_found`.
     """
     import cv2
 
@@ -94,15 +97,19 @@ def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[f
         near = (np.hypot(tangents[0, :, 0], tangents[0, :, 1]) < _NEAR) & (along[0] > 20)
         if near.mean() < 0.01:
             raise StudioError(
-                f"Camera '{camera}': nothing in its picture is like key_color {_words(255 * np.asarray(key_color))}; "
-                "give the screen's color as this footage shows it, or auto."
+                "matte.key_color_not_found",
+                f"Camera '{camera}': no part of the image matches key_color {_text(255 * np.asarray(key_color))}",
+                value=tuple(key_color),
+                fix="Set capture.key_color to the screen's color in this footage, or to auto.",
+                camera=camera,
+                setting="capture.key_color",
             )
         chosen = colors[near]
     return _screen_of(chosen)
 
 
 def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray:
-    """(N, 3): those of `colors` that have the hue which covers most. Raises StudioError where none covers enough."""
+    """(N, 3): the `colors` of the dominant hue. Raises StudioError `matte.no_screen` if it covers too little."""
     high, low = colors.max(axis=1), colors.min(axis=1)
     saturation = (high - low) / np.maximum(high, 1.0)
     vivid = (saturation > _LEAST_SATURATION) & (high > 30)
@@ -118,10 +125,14 @@ def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray
         chosen = vivid & (apart < 4 / _HUES)
         share = float(weight[chosen].sum() / weight.sum())
     if share < _LEAST_SHARE:
-        most = f"the most common one, {_words(np.median(colors[chosen], axis=0))}, covers" if share else "they cover"
+        most = f"the most common, {_text(np.median(colors[chosen], axis=0))}, covers" if share else "they cover"
         raise StudioError(
-            f"Camera '{camera}': no saturated color dominates its picture ({most} {100 * share:.0f} % of it), so no "
-            "screen was found; give key_color, or another kind of masks."
+            "matte.no_screen",
+            f"Camera '{camera}': no screen found; no saturated color dominates the image ({most} {100 * share:.0f} %)",
+            value=share,
+            fix="Set capture.key_color, or choose another source of masks in capture.masks.",
+            camera=camera,
+            setting="capture.key_color",
         )
     return colors[chosen]
 
@@ -135,7 +146,7 @@ def _hue(colors: np.ndarray) -> np.ndarray:
 
 
 def _screen_of(colors: np.ndarray) -> Screen:
-    """The screen of (N, 3) colors, most of which are its own; strays of like hue are left out."""
+    """The screen from (N, 3) colors, most of which belong to it; outliers of similar hue are removed."""
     for _ in range(3):
         middle = np.median(colors / np.maximum(colors.sum(axis=1, keepdims=True), 1.0), axis=0)
         screen = Screen((middle * np.median(colors.sum(axis=1))).astype(np.float32), 0.0)
@@ -149,11 +160,11 @@ def _screen_of(colors: np.ndarray) -> Screen:
 
 
 def saturated(color: Sequence[float]) -> bool:
-    """Whether a color (RGB in 0..1) is one that a screen can be told by."""
+    """Whether a color (RGB in 0..1) is saturated enough for a screen."""
     _, saturation, value = colorsys.rgb_to_hsv(*color)
     return saturation >= _LEAST_SATURATION and value > 0.1
 
 
-def _words(color: np.ndarray) -> str:
+def _text(color: np.ndarray) -> str:
     """[0.10, 0.60, 0.20] of an RGB color in 0..255."""
     return "[" + ", ".join(f"{value / 255:.2f}" for value in color) + "]"

@@ -282,7 +282,7 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     assert all(row["fetch_ms"] > 0 for row in report["frames"])
     assert report["skipped"][0]["frame_count"] == 5
     assert done.returncode == 1
-    assert done.stderr.startswith("warning: Group 2, frames 10 to 14, was left out: http://127.0.0.1:")
+    assert done.stderr.startswith("warning: Group 2, frames 10 to 14, was skipped: http://127.0.0.1:")
     done = here("play", "--headless", address + "nowhere")
     assert done.returncode == 1
     assert "404" in done.stderr

@@ -9,7 +9,9 @@ import pytest
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config import renamed as table
 from pipelines.config.loading import all_names, digest_text
-from studio.errors import StudioError
+from pipelines.config.renamed import first_tree
+from pipelines.stages.params import settings_of
+from tests.support.errors import refuses
 
 EXAMPLES = {
     "calibrate.lens": ("OPENCV", "OPENCV"),
@@ -48,7 +50,7 @@ def test_old_names_in_files_and_on_the_command_line(
     section, setting = old.split(".")
     path = tmp_path / "old.yaml"
     path.write_text(f"{section}: {{{setting}: {given!r}}}\n".replace("True", "true").replace("False", "false"))
-    monkeypatch.setattr(table, "_told", set())
+    monkeypatch.setattr(table, "_noted", set())
     assert value_of(load_config(path), new) == wanted
     told = capsys.readouterr().err
     assert told.count("\n") == 1
@@ -72,6 +74,19 @@ def test_digests_are_those_of_the_first_names(tmp_path: Path) -> None:
     assert digest_text(Config()) != dump_config(Config())
 
 
+def test_a_setting_added_later_makes_nothing_stale() -> None:
+    for name, value in table.ADDED.items():
+        section = name.partition(".")[0]
+        before = Config()
+        assert value_of(before, name) == value, "the default keeps the old behavior"
+        assert name not in settings_of(before, section)
+        assert name.partition(".")[2] not in first_tree(before.model_dump(mode="json"))[section]
+    changed = load_config(None, [("train.regularize", "motion")])
+    assert settings_of(changed, "train")["train.regularize"] == "motion"
+    assert "regularize: motion" in digest_text(changed)
+    assert "regularize" not in digest_text(Config())
+
+
 def test_names_go_there_and_back() -> None:
     for name in all_names():
         assert table.current_name(table.first_name(name)) == name
@@ -83,5 +98,5 @@ def test_names_go_there_and_back() -> None:
 def test_both_names_at_once_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "both.yaml"
     path.write_text("calibrate: {lens: OPENCV, camera_model: PINHOLE}\n")
-    with pytest.raises(StudioError, match=r"calibrate\.lens is now called calibrate\.camera_model"):
+    with refuses("settings.both_names", file=path, setting="calibrate.camera_model"):
         load_config(path)

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipelines.config import CalibrateSection, Config
+from pipelines.config import Config
 from pipelines.stages.base import Context
 from pipelines.stages.calibrate import CalibrateStage
 from pipelines.stages.known_cameras import focal_lengths, known_cameras, known_distance
 from pipelines.takes.take import Take
+from studio.calibration import CalibrateSettings
 from studio.camera_files import write_rig
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from tests.support.errors import refuses
 
 
 def context(tmp_path: Path, filmed: int = 1, suffix: str = "png", **calibrate) -> Context:
@@ -45,7 +47,7 @@ def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> No
     assert found.names == ("a", "b")
     assert (found["a"].width, found["a"].fx, found["a"].cx) == (80, 100, 40)
     write_rig(rig(("a",)), tmp_path / "capture" / "old.json")
-    with pytest.raises(StudioError, match="camera 'b' that the calibration does not know"):
+    with refuses("calibration.camera_missing", value="b", known=("a",)):
         known_cameras(made)
     (tmp_path / "capture" / "old.json").unlink()
     with pytest.raises(StudioError, match=r"old\.json: there is no such camera file"):
@@ -69,8 +71,8 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
 
     with pytest.raises(StudioError) as caught:
         calibrated(88)
-    assert str(caught.value).startswith(f"{file}: Camera 'a': the footage is 80x60, but it was calibrated at 88x60")
-    assert "set size_rule to stretch, crop or letterbox" in str(caught.value)
+    assert str(caught.value).startswith(f"{file}: Camera 'a': the aspect ratio of the footage, 80x60, differs from")
+    assert "set capture.size_rule to stretch, crop or letterbox" in str(caught.value)
     assert calibrated(88, size_rule="crop")["a"].width == 88
     write_rig(rig(("a", "b")), file)
     assert CalibrateStage()._from_file(made, file)[0]["b"].width == 160
@@ -78,8 +80,8 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
 
 def test_a_known_distance_needs_both_parts() -> None:
     names = ("a", "b", "c")
-    assert known_distance(CalibrateSection(), names) is None
-    section = CalibrateSection(scale_between=("a", "b"), scale_distance=2.5)
+    assert known_distance(CalibrateSettings(), names) is None
+    section = CalibrateSettings(scale_between=("a", "b"), scale_distance=2.5)
     assert known_distance(section, names) == ("a", "b", 2.5)
     with pytest.raises(StudioError, match="names camera 'b', which the footage has not; it has a, c"):
         known_distance(section, ("a", "c"))
@@ -89,7 +91,7 @@ def test_a_known_distance_needs_both_parts() -> None:
         {"scale_between": ("a",), "scale_distance": 1},
     ):
         with pytest.raises(StudioError, match="needs two cameras"):
-            known_distance(CalibrateSection(**values), names)
+            known_distance(CalibrateSettings(**values), names)
 
 
 def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:
@@ -130,7 +132,7 @@ def test_lenses_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
     K = np.array([[100.0, 0, 44], [0, 100, 30], [0, 0, 1]])
     wide = Camera("a", 88, 60, K, np.eye(4))
     made = context(tmp_path)
-    with pytest.raises(StudioError, match="footage is 80x60, but it was calibrated at 88x60"):
+    with refuses("footage.aspect_ratio", value=(80, 60), camera="a", expected=(88, 60)):
         at_footage_size(made, "a", wide)
     section = made.config.capture.model_copy(update={"size_rule": "crop"})
     made = Context(made.take, made.config.model_copy(update={"capture": section}))

@@ -13,7 +13,7 @@ import pytest
 
 from pipelines.config import load_config
 from pipelines.runs.runner import status
-from pipelines.stages.arguments import capture_spec
+from pipelines.stages.footage import TakeFootage
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from studio.errors import StudioError
@@ -79,16 +79,18 @@ def test_a_take_before_a_screen(project: Path, here: Callable[..., Any]) -> None
     assert load_config(take / "config.yaml").capture.key_color == (0.24, 0.65, 0.31)
 
 
-def test_models_run_where_training_does() -> None:
+def test_models_run_where_training_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = load_config(None, [("run.device", "cuda:1"), ("run.threads", 3)])
-    spec = capture_spec(config.capture, config.run)
-    assert (spec.mask_device, spec.mask_threads) == ("cuda:1", 3)
+    seen: list[dict[str, Any]] = []
+    monkeypatch.setattr("studio.capture.open_footage", lambda *given, **options: seen.append(options))
+    assert TakeFootage(Take(tmp_path), config).raw is None
+    assert (seen[0]["device"], seen[0]["threads"]) == ("cuda:1", 3)
 
 
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("key_color", "green", "must be auto or three numbers from 0 to 1, as in [0.2, 0.6, 0.3]"),
+        ("key_color", "green", "must be auto or three numbers from 0 to 1. Example: [0.2, 0.6, 0.3]"),
         ("key_color", [0.1, 0.2], "must be auto or three numbers"),
         ("mask_model_size", 500, "multiple of 32"),
         ("mask_model_std", [0.2, 0.0, 0.2], "greater than 0"),

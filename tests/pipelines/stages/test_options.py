@@ -54,12 +54,9 @@ def moving(tmp_path):
 def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, moving):
     done = here("sync", moving, "--capture.offsets", "{lefd: 2}")
     assert done.returncode == 1
-    assert (
-        "capture.offsets names camera 'lefd', which the footage has not; did you mean 'left'? There is left, right."
-        in (done.stderr)
-    )
+    assert "capture.offsets: no camera 'lefd' in the footage. Did you mean 'left'? Cameras: left, right." in done.stderr
     moving.write_text("capture: {root: capture, rig: null, masks: none, offsets: {z: 1}}\n")
-    assert "names camera 'z', which the footage has not; there is left, right." in here("sync", moving).stderr
+    assert "capture.offsets: no camera 'z' in the footage. Cameras: left, right." in here("sync", moving).stderr
     assert here("sync", moving, "--capture.offsets", "{left: 2}").returncode == 0, "looked for anew, not applied"
 
 
@@ -67,4 +64,4 @@ def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, moving):
 def test_sync_needs_seconds_to_look_through(here, moving, seconds):
     done = here("sync", moving, "--seconds", seconds)
     assert done.returncode == 1
-    assert f"Offsets of up to {seconds} s cannot be looked for; give seconds above 0" in done.stderr
+    assert f"The largest offset to search is {seconds} s. It must be above 0 and finite" in done.stderr

@@ -1,4 +1,4 @@
-"""Small footage written on the spot."""
+"""Small synthetic footage."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def write_image(path: Path, image: np.ndarray) -> Path:
 
 
 def numbered(index: int, width: int = 96, height: int = 64) -> np.ndarray:
-    """A frame that says its number: eight bars, white where the bit is set."""
+    """An image that encodes a number: eight bars, white where the bit is set."""
     image = np.full((height, width, 3), 16, np.uint8)
     bar = width // 8
     for bit in range(8):
@@ -58,7 +58,7 @@ def numbered(index: int, width: int = 96, height: int = 64) -> np.ndarray:
 
 
 def number_of(image: np.ndarray) -> int:
-    """Inverse of `numbered`, after lossy coding."""
+    """Inverse of `numbered`, robust to lossy coding."""
     bar = image.shape[1] // 8
     means = [image[8:-8, bit * bar + 3 : (bit + 1) * bar - 3].mean() for bit in range(8)]
     return sum(1 << bit for bit, mean in enumerate(means) if mean > 128)
@@ -71,7 +71,7 @@ def camera(name: str, width: int = 96, height: int = 64, **values: object) -> Ca
 
 @pytest.fixture(scope="session")
 def make() -> SimpleNamespace:
-    """The writers above, for test modules, which cannot import from here."""
+    """The functions above, for test modules, which cannot import them."""
     return SimpleNamespace(
         video=write_video, image=write_image, numbered=numbered, number_of=number_of, camera=camera, sample=SAMPLE
     )
@@ -79,7 +79,7 @@ def make() -> SimpleNamespace:
 
 @pytest.fixture
 def three_videos(tmp_path: Path) -> Path:
-    """videos/cam1.mp4, cam2.mp4, cam10.mp4: 12 numbered frames each."""
+    """videos/cam1.mp4, cam2.mp4 and cam10.mp4 with 12 numbered frames each."""
     for name in ("cam1", "cam2", "cam10"):
         write_video(tmp_path / "videos" / f"{name}.mp4", [numbered(index) for index in range(12)])
     return tmp_path
@@ -87,7 +87,7 @@ def three_videos(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def image_folders(tmp_path: Path) -> Path:
-    """images/left and images/right: frames 5 to 8 as PNG; masks/ likewise."""
+    """images/left and images/right with frames 5 to 8 as PNG, and masks in masks/."""
     for name in ("left", "right"):
         for index in range(5, 9):
             write_image(tmp_path / "images" / name / f"{index:06d}.png", numbered(index))
@@ -99,7 +99,7 @@ def image_folders(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def sample_rig() -> Rig:
-    """The cameras of the sample capture, read independently of the program's own reader."""
+    """The cameras of the sample capture, read independently of the library's reader."""
     import json
 
     cameras = []

@@ -1,4 +1,4 @@
-"""Change of a performer between two pictures: his place and size do not count, his looks do."""
+"""Change of a performer between two images: independent of position and size, sensitive to appearance."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from studio.capture.change import LOOK_SIDE, change, look
 
 
 def scene(center: tuple[int, int], radius: int, angle: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """A disc with a red and a blue half, turned by so many degrees."""
+    """A disc with a red and a blue half, rotated by `angle` degrees."""
     image = np.full((240, 320, 3), 90, np.uint8)
     matte = np.zeros((240, 320), np.uint8)
     cv2.circle(matte, center, radius, 255, -1)
@@ -19,7 +19,7 @@ def scene(center: tuple[int, int], radius: int, angle: float = 0.0) -> tuple[np.
     return image, matte
 
 
-def test_place_and_size_do_not_count() -> None:
+def test_position_and_size_do_not_matter() -> None:
     base = look(*scene((80, 100), 40))
     assert base is not None
     assert base.shape == (LOOK_SIDE, LOOK_SIDE, 4)
@@ -31,16 +31,16 @@ def test_place_and_size_do_not_count() -> None:
     assert change(base, larger) < 0.08
 
 
-def test_turning_counts_the_more_the_farther() -> None:
+def test_change_grows_with_rotation() -> None:
     looks = [look(*scene((160, 120), 60, angle)) for angle in (0, 20, 60, 180)]
     assert all(one is not None for one in looks)
     found = [change(looks[0], one) for one in looks]  # type: ignore[arg-type]
     assert found == sorted(found)
-    # turned by 180 degrees all colors are swapped: (|220 - 20| twice, 0) / (220 twice, 20, 255 of the mask)
+    # rotated by 180 degrees all colors are swapped: (|220 - 20| twice, 0) / (220 twice, 20, 255 of the mask)
     assert found[3] == pytest.approx(400 / (220 + 20 + 220 + 255), abs=0.05)
 
 
-def test_one_who_is_not_seen() -> None:
+def test_an_invisible_performer() -> None:
     image, matte = scene((160, 120), 60)
     assert look(image, np.zeros_like(matte)) is None
     assert change(np.zeros((4, 4, 4), np.float32), np.zeros((4, 4, 4), np.float32)) == 0

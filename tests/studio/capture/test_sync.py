@@ -1,4 +1,4 @@
-"""Offsets between cameras: known ones, put into motion and sound."""
+"""Offsets between cameras, from motion and sound with known offsets."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.sync import check_sync, offsets_of, sound_signal
-from studio.errors import StudioError
+from tests.support.errors import refuses
 
 FPS = 20
 LATE = {"a": 0, "b": 3, "c": -2, "d": 0}
 
 
 def pace(time: np.ndarray) -> np.ndarray:
-    """How far something that moves in fits and starts has come (seconds to 0..1)."""
+    """Position (0..1) at a time (seconds) of something that moves irregularly."""
     rng = np.random.default_rng(5)
     steps = rng.gamma(0.6, 1.0, 400)
     way = np.concatenate([[0], np.cumsum(steps)])
@@ -26,7 +26,7 @@ def pace(time: np.ndarray) -> np.ndarray:
 
 
 def film(folder: Path, frames: int = 60) -> None:
-    """A ball that each camera sees from elsewhere and, by LATE, earlier or later; with sensor noise."""
+    """A ball seen from different positions, earlier or later by `LATE`, with sensor noise."""
     rng = np.random.default_rng(1)
     for number, (name, late) in enumerate(LATE.items()):
         (folder / "images" / name).mkdir(parents=True)
@@ -41,24 +41,29 @@ def film(folder: Path, frames: int = 60) -> None:
             cv2.imwrite(str(file), np.clip(image, 0, 255).astype(np.uint8))
 
 
-def test_motion_tells_offsets_and_they_can_be_applied(tmp_path: Path) -> None:
+def test_offsets_from_motion_and_their_correction(tmp_path: Path) -> None:
     film(tmp_path)
-    footage = open_footage(CaptureSpec(tmp_path, masks="none", fps=FPS))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS))
     report = check_sync(footage)
     assert report.method == "motion"
     assert report.whole == {"b": 3, "c": -2}
     assert report.unsure == ()
-    assert any("Camera 'b' is 3 frames late by its motion" in sentence for sentence in report.sentences())
-    put_right = open_footage(CaptureSpec(tmp_path, masks="none", fps=FPS, offsets=report.whole))
-    assert put_right.frames == tuple(range(2, 57))  # what all cameras have
-    assert check_sync(put_right).whole == {}
-    np.testing.assert_array_equal(put_right.raw_image("b", 10), footage.raw_image("b", 13))
-    with pytest.raises(StudioError, match="The setting offsets names camera 'e'"):
-        open_footage(CaptureSpec(tmp_path, masks="none", offsets={"e": 1}))
+    warnings = report.warnings()
+    assert [(warning.code, warning.fields["camera"], warning.value) for warning in warnings] == [
+        ("sync.offset", "b", 3),
+        ("sync.offset", "c", -2),
+    ]
+    assert str(warnings[0]) == "Camera 'b' is 3 frames late, judged by motion. Set capture.offsets to {b: 3}."
+    aligned = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS, offsets=report.whole))
+    assert aligned.frames == tuple(range(2, 57))  # what all cameras have
+    assert check_sync(aligned).whole == {}
+    np.testing.assert_array_equal(aligned.raw_image("b", 10), footage.raw_image("b", 13))
+    with refuses("footage.unknown_camera", value="e", setting="capture.offsets"):
+        open_footage(CaptureSettings(root=tmp_path, masks="none", offsets={"e": 1}))
 
 
 def clap(path: Path, seconds: float, offset: float, rate: int = 16000) -> None:
-    """A video of a still picture with noise bursts that begin `offset` seconds late."""
+    """A video of a static image with noise bursts that begin `offset` seconds late."""
     rng = np.random.default_rng(7)
     time = np.arange(int(seconds * rate)) / rate - offset
     sound = 0.003 * np.random.default_rng(int(1000 * offset) + 50).normal(size=len(time))
@@ -80,11 +85,11 @@ def clap(path: Path, seconds: float, offset: float, rate: int = 16000) -> None:
         container.mux(audio.encode())
 
 
-def test_sound_tells_offsets(tmp_path: Path) -> None:
+def test_offsets_from_sound(tmp_path: Path) -> None:
     (tmp_path / "videos").mkdir()
     for name, offset in (("a", 0.0), ("b", 0.25), ("c", 0.0)):
         clap(tmp_path / "videos" / f"{name}.mp4", 3.0, offset)
-    footage = open_footage(CaptureSpec(tmp_path, masks="none"))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
     report = check_sync(footage)
     assert report.method == "sound"
     assert report.offsets["b"] == pytest.approx(0.25 * FPS, abs=0.3)
@@ -94,7 +99,7 @@ def test_sound_tells_offsets(tmp_path: Path) -> None:
     assert abs(len(signal) / 500 - 3.0) < 0.15
 
 
-def test_signals_that_have_nothing_in_common_are_said_so() -> None:
+def test_uncorrelated_signals_have_no_offset() -> None:
     rng = np.random.default_rng(0)
     shared = rng.gamma(0.5, 1, 120)
     signals = {"a": shared[5:105], "b": shared[2:102], "c": rng.gamma(0.5, 1, 100)}
@@ -109,10 +114,13 @@ def test_bad_input(tmp_path: Path) -> None:
         (tmp_path / "images" / name).mkdir(parents=True)
         for frame in range(3):
             cv2.imwrite(str(tmp_path / "images" / name / f"{frame}.png"), np.zeros((20, 20, 3), np.uint8))
-    footage = open_footage(CaptureSpec(tmp_path, masks="none"))
-    with pytest.raises(StudioError, match="12 frames or more; the footage has 3"):
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
+    with refuses("sync.too_few_frames", value=3, expected=12):
         check_sync(footage)
-    with pytest.raises(StudioError, match="Camera 'a' has no sound"):
+    with refuses("sync.no_sound", camera="a"):
         check_sync(footage, method="sound")
-    with pytest.raises(StudioError, match="there is only one"):
-        check_sync(open_footage(CaptureSpec(tmp_path, masks="none", cameras=("a",))))
+    for seconds in (0.0, -1.0, float("inf")):
+        with refuses("sync.seconds", value=seconds):
+            check_sync(footage, seconds=seconds)
+    with refuses("sync.one_camera"):
+        check_sync(open_footage(CaptureSettings(root=tmp_path, masks="none", cameras=("a",))))

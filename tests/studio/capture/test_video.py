@@ -7,6 +7,7 @@ import pytest
 
 from studio.capture.video import VideoReader
 from studio.errors import StudioError
+from tests.support.errors import refuses
 
 
 @pytest.mark.parametrize(
@@ -19,7 +20,7 @@ from studio.errors import StudioError
         ("stream.h264", "libx264", {"bf": "3", "g": "10", "crf": "20"}),
     ],
 )
-def test_any_order_gives_the_frame_asked_for(
+def test_frames_are_exact_in_any_order(
     tmp_path: Path, make: SimpleNamespace, name: str, codec: str, options: dict[str, str]
 ) -> None:
     path = make.video(tmp_path / name, [make.numbered(index) for index in range(60)], codec=codec, options=options)
@@ -29,7 +30,7 @@ def test_any_order_gives_the_frame_asked_for(
     assert [make.number_of(reader.read(index)) for index in order] == order
 
 
-def test_reading_forwards_decodes_each_frame_once(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_sequential_reading_decodes_each_frame_once(tmp_path: Path, make: SimpleNamespace) -> None:
     path = make.video(tmp_path / "v.mp4", [make.numbered(index) for index in range(30)])
     reader = VideoReader(path)
     steps = 0
@@ -47,7 +48,7 @@ def test_reading_forwards_decodes_each_frame_once(tmp_path: Path, make: SimpleNa
     assert steps <= 30
 
 
-def test_a_closed_reader_opens_again_where_it_is_asked(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_a_closed_reader_reopens(tmp_path: Path, make: SimpleNamespace) -> None:
     path = make.video(tmp_path / "v.mp4", [make.numbered(index) for index in range(30)])
     reader = VideoReader(path)
     reader.read(20)
@@ -66,9 +67,7 @@ def test_a_closed_reader_opens_again_where_it_is_asked(tmp_path: Path, make: Sim
         ("auto", 5, 0.299, 0.114),
     ],
 )
-def test_colors_follow_the_matrix_of_the_standard(
-    tmp_path: Path, matrix: str, tag: int | None, red: float, blue: float
-) -> None:
+def test_colors_follow_the_color_matrix(tmp_path: Path, matrix: str, tag: int | None, red: float, blue: float) -> None:
     # One flat YUV color, lossless; expected RGB from the definition of limited-range YCbCr.
     y, u, v = 120, 90, 160
     planes = np.concatenate([np.full(64 * 96, y), np.full(32 * 48, u), np.full(32 * 48, v)]).astype(np.uint8)
@@ -91,7 +90,7 @@ def test_colors_follow_the_matrix_of_the_standard(
     np.testing.assert_allclose(found, 255 * np.array([r, g, b]), atol=1.2)
 
 
-def test_gray_lossless_video_keeps_every_value(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_lossless_gray_video_is_exact(tmp_path: Path, make: SimpleNamespace) -> None:
     ramp = np.arange(64 * 96).reshape(64, 96).astype(np.uint8)
     path = make.video(tmp_path / "m.mkv", [ramp], codec="ffv1", pixels="gray", options={"level": "3"}, source="gray")
     assert np.array_equal(VideoReader(path).read(0), np.repeat(ramp[:, :, None], 3, 2))
@@ -99,38 +98,42 @@ def test_gray_lossless_video_keeps_every_value(tmp_path: Path, make: SimpleNames
 
 def test_rotation_tag_is_applied(tmp_path: Path, make: SimpleNamespace) -> None:
     image = np.zeros((64, 96, 3), np.uint8)
-    image[:16, :] = 255  # the stored picture is bright above
-    path = make.video(tmp_path / "turned.mp4", [image] * 3, rotation=90)
+    image[:16, :] = 255  # the stored image is bright at the top
+    path = make.video(tmp_path / "rotated.mp4", [image] * 3, rotation=90)
     reader = VideoReader(path)
     assert (reader.width, reader.height) == (64, 96)
-    shown = reader.read(1)
-    # Turned by 90 degrees counterclockwise for display, what is above comes to the left.
-    assert shown.shape == (96, 64, 3)
-    assert shown[:, :12].mean() > 200
-    assert shown[:, 20:].mean() < 40
+    displayed = reader.read(1)
+    # Rotated by 90 degrees counterclockwise for display, the top becomes the left.
+    assert displayed.shape == (96, 64, 3)
+    assert displayed[:, :12].mean() > 200
+    assert displayed[:, 20:].mean() < 40
 
 
-def test_damage_is_named(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_damaged_videos_are_refused(tmp_path: Path, make: SimpleNamespace) -> None:
     rng = np.random.default_rng(0)
     frames = [rng.integers(0, 255, (64, 96, 3), dtype=np.uint8) for _ in range(40)]
     good = make.video(tmp_path / "good.mp4", frames, options={"crf": "20"})
     data = good.read_bytes()
     moov_last = tmp_path / "cut.mp4"
     moov_last.write_bytes(data[: len(data) // 2])
-    with pytest.raises(StudioError, match=r"cut\.mp4 cannot be opened"):
+    with refuses("footage.video_unreadable", file=moov_last):
         VideoReader(moov_last)
     text = tmp_path / "text.mp4"
     text.write_text("not a video")
-    with pytest.raises(StudioError, match=r"text\.mp4 cannot be opened"):
+    with refuses("footage.video_unreadable", file=text) as caught:
         VideoReader(text)
-    with pytest.raises(StudioError, match="is not there"):
+    assert str(caught.value) == (
+        f"{text}: cannot open the file: it is truncated or not a video. Copy or encode the video again."
+    )
+    with refuses("footage.video_missing", file=tmp_path / "none.mp4"):
         VideoReader(tmp_path / "none.mp4")
     fast = make.video(tmp_path / "f.mp4", frames, options={"crf": "20", "movflags": "faststart"})
-    with pytest.raises(StudioError, match="has no frame 40; it has 0 to 39"):
+    with refuses("footage.no_such_frame", file=fast, value=40, frame=40) as caught:
         VideoReader(fast).read(40)
+    assert "frames 0 to 39" in str(caught.value)
 
 
-def test_a_video_cut_behind_its_index_says_where_it_ends(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_a_video_truncated_after_its_index_reports_where_it_ends(tmp_path: Path, make: SimpleNamespace) -> None:
     import av
 
     rng = np.random.default_rng(0)
@@ -151,6 +154,9 @@ def test_a_video_cut_behind_its_index_says_where_it_ends(tmp_path: Path, make: S
         for index in range(40):
             reader.read(index)
 
-    with pytest.raises(StudioError, match=r"fast\.mp4 ends after \d+ of its 40 frames|Frame \d+ of .*fast\.mp4"):
+    with pytest.raises(StudioError) as caught:
         read_all()
-    assert reader.read(0).shape == (64, 96, 3)  # what is whole can still be read
+    assert caught.value.code in ("footage.video_truncated", "footage.frame_undecodable")
+    assert caught.value.file == path
+    assert 0 < caught.value.fields["frame"] < 40
+    assert reader.read(0).shape == (64, 96, 3)  # intact frames can still be read

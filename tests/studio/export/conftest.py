@@ -1,4 +1,4 @@
-"""A small moving Gaussian video for the tests of exports."""
+"""Fixtures: a small moving splat video."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from studio.splat_video import SplatVideo
 
 
 def cloud(frame: int, splats: int, degree: int, seed: int) -> Gaussians:
-    """Splats of a body about 1 unit high that drifts and turns a little from frame to frame."""
+    """Splats of a body about 1 unit high that translates and rotates a little per frame."""
     generator = torch.Generator().manual_seed(seed)
 
     def noise(*shape: int) -> torch.Tensor:
@@ -31,7 +31,7 @@ def cloud(frame: int, splats: int, degree: int, seed: int) -> Gaussians:
 
 @pytest.fixture
 def make_video() -> Callable[..., SplatVideo]:
-    """`make_video(lengths, splats, degree)`: groups of these lengths, each with splats of its own number; 20 fps."""
+    """`make_video(lengths, splats, degree)`: groups of these lengths with different numbers of splats; 20 fps."""
 
     def make(lengths: tuple[int, ...] = (4, 3), splats: int = 150, degree: int = 0) -> SplatVideo:
         frames = [

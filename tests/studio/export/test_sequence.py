@@ -1,4 +1,4 @@
-"""Numbered files, and splats that are turned for viewers."""
+"""Numbered files, and splats rotated for viewers."""
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from studio.export import axes_of, export_frame, export_sequence, turned, uprigh
 from studio.export.camera_path import look_at
 from studio.rasterizer import rasterize
 from studio.splat_files import read_splats
+from tests.support.errors import refuses
 
 K = np.array([[90.0, 0, 40], [0, 90, 32], [0, 0, 1]])
 
@@ -21,7 +22,7 @@ def camera(eye, target=(0, 0, 0), up=(0, 0, 1)) -> Camera:
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_turned_splats_look_the_same_to_a_camera_that_turns_with_them(make_video, degree):
-    """The picture of the reference rasterizer, harmonics and all; turning only one of the two changes it."""
+    """The reference rasterizer's picture, with SH; rotating only splats or camera changes it."""
     splats = make_video((1,), degree=degree).read(0).to(torch.float64)
     rotation = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
     here = camera([2.0, 0.5, 0.3])
@@ -60,7 +61,7 @@ def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
     np.testing.assert_allclose(ply @ [0, 0, 1], [0, -1, 0], atol=1e-12)
     np.testing.assert_allclose(ply @ [1, 0, 0], [0, 0, -1], atol=1e-12)
     assert axes_of(video, ".ply", False) is None
-    # nothing known: what SPZ's own converter does to a PLY, half a turn about x
+    # without view and up: 180 degrees about x, as the SPZ converter does for PLY
     np.testing.assert_allclose(upright(replace(video, up=None, view=None)), np.diag([1, -1, -1]), atol=1e-12)
     straight_down = look_at("top", 80, 64, K, np.array([0, 0, 3.0]), np.zeros(3), np.array([0, 1.0, 0]))
     assert np.linalg.det(upright(replace(video, view=straight_down))) == pytest.approx(1)
@@ -101,8 +102,9 @@ def test_whole_or_not_at_all(tmp_path, make_video):
         export_sequence(make_video(), tmp_path / "out", ".ply", progress=stop)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "one.ply").touch()
-    with pytest.raises(StudioError, match=r"one\.ply: this exists already"):
+    with refuses("export.already_exists", file=tmp_path / "one.ply") as caught:
         export_frame(make_video(), tmp_path / "one.ply")
+    assert str(caught.value) == f"{tmp_path / 'one.ply'}: the file exists already. Delete it, or choose another name."
 
 
 def test_parts_of_a_video(make_video):

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from studio.errors import Cancelled, StudioError
+from studio.errors import Cancelled
 from studio.export import export_videogs
 from studio.imports import open_import, open_videogs
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from tests.support.errors import refuses
 
 
 def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]:
@@ -75,7 +76,7 @@ def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
     assert len(frames) == 6
     for group in video.groups:
         keyframe = video.read(group[0])
-        # which exported splat is which: the nearest in the first frame of the group
+        # match exported splats by the nearest one in the first frame of the group
         distance = torch.cdist(torch.tensor(frames[group[0]]["position"]), keyframe.means.double())
         which = distance.argmin(dim=1)
         assert len(set(which.tolist())) == len(keyframe)
@@ -140,7 +141,7 @@ def test_lossy_export_is_smaller_and_keeps_high_bytes(tmp_path, make_video):
     for channel in (1, 3, 5):
         data = [(tmp_path / str(qp) / "group0" / f"{channel}.mp4").read_bytes() for qp in (0, 35)]
         assert data[0] == data[1]
-    # above 22 color, scale and rotation stand still; positions' low bytes and opacity follow
+    # above 22, color, scale and rotation stay at 22; low bytes of positions and opacity follow the QP
     export_videogs(video, tmp_path / "22", qp=22)
     files = {path.name: path.read_bytes() for path in (tmp_path / "22" / "group0").iterdir()}
     same = {name for name, data in files.items() if data == (tmp_path / "35" / "group0" / name).read_bytes()}
@@ -171,12 +172,12 @@ def test_whole_or_not_at_all(tmp_path, make_video):
     with pytest.raises(Cancelled):
         export_videogs(make_video(), tmp_path / "out", progress=stop)
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(StudioError, match="QP 52"):
+    with refuses("export.invalid_qp", value=52):
         export_videogs(make_video(), tmp_path / "out", qp=52)
     (tmp_path / "out").mkdir()
-    with pytest.raises(StudioError, match="exists already"):
+    with refuses("export.already_exists", file=tmp_path / "out"):
         export_videogs(make_video(), tmp_path / "out")
-    with pytest.raises(StudioError, match="no folder"):
+    with refuses("export.no_parent_folder", file=tmp_path / "a" / "b"):
         export_videogs(make_video(), tmp_path / "a" / "b")
 
 
@@ -206,7 +207,7 @@ def test_frames_called_by_their_names_as_the_released_baker_does(exported):
 
 
 def test_limited_range_video_is_scaled_to_the_full_one(exported):
-    """As the released baker encodes: within two levels of what full range gives."""
+    """Limited range, as the released baker encodes: within two levels of full range."""
     import av
 
     before = open_videogs(exported).read(0)
@@ -239,37 +240,66 @@ def test_damaged_layouts(exported, tmp_path):
         (
             "group_info.json",
             lambda v: v["1"].update(frame_index=[4, 4]),
-            "group 1 has the frames 4 to 4; it must begin at 3",
+            "videogs.invalid_group",
+            {"group": 1, "value": (4, 4), "expected": 3},
         ),
-        ("group_info.json", lambda v: v["1"].update(frame_index=[3, 10**9]), "must begin at 3 and not end"),
-        ("group_info.json", lambda v: v.pop("0"), "group 0 is missing"),
-        ("viewer_min_max.json", lambda v: v.pop("4"), "frame 4 is missing"),
-        ("viewer_min_max.json", lambda v: v["2"].update(num=10**9), "'num' is 1000000000"),
-        ("viewer_min_max.json", lambda v: v["2"].update(num=10**6), "pixels for 1000000 splats"),
-        ("viewer_min_max.json", lambda v: v["2"]["info"].pop(), "list of minima and maxima"),
-        ("viewer_min_max.json", lambda v: v["2"].update(info=[0, 1] * 5), "'info' has 10 values"),
-        ("viewer_min_max.json", lambda v: v["2"]["info"].__setitem__(0, 1e9), "minimum above its maximum"),
+        (
+            "group_info.json",
+            lambda v: v["1"].update(frame_index=[3, 10**9]),
+            "videogs.invalid_group",
+            {"group": 1, "value": (3, 10**9)},
+        ),
+        ("group_info.json", lambda v: v.pop("0"), "videogs.invalid_group", {"group": 0}),
+        ("viewer_min_max.json", lambda v: v.pop("4"), "videogs.missing_frame", {"frame": "4"}),
+        (
+            "viewer_min_max.json",
+            lambda v: v["2"].update(num=10**9),
+            "videogs.invalid_frame",
+            {"frame": "2", "name": "num", "value": 10**9},
+        ),
+        (
+            "viewer_min_max.json",
+            lambda v: v["2"]["info"].pop(),
+            "videogs.invalid_frame",
+            {"frame": "2", "name": "info", "value": None},
+        ),
+        (
+            "viewer_min_max.json",
+            lambda v: v["2"].update(info=[0, 1] * 5),
+            "videogs.invalid_frame",
+            {"frame": "2", "name": "info", "value": 10},
+        ),
+        (
+            "viewer_min_max.json",
+            lambda v: v["2"]["info"].__setitem__(0, 1e9),
+            "videogs.invalid_frame",
+            {"frame": "2", "name": "info"},
+        ),
     ]
-    for name, edit, message in cases:
+    for name, edit, code, fields in cases:
         path, good = change(name, edit)
-        with pytest.raises(StudioError, match=message):
+        with refuses(code, file=path, **fields):
             list(open_videogs(exported))
         path.write_text(good)
+    path, good = change("viewer_min_max.json", lambda v: v["2"].update(num=10**6))
+    with refuses("videogs.picture_too_small", file=exported / "group0" / "0.mp4", frame=2, expected=10**6):
+        list(open_videogs(exported))
+    path.write_text(good)
     video = exported / "group0" / "7.mp4"
     data = video.read_bytes()
-    for wrong, message in (
-        (data[:200], "not a readable video"),
-        (b"", "not a readable video"),
-        (None, "file is missing"),
+    for wrong, code in (
+        (data[:200], "videogs.video_unreadable"),
+        (b"", "videogs.video_unreadable"),
+        (None, "videogs.file_missing"),
     ):
         video.unlink()
         if wrong is not None:
             video.write_bytes(wrong)
-        with pytest.raises(StudioError, match=rf"7\.mp4: .*{message}"):
+        with refuses(code, file=video):
             open_videogs(exported).read(1)
         video.write_bytes(b"")
     video.write_bytes((exported / "group1" / "7.mp4").read_bytes())  # two frames instead of three
-    with pytest.raises(StudioError, match="ends before its group"):
+    with refuses("videogs.video_too_short", file=video):
         open_videogs(exported).read(2)
-    with pytest.raises(StudioError, match=r"group_info\.json: the file is missing"):
+    with refuses("videogs.file_missing", file=tmp_path / "group_info.json"):
         open_videogs(tmp_path)

@@ -9,29 +9,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from studio.cameras import Camera
+from studio.cameras import Camera, Rig
+from tests.support.rigs import intrinsics, ring
 
 
 @dataclass
 class Shot:
-    """A view to mesh from."""
+    """A view of a scene."""
 
     camera: Camera
     image: np.ndarray
     matte: np.ndarray
-
-
-def look_at(name: str, center: np.ndarray, target: np.ndarray, focal: float, size: tuple[int, int]) -> Camera:
-    """A camera at `center` that looks at `target`, z up."""
-    forward = (target - center) / np.linalg.norm(target - center)
-    right = np.cross(forward, [0.02, 0.03, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
-    width, height = size
-    K = np.array([[focal, 0, width / 2 + 3.0], [0, focal, height / 2 - 2.0], [0, 0, 1]])
-    return Camera(name, width, height, K, pose)
 
 
 def color_of(points: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarray:
@@ -40,15 +28,14 @@ def color_of(points: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarra
 
 
 def shoot_balls(camera: Camera, balls: list[tuple[np.ndarray, float]], samples: int = 3) -> Shot:
-    """Ray-traced balls with anti-aliased mattes; the first ball's colors are `color_of`."""
+    """A view of ray-traced balls with an anti-aliased matte, colored by `color_of` of the first ball."""
     steps = (np.arange(samples) + 0.5) / samples
     hits = np.zeros((camera.height, camera.width))
     image = np.zeros((camera.height, camera.width, 3))
     for dy in steps:
         for dx in steps:
             columns, rows = np.meshgrid(np.arange(camera.width) + dx, np.arange(camera.height) + dy)
-            rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K).T @ camera.rotation
-            rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+            rays = camera.ray_directions(np.stack([columns, rows], -1).reshape(-1, 2)).reshape(*columns.shape, 3)
             nearest = np.full(columns.shape, np.inf)
             color = np.zeros((*columns.shape, 3))
             for middle, radius in balls:
@@ -67,25 +54,28 @@ def shoot_balls(camera: Camera, balls: list[tuple[np.ndarray, float]], samples: 
     return Shot(camera, np.round(rgb * 255).astype(np.uint8), np.round(share * 255).astype(np.uint8))
 
 
-def ring(count: int, scale: float = 1.0, origin: tuple[float, float, float] = (0, 0, 0)) -> list[Camera]:
-    """Cameras about an origin, at three heights."""
-    cameras = []
-    middle = np.array(origin)
-    for index in range(count):
-        angle = 2 * np.pi * index / count + 0.1
-        center = middle + scale * np.array([3 * np.cos(angle), 3 * np.sin(angle), (-1.5, 0.3, 1.8)[index % 3]])
-        cameras.append(look_at(f"cam{index:02d}", center, middle, 200.0, (160, 120)))
-    return cameras
+def cameras_around(count: int, scale: float = 1.0, origin: tuple[float, float, float] = (0, 0, 0)) -> Rig:
+    """Cameras around an origin at three heights, slightly rolled, with an off-center principal point."""
+    return ring(
+        count,
+        radius=3 * scale,
+        heights=[-1.5 * scale, 0.3 * scale, 1.8 * scale],
+        target=origin,
+        start=0.1,
+        name="cam{:02d}",
+        K=intrinsics(200.0, (160, 120), (3.0, -2.0)),
+        up=(0.02, 0.03, 1.0),
+    )
 
 
 @pytest.fixture(scope="session")
 def two_balls() -> Callable[..., list[Shot]]:
-    """A ball of radius 0.5 with a smaller one beside it, from a ring of cameras, at any scale and place."""
+    """A ball of radius 0.5 and a smaller one next to it, seen by a ring of cameras, at any scale and position."""
 
     def make(count: int = 12, scale: float = 1.0, origin: tuple[float, float, float] = (0, 0, 0)) -> list[Shot]:
         middle = np.array(origin)
         balls = [(middle, 0.5 * scale), (middle + scale * np.array([0.55, 0.1, 0.25]), 0.2 * scale)]
-        return [shoot_balls(camera, balls) for camera in ring(count, scale, origin)]
+        return [shoot_balls(camera, balls) for camera in cameras_around(count, scale, origin)]
 
     return make
 
@@ -102,5 +92,5 @@ def distance_to_balls(
 
 @pytest.fixture(scope="session")
 def scenes() -> SimpleNamespace:
-    """The helpers above, for tests (test folders are no packages that could be imported from)."""
-    return SimpleNamespace(Shot=Shot, look_at=look_at, color_of=color_of, distance_to_balls=distance_to_balls)
+    """The functions above, for test modules, which cannot import them."""
+    return SimpleNamespace(Shot=Shot, color_of=color_of, distance_to_balls=distance_to_balls)

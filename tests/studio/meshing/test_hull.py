@@ -1,4 +1,4 @@
-"""Visual hulls of balls, where the answer is known; of bad masks; of the sample capture, where the mesh is known."""
+"""Visual hulls: of balls with known geometry, with bad masks, and of the sample capture with its known mesh."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ import pytest
 from studio.camera_files import read_rig
 from studio.cameras import Camera
 from studio.errors import Cancelled, StudioError
-from studio.meshing import HullSettings, Mesh, initialize_points, sample_surface, visual_hull
+from studio.meshing import InitializeSettings, Mesh, initialize_points, sample_surface, visual_hull
 from studio.meshing.silhouettes import Silhouettes, signed_distance
+from tests.support.errors import refuses
+from tests.support.rigs import camera_at
+from tests.support.settings import refuses_setting
 
-COARSE = HullSettings(resolution=64)
+COARSE = InitializeSettings(resolution=64, max_faces=100_000)
 SAMPLE = Path(__file__).parents[3] / "sample_captures" / "walk16"
 
 
 def volume_of(mesh: Mesh) -> float:
-    """Signed volume by the divergence theorem: negative were the faces turned inward."""
+    """Signed volume by the divergence theorem; negative if faces are oriented inward."""
     a, b, c = np.moveaxis(mesh.corners, 1, 0)
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
@@ -41,16 +44,16 @@ def test_signed_distance_of_a_disc() -> None:
 @pytest.mark.parametrize(
     ("scale", "origin"), [(1.0, (0, 0, 0)), (1000.0, (5e3, -2e3, 100.0)), (1e-3, (0.01, 0, -0.02))]
 )
-def test_hull_holds_the_thing_and_little_more(
+def test_hull_contains_the_object_and_little_more(
     scenes: SimpleNamespace, two_balls: Callable[..., list[Any]], scale: float, origin: tuple[float, float, float]
 ) -> None:
-    """In any units and anywhere: nothing metric is assumed."""
+    """In any units and at any position."""
     result = visual_hull(two_balls(12, scale, origin), COARSE)
     distance = scenes.distance_to_balls(result.mesh.vertices, scale, origin)
     voxel = result.hull.voxel / scale
     assert voxel < 0.03
-    assert distance.min() > -voxel  # the hull contains the thing
-    assert distance.mean() < 0.06  # 12 silhouettes cut corners off no closer than that
+    assert distance.min() > -voxel  # the hull contains the object
+    assert distance.mean() < 0.06  # the limit of 12 silhouettes
     assert distance.max() < 0.25
     assert max(result.disagreement.values()) < 0.06
     assert result.hull.restored == 0
@@ -69,20 +72,23 @@ def test_mesh_is_closed_and_faces_outward(two_balls: Callable[..., list[Any]]) -
     assert len(np.unique(mesh.faces)) == len(mesh.vertices)
 
 
-def test_one_bad_mask_is_outvoted_and_named(two_balls: Callable[..., list[Any]]) -> None:
-    """A camera that loses the right half of its mask must not halve the hull."""
+def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., list[Any]]) -> None:
+    """A camera whose mask lacks its right half must not halve the hull."""
     views = two_balls(12)
     good = visual_hull(views, COARSE)
     matte = views[4].matte.copy()
     matte[:, matte.shape[1] // 2 :] = 0
     views[4] = replace(views[4], matte=matte)
-    strict = visual_hull(views, HullSettings(resolution=64, tolerance=0))
-    voted = initialize_points(views, 500, settings=COARSE)
+    strict = visual_hull(views, InitializeSettings(resolution=64, tolerance=0))
+    corrected = initialize_points(views, COARSE.replace(points=500))
     assert strict.hull.volume < 0.75 * good.hull.volume
-    assert volume_of(voted.mesh) == pytest.approx(volume_of(good.mesh), rel=0.1)
-    assert max(voted.disagreement, key=lambda name: voted.disagreement[name]) == "cam04"
-    assert any("'cam04'" in warning and "outvoted" in warning for warning in voted.warnings)
-    assert not any("outvoted" in warning and "'cam04'" not in warning for warning in voted.warnings)
+    assert volume_of(corrected.mesh) == pytest.approx(volume_of(good.mesh), rel=0.1)
+    assert max(corrected.disagreement, key=lambda name: corrected.disagreement[name]) == "cam04"
+    outliers = [warning for warning in corrected.warnings if warning.code == "hull.outlier_mask"]
+    assert [warning.fields["camera"] for warning in outliers] == ["cam04"]
+    assert str(outliers[0]).startswith("Camera 'cam04': the mask lacks ")
+    mismatches = [warning.fields["camera"] for warning in corrected.warnings if warning.code == "hull.mask_mismatch"]
+    assert "cam04" in mismatches
 
 
 def test_an_empty_mask_among_many(two_balls: Callable[..., list[Any]]) -> None:
@@ -94,35 +100,38 @@ def test_an_empty_mask_among_many(two_balls: Callable[..., list[Any]]) -> None:
 
 
 def test_never_an_empty_mesh(two_balls: Callable[..., list[Any]]) -> None:
-    """Too few cameras for a vote: the culprit is named."""
+    """Too few cameras to correct outliers: the error names the camera."""
     views = two_balls(12)[:9:3]
     shifted = np.zeros_like(views[1].matte)
     shifted[:20, :20] = 255  # far from the ball
     views.append(replace(views[1], camera=replace(views[1].camera, name="odd"), matte=shifted))
-    with pytest.raises(StudioError, match=r"empty: the masks of odd disagree with those of the other 3"):
-        visual_hull(views, HullSettings(resolution=64, tolerance=0))
+    with refuses("hull.masks_disagree", cameras=("odd",), empty=()) as caught:
+        visual_hull(views, InitializeSettings(resolution=64, tolerance=0))
+    assert str(caught.value) == (
+        "The visual hull is empty: the masks of odd disagree with those of the other 3 cameras. Fix these masks, or "
+        "exclude these cameras."
+    )
 
 
 def test_all_masks_empty(two_balls: Callable[..., list[Any]]) -> None:
     views = [replace(view, matte=np.zeros_like(view.matte)) for view in two_balls(4)]
-    with pytest.raises(StudioError, match="masks of all 4 cameras are empty"):
+    with refuses("hull.empty_masks", setting="capture.masks"):
         visual_hull(views)
 
 
-def test_cameras_that_look_away(scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]) -> None:
+def test_cameras_that_look_away(two_balls: Callable[..., list[Any]]) -> None:
     views = []
     for view in two_balls(4):
         center = view.camera.center
-        away = scenes.look_at(view.camera.name, center, 2 * center, 200.0, (160, 120))
+        away = camera_at(view.camera.name, center, 2 * center, focal=200.0, size=(160, 120))
         views.append(replace(view, camera=away))
-    with pytest.raises(StudioError, match="visual hull is empty"):
+    with pytest.raises(StudioError) as caught:
         visual_hull(views)
+    assert caught.value.code in ("hull.no_overlap", "hull.masks_disagree")
 
 
-def test_cameras_that_see_a_part_do_not_cut_it_off(
-    scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]
-) -> None:
-    """Every second camera has the ball half outside its image: what it cannot see it does not carve."""
+def test_cameras_do_not_carve_outside_their_image(scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]) -> None:
+    """In every second camera the ball is half outside the image: cameras do not carve what they cannot see."""
     views = []
     for index, view in enumerate(two_balls(12)):
         if index % 2:
@@ -137,7 +146,7 @@ def test_cameras_that_see_a_part_do_not_cut_it_off(
 
 
 def test_few_cameras_leave_no_phantoms(two_balls: Callable[..., list[Any]]) -> None:
-    """Where all cameras see everything, all of the hull lies in all masks, and not where only two cameras look."""
+    """If all cameras see everything, the hull is inside all masks, without volume that only two cameras see."""
     views = two_balls(4)
     mesh = visual_hull(views, COARSE).mesh
     for view in views:
@@ -153,17 +162,17 @@ def test_few_cameras_leave_no_phantoms(two_balls: Callable[..., list[Any]]) -> N
 
 def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(3)
-    with pytest.raises(StudioError, match="at least two cameras, found 1"):
+    with refuses("hull.too_few_cameras", value=1, expected=2):
         visual_hull(views[:1])
-    with pytest.raises(StudioError, match=r"resolution is 4; it must lie in 16\.\.1024"):
-        HullSettings(resolution=4)
-    with pytest.raises(StudioError, match="min_view_share is 2"):
-        HullSettings(min_view_share=2)
+    with refuses_setting("resolution"):
+        InitializeSettings(resolution=4)
+    with refuses_setting("min_view_share"):
+        InitializeSettings(min_view_share=2)
     bent = replace(views[0], camera=replace(views[0].camera, distortion=np.array([0.1, 0, 0, 0])))
-    with pytest.raises(StudioError, match="'cam00' has lens distortion"):
+    with refuses("hull.lens_distortion", camera="cam00"):
         visual_hull([bent, *views[1:]])
     small = replace(views[0], matte=views[0].matte[:10])
-    with pytest.raises(StudioError, match=r"'cam00': the mask is 160x10 .* 160x120"):
+    with refuses("hull.mask_size", value=(160, 10), camera="cam00", expected=(160, 120)):
         visual_hull([small, *views[1:]])
 
 
@@ -173,14 +182,14 @@ def test_cancel_passes_through(two_balls: Callable[..., list[Any]]) -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        initialize_points(two_balls(6), 100, settings=COARSE, progress=stop)
+        initialize_points(two_balls(6), COARSE.replace(points=100), progress=stop)
 
 
-def test_maps_stay_within_their_bound(two_balls: Callable[..., list[Any]]) -> None:
+def test_maps_respect_the_pixel_limit(two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(6)
     shapes = Silhouettes(views, max_pixels=6 * 2000)
     assert sum(grid.numel() for grid in shapes.maps) <= 6 * 2000 * 1.02
-    # and the reduced maps say the same of the same point
+    # reduced maps agree with full ones
     import torch
 
     points = torch.tensor([[0.0, 0, 0], [0.9, 0.9, 0.9]])
@@ -189,16 +198,14 @@ def test_maps_stay_within_their_bound(two_balls: Callable[..., list[Any]]) -> No
         reduced, seen = shapes.distance(index, points)
         exact, seen_too = full.distance(index, points)
         assert seen.tolist() == seen_too.tolist()
-        np.testing.assert_allclose(
-            reduced[seen], exact[seen], atol=0.05
-        )  # a pixel of the reduced image is 0.045 wide there
+        np.testing.assert_allclose(reduced[seen], exact[seen], atol=0.05)  # the footprint of a reduced pixel is 0.045
 
 
 # Samples and colors --------------------------------------------------------------------------------------------------
 
 
-def test_samples_are_even_and_repeatable() -> None:
-    """A square of two triangles with a third, tiny one far away: points fall by area."""
+def test_samples_are_even_and_reproducible() -> None:
+    """A square of two triangles, and a tiny triangle far away: points are distributed by area."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [5, 5, 5], [5.01, 5, 5], [5, 5.01, 5]], np.float64)
     mesh = Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6]], np.int32))
     points, normals = sample_surface(mesh, 4000, seed=5)
@@ -211,16 +218,16 @@ def test_samples_are_even_and_repeatable() -> None:
     np.testing.assert_allclose(normals, [[0, 0, 1]] * 4000, atol=1e-6)
     np.testing.assert_array_equal(points, sample_surface(mesh, 4000, seed=5)[0])
     assert not np.array_equal(points, sample_surface(mesh, 4000, seed=6)[0])
-    with pytest.raises(StudioError, match="at least 1"):
+    with refuses("mesh.point_count", value=0):
         sample_surface(mesh, 0)
-    with pytest.raises(StudioError, match="no area"):
+    with refuses("mesh.no_area"):
         sample_surface(Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)), 5)
 
 
 def test_points_and_colors_of_a_ball(scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(12)
-    result = initialize_points(views, 2000, settings=COARSE, seed=3)
-    again = initialize_points(views, 2000, settings=COARSE, seed=3)
+    result = initialize_points(views, COARSE.replace(points=2000), seed=3)
+    again = initialize_points(views, COARSE.replace(points=2000), seed=3)
     np.testing.assert_array_equal(result.points, again.points)
     np.testing.assert_array_equal(result.colors, again.colors)
     assert result.points.shape == result.normals.shape == result.colors.shape == (2000, 3)
@@ -241,15 +248,18 @@ def test_mesh_file(tmp_path: Path, two_balls: Callable[..., list[Any]]) -> None:
     np.testing.assert_allclose(twin.vertices, mesh.vertices, atol=1e-5)
     np.testing.assert_array_equal(twin.faces, mesh.faces)
     assert [path.name for path in tmp_path.iterdir()] == ["mesh.ply"]
-    with pytest.raises(StudioError, match="no such mesh"):
+    with refuses("mesh.missing", file=tmp_path / "other.ply"):
         Mesh.load(tmp_path / "other.ply")
+    (tmp_path / "empty.ply").write_text("not a mesh")
+    with refuses("mesh.unreadable", file=tmp_path / "empty.ply"):
+        Mesh.load(tmp_path / "empty.ply")
 
 
 # The sample capture ---------------------------------------------------------------------------------------------------
 
 
 def first_frame(path: Path) -> np.ndarray:
-    """First picture of a video, RGB."""
+    """The first frame of a video, (H, W, 3) RGB."""
     import av
 
     with av.open(str(path)) as container:
@@ -258,14 +268,14 @@ def first_frame(path: Path) -> np.ndarray:
 
 @pytest.mark.skipif(not (SAMPLE / "meshes").is_dir(), reason="the sample capture has no meshes")
 def test_sample_capture_against_its_true_mesh(scenes: SimpleNamespace) -> None:
-    """Measured: the hull's surface is 13 mm from the true one on average, which is what 16 silhouettes can know."""
+    """Measured: the hull's surface is 13 mm from the true one on average, the limit of 16 silhouettes."""
     import open3d as o3d
 
     views = []
     for camera in read_rig(SAMPLE / "cameras.json"):
         matte = first_frame(SAMPLE / "mattes" / f"{camera.name}.mkv")[..., 0]
         views.append(scenes.Shot(_fitting(camera, matte), np.repeat(matte[..., None], 3, -1), matte))
-    result = visual_hull(views, HullSettings(resolution=128))
+    result = visual_hull(views, InitializeSettings(resolution=128))
     assert max(result.disagreement.values()) < 0.04
     truth = Mesh.load(SAMPLE / "meshes" / "000000.ply")
     scene = o3d.t.geometry.RaycastingScene()
@@ -274,7 +284,7 @@ def test_sample_capture_against_its_true_mesh(scenes: SimpleNamespace) -> None:
     distance = scene.compute_distance(o3d.core.Tensor(points)).numpy()
     assert distance.mean() < 0.016
     assert np.quantile(distance, 0.95) < 0.06
-    # and the hull holds all of it: silhouettes never cut into the thing itself
+    # silhouettes never cut into the object itself
     hull = o3d.t.geometry.RaycastingScene()
     hull.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(result.mesh.to_open3d()))
     inner, _ = sample_surface(truth, 5000)

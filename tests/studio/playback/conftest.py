@@ -1,4 +1,4 @@
-"""A small baked stream, and sources that are slow or broken, for the tests of playback."""
+"""Fixtures: a small baked stream, a source that can block, and a manual clock."""
 
 import threading
 from collections.abc import Callable
@@ -14,7 +14,7 @@ FPS = 50.0
 
 
 class GatedSource(FolderSource):
-    """A folder whose files can be held back; counts what was read."""
+    """A folder source whose reads can be blocked; records them."""
 
     def __init__(self, root: Path) -> None:
         super().__init__(root)
@@ -31,17 +31,17 @@ class GatedSource(FolderSource):
         return data
 
     def whole(self, group: str) -> bool:
-        """Whether all files of a group have been read."""
+        """True if all files of a group have been read."""
         files = {f"{group}/{file.name}" for file in (Path(self.name) / group).iterdir()}
         return files <= set(self.finished)
 
     def groups_read(self) -> list[str]:
-        """Group folders in the order in which they were first read."""
+        """Group folders in the order of their first read."""
         return list(dict.fromkeys(path.split("/")[0] for path in self.reads if "/" in path))
 
 
 def bake_numbered(folder: Path, lengths: tuple[int, ...]) -> Path:
-    """A stream at 50 fps in groups of these lengths; splat 0 of frame i lies at x = i: frames know their number."""
+    """A stream at 50 fps with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame."""
     settings = BakeSettings(profile="planes", qp=0)
     entries, first = [], 0
     for group, length in enumerate(lengths):
@@ -77,12 +77,12 @@ def gate() -> type[GatedSource]:
 
 @pytest.fixture
 def gated(stream: Path) -> GatedSource:
-    """`stream` behind a gate."""
+    """`stream` as a `GatedSource`."""
     return GatedSource(stream)
 
 
 class HandClock:
-    """A clock that stands still until it is moved."""
+    """A clock that only advances manually."""
 
     def __init__(self) -> None:
         self.seconds = 100.0
@@ -91,7 +91,7 @@ class HandClock:
         return self.seconds
 
     def forward(self, frames: float) -> None:
-        """By so many frames of the stream."""
+        """Advance by a number of frames of the stream."""
         self.seconds += frames / FPS
 
 
@@ -103,7 +103,7 @@ def clock() -> HandClock:
 
 @pytest.fixture
 def until() -> Callable[..., None]:
-    """`until(condition)`: wait (10 s at most) for other threads to make it true."""
+    """`until(condition)`: wait, at most 10 s, until other threads make it true."""
     import time
 
     def wait(condition: Callable[[], bool], what: str = "condition") -> None:

@@ -1,4 +1,4 @@
-"""The player under a clock moved by hand: what is shown is what is due, in order, whatever the user does."""
+"""The player with a manual clock: it shows the due frame, in order, during all user actions."""
 
 import random
 import threading
@@ -6,13 +6,13 @@ import time
 
 import pytest
 
-from studio.errors import StudioError
 from studio.playback import Player
 from studio.stream import StreamReader
+from tests.support.errors import refuses
 
 
 def number(played) -> int:
-    """Frame number written into the Gaussians themselves."""
+    """The frame number encoded in the Gaussians."""
     found = round(played.gaussians.means[0, 0].item())
     assert found == played.frame
     return found
@@ -96,7 +96,7 @@ def test_rate(player, clock, until):
     clock.forward(2)
     until(lambda: shown(player) == 5)
     for wrong in (0, -1, float("nan"), 1000):
-        with pytest.raises(StudioError, match="rate"):
+        with refuses("playback.invalid_rate"):
             player.set_rate(wrong)
 
 
@@ -123,7 +123,7 @@ def test_a_reader_of_frames_that_rarely_looks_does_not_fall_behind(player, clock
     player.play()
     until(lambda: shown(player) == 0)
     clock.forward(12)
-    time.sleep(0.5)  # nobody asks; the pipeline has to make room by itself
+    time.sleep(0.5)  # no consumer: the pipeline has to drop frames by itself
     until(lambda: player.dropped >= 8, "dropping by the pipeline")
     until(lambda: shown(player) == 12)
 
@@ -169,7 +169,7 @@ def test_seeking_within_fetched_groups_reads_nothing_again(gated, clock, until):
 
 def test_no_such_frame(player):
     for wrong in (-1, 16):
-        with pytest.raises(StudioError, match="0 to 15"):
+        with refuses("stream.no_such_frame", value=wrong, frame_count=16):
             player.seek(wrong)
 
 
@@ -179,7 +179,7 @@ def test_next_group_is_prefetched(long_stream, gate, clock, until):
         until(lambda: shown(player) == 0)
         until(lambda: source.groups_read() == ["group_000", "group_001", "group_002"], "prefetch")
         time.sleep(0.2)
-        assert source.groups_read() == ["group_000", "group_001", "group_002"]  # and no more: lanes are bounded
+        assert source.groups_read() == ["group_000", "group_001", "group_002"]  # and no more: queues are bounded
 
 
 def test_loop(gated, clock, until):
@@ -238,7 +238,7 @@ def test_close_ends_all_threads(gated, clock, until):
 
 
 def test_many_threads_at_once_never_see_frames_out_of_order(stream):
-    """Real clock, looping, seeks and pauses at random: each viewer's frames only rise in (run, tick)."""
+    """Real clock, loop, random seeks and pauses: each viewer sees frames of increasing (run, tick)."""
     rng = random.Random(3)
     stop = threading.Event()
     failures: list[str] = []

@@ -1,4 +1,4 @@
-"""Splats for the tests of files of splats."""
+"""Fixtures: random splats."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ from studio.gaussians import Gaussians
 
 @pytest.fixture
 def make_splats() -> Callable[..., Gaussians]:
-    """`make_splats(count, degree, seed)`: a cloud about 2 units across, harmonics within -1 to 1."""
+    """`make_splats(count, degree, seed)`: a cloud about 2 units across, SH from -1 to 1."""
 
     def make(count: int = 300, degree: int = 0, seed: int = 0) -> Gaussians:
         generator = torch.Generator().manual_seed(seed)

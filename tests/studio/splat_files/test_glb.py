@@ -1,4 +1,4 @@
-"""GLB: read back byte by byte, as the specifications of glTF 2.0 and KHR_gaussian_splatting say."""
+"""GLB files, parsed byte by byte as specified by glTF 2.0 and KHR_gaussian_splatting."""
 
 import json
 import struct

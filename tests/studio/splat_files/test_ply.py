@@ -1,4 +1,4 @@
-"""3DGS PLY: what Open3D and a reader of plain bytes find in our files, and what we find in others'."""
+"""3DGS PLY: our files read by Open3D and byte by byte, and foreign files read by us."""
 
 import struct
 
@@ -7,9 +7,9 @@ import open3d as o3d
 import pytest
 import torch
 
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.splat_files import read_splats, splats_size, write_splats
+from tests.support.errors import refuses
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -27,7 +27,7 @@ def test_round_trip_is_exact(tmp_path, make_splats, degree):
 
 
 def test_the_head_and_the_order_are_those_of_3dgs(tmp_path, make_splats):
-    """Read by hand: the property list that the released trainer writes, little-endian floats, channel after channel."""
+    """Parsed by hand: the property list of the released trainer, little-endian floats, SH by channel."""
     splats = make_splats(5, degree=1)
     path = tmp_path / "a.ply"
     write_splats(path, splats)
@@ -63,7 +63,7 @@ def test_open3d_reads_it(tmp_path, make_splats):
 
 
 def test_other_programs_files(tmp_path):
-    """ASCII, doubles, other order, further properties, no normals; an opacity of exactly 1 is an infinite logit."""
+    """ASCII, doubles, another order, extra properties, no normals; an opacity of exactly 1 is an infinite logit."""
     names = ["opacity", "z", "y", "x", "temperature", "f_dc_0", "f_dc_1", "f_dc_2"]
     names += ["rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2"]
     head = ["ply", "format ascii 1.0", "comment made elsewhere", "element vertex 2"]
@@ -95,30 +95,35 @@ def test_damage_and_other_things_than_splats(tmp_path):
     write_raw(path)
     assert len(read_splats(path)) == 2
     cases = [
-        ({"change_head": lambda head: "nonsense" + head}, "not a readable PLY"),
-        ({"change_head": lambda head: head.replace("float opacity", "float color")}, "no property 'opacity'"),
-        ({"change_head": lambda head: head.replace("vertex", "point")}, "no element 'vertex'"),
-        ({"body": b"\0" * 40}, "not a readable PLY"),
-        ({"count": 10**12}, "not a readable PLY"),
-        ({"count": 0}, "0 splats"),
-        ({"x": np.nan}, "means of splat 1 is not a finite number"),
-        ({"scale_2": np.inf}, "log_scales of splat 1"),
-        ({"rot_0": 0}, "rotation of splat 1 has length 0"),
+        ({"change_head": lambda head: "nonsense" + head}, "splat_file.unreadable", {}),
+        (
+            {"change_head": lambda head: head.replace("float opacity", "float color")},
+            "splat_file.not_splats",
+            {"missing": "opacity"},
+        ),
+        ({"change_head": lambda head: head.replace("vertex", "point")}, "splat_file.not_splats", {"missing": "vertex"}),
+        ({"body": b"\0" * 40}, "splat_file.unreadable", {}),
+        ({"count": 10**12}, "splat_file.unreadable", {}),
+        ({"count": 0}, "splat_file.splat_count", {"value": 0}),
+        ({"x": np.nan}, "gaussians.not_finite", {"attribute": "means", "splat": 1}),
+        ({"scale_2": np.inf}, "gaussians.not_finite", {"attribute": "log_scales", "splat": 1}),
+        ({"rot_0": 0}, "gaussians.zero_quaternion", {"splat": 1}),
         (
             {
                 "change_head": lambda head: head.replace("float z\n", "float z\nproperty float f_rest_0\n"),
                 "body": bytes(120),
             },
-            "1 properties f_rest_",
+            "splat_file.sh_properties",
+            {"value": 1},
         ),
     ]
-    for arguments, message in cases:
+    for arguments, code, fields in cases:
         write_raw(path, **arguments)
-        with pytest.raises(StudioError, match=message):
+        with refuses(code, file=path, **fields):
             read_splats(path)
-    with pytest.raises(StudioError, match="no such file"):
+    with refuses("splat_file.not_found", file=tmp_path / "none.ply"):
         read_splats(tmp_path / "none.ply")
-    with pytest.raises(StudioError, match=r"\.ply, \.spz"):
+    with refuses("splat_file.unsupported_format", value=".obj", expected=[".ply", ".spz"]):
         read_splats(tmp_path / "a.obj")
 
 
@@ -127,10 +132,14 @@ def test_what_cannot_be_written(tmp_path, make_splats):
     empty = splats[:0]
     broken = Gaussians(**{**dict(splats.items()), "means": splats.means * torch.nan})
     flat = Gaussians(**{**dict(splats.items()), "quats": splats.quats * torch.tensor([[1.0], [0.0], [1.0]])})
-    for wrong, message in ((empty, "no splats"), (broken, "means is not finite"), (flat, "splat 1 has a quaternion")):
+    for wrong, code, fields in (
+        (empty, "splat_file.no_splats", {}),
+        (broken, "gaussians.not_finite", {"attribute": "means"}),
+        (flat, "gaussians.zero_quaternion", {"splat": 1}),
+    ):
         for ending in ("ply", "spz", "glb"):
-            with pytest.raises(StudioError, match=message):
+            with refuses(code, file=tmp_path / f"a.{ending}", **fields):
                 write_splats(tmp_path / f"a.{ending}", wrong)
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(StudioError, match=r"not '\.splat'"):
+    with refuses("splat_file.unsupported_format", value=".splat", expected=[".ply", ".spz", ".glb"]):
         write_splats(tmp_path / "a.splat", splats)

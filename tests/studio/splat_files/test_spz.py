@@ -1,4 +1,4 @@
-"""SPZ: files that other programs wrote, a reader of plain bytes beside ours, and errors within the format's steps."""
+"""SPZ: files from other programs, an independent reader, and errors within the format's steps."""
 
 import gzip
 import math
@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.splat_files import read_splats, splats_size, write_splats
+from tests.support.errors import refuses
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
 
@@ -26,7 +27,7 @@ DATA = Path(__file__).parents[2] / "data" / "splats"
     ],
 )
 def test_files_of_other_programs(name, z, dc, quat):
-    """Values as splat-transform 3.7 reads them (it turns y and z to PLY's axes; here they stand as in the file)."""
+    """Values as read by splat-transform 3.7 (which flips y and z to PLY axes; here they are as in the file)."""
     assert splats_size(DATA / name) == (4, 0)
     splats = read_splats(DATA / name)
     expected = [[-1, 0, z], [0, 0, z], [-1, 0, 0], [0, 0, 0]]
@@ -40,7 +41,7 @@ def test_files_of_other_programs(name, z, dc, quat):
 
 
 def by_the_description(data: bytes) -> dict[str, np.ndarray]:
-    """Every splat by itself, as the format's README describes version 3."""
+    """Splat by splat, as in the README of the format for version 3."""
     data = gzip.decompress(data)
     magic, version, count, degree, bits, flags, reserved = struct.unpack_from("<IIIBBBB", data)
     assert (magic, version, flags, reserved) == (0x5053474E, 3, 0, 0)
@@ -114,7 +115,7 @@ def test_positions_of_any_size(tmp_path, make_splats, size):
 def test_too_far_out(tmp_path, make_splats):
     splats = make_splats(5)
     far = Gaussians(**{**dict(splats.items()), "means": splats.means + 1e8})
-    with pytest.raises(StudioError, match="units from the origin"):
+    with refuses("splat_file.position_range", file=tmp_path / "a.spz"):
         write_splats(tmp_path / "a.spz", far)
 
 
@@ -130,18 +131,20 @@ def test_damage(tmp_path, make_splats):
         return gzip.compress(struct.pack("<IIIBBBB", *{**values, **changes}.values()) + plain[16:])
 
     cases = [
-        (good[:-200], "ends after|damaged"),
-        (good[:30] + bytes([good[30] ^ 255]) + good[31:], "damaged|ends after|not an SPZ"),
-        (b"", "not an SPZ file"),
-        (b"hello, this is text", "not an SPZ file"),
-        (with_head(version=4), "SPZ version 4 found"),
-        (with_head(count=65), "ends after"),
-        (with_head(count=0), "0 splats"),
-        (with_head(count=4_000_000_000), "4000000000 splats"),
-        (with_head(degree=4), "SH degree 4"),
-        (with_head(flags=2), "extensions"),
+        (good[:-200], {"splat_file.truncated", "splat_file.unreadable"}),
+        (good[:30] + bytes([good[30] ^ 255]) + good[31:], {"splat_file.truncated", "splat_file.unreadable"}),
+        (b"", {"splat_file.unreadable"}),
+        (b"hello, this is text", {"splat_file.unreadable"}),
+        (with_head(version=4), {"splat_file.unsupported_version"}),
+        (with_head(count=65), {"splat_file.truncated"}),
+        (with_head(count=0), {"splat_file.invalid_header"}),
+        (with_head(count=4_000_000_000), {"splat_file.invalid_header"}),
+        (with_head(degree=4), {"splat_file.invalid_header"}),
+        (with_head(flags=2), {"splat_file.extensions"}),
     ]
-    for data, message in cases:
+    for data, codes in cases:
         path.write_bytes(data)
-        with pytest.raises(StudioError, match=message):
+        with pytest.raises(StudioError) as caught:
             read_splats(path)
+        assert caught.value.code in codes
+        assert caught.value.file == path

@@ -1,4 +1,4 @@
-"""Small moving Gaussians and baked streams for the tests of the stream."""
+"""Fixtures: small moving splat sets and baked streams."""
 
 import hashlib
 import json
@@ -18,7 +18,7 @@ MakeFrames = Callable[..., list[Gaussians]]
 
 @pytest.fixture
 def make_frames() -> MakeFrames:
-    """`make_frames(frames, splats, degree, seed)`: a turning, drifting cloud with all attributes varying in time."""
+    """`make_frames(frames, splats, degree, seed)`: a rotating, drifting cloud; all attributes vary over time."""
 
     def make(frames: int = 4, splats: int = 200, degree: int = 0, seed: int = 0) -> list[Gaussians]:
         generator = torch.Generator().manual_seed(seed)
@@ -65,7 +65,7 @@ def make_stream(tmp_path: Path, make_frames: MakeFrames) -> Callable[..., tuple[
 
 @pytest.fixture
 def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
-    """`edit_manifest(folder, change)`: change the manifest's JSON and make its size and checksum fit again."""
+    """`edit_manifest(folder, change)`: change the manifest's JSON, then update its size and checksum."""
 
     def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
         path = folder / "manifest.json"
@@ -91,7 +91,7 @@ def turning_bodies() -> MakeFrames:
 
 
 def _turning_bodies(frames: int, splats: int, degree: int = 0) -> list[Gaussians]:
-    """Two rigid bodies that pass through each other, one turning; the colors and sizes of each splat stay."""
+    """Two rigid bodies that pass through each other, one of them rotating; colors and sizes are constant."""
     generator = torch.Generator().manual_seed(3)
 
     def noise(*shape: int) -> torch.Tensor:

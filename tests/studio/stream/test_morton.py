@@ -8,7 +8,7 @@ coordinate = st.integers(0, (1 << MORTON_BITS) - 1)
 
 
 def slow_code(x: int, y: int, z: int) -> int:
-    """Bit by bit, as the definition says."""
+    """Bit by bit, by definition."""
     code = 0
     for bit in range(MORTON_BITS):
         code |= ((x >> bit) & 1) << (3 * bit)

@@ -1,4 +1,4 @@
-"""The profile `motion`: what is baked comes back, up to the names of a splat's axes."""
+"""Round trip of the profile `motion`, up to permutations of a splat's axes."""
 
 import json
 
@@ -8,16 +8,16 @@ import torch
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from tests.support.errors import refuses
 
 AXIS_NAMES = Rotation.create_group("O")  # the 24 rotations of the cube
 
 
-def bake(folder, frames, **settings):
+def bake(folder, frames, threads=0, **settings):
     settings = BakeSettings(**{"preset": "veryfast", **settings})
-    entry = bake_group(frames, folder, 0, 0, settings)
+    entry = bake_group(frames, folder, 0, 0, settings, threads=threads)
     write_manifest(folder, [entry], 30, settings)
     with StreamReader.open(folder) as reader:
         return entry, list(reader.iterate())
@@ -28,7 +28,7 @@ def contents(folder):
 
 
 def matches(original: Gaussians, decoded: Gaussians) -> np.ndarray:
-    """Which original each decoded splat is, by place in the keyframe."""
+    """Index of the original of each decoded splat, by position in the keyframe."""
     index = cKDTree(original.means.numpy()).query(decoded.means.numpy())[1]
     assert np.array_equal(np.sort(index), np.arange(len(original)))
     return index
@@ -46,7 +46,7 @@ def expect_close(original: Gaussians, decoded: Gaussians, entry, keyframe: bool,
         assert np.abs(error).max() <= limit * 1.001 + 2e-6, f"{label} {name}: {np.abs(error).max()} above {limit}"
 
     means = (original.means - decoded.means).numpy()
-    # a splat of class c has residual steps of 2^c; what drifts far in 20 frames has up to class 6
+    # a splat of class c has residual steps of 2^c; large drifts over 20 frames need up to class 6
     coarsest = 2**4 if entry.frame_count < 10 else 2**6
     check("means", means, entry.positions.step / 2 if keyframe else coarsest * step["residual_x"] / 2)
     scale = max(step[f"log_scale_{i}"] for i in range(3)) / 2
@@ -59,14 +59,14 @@ def expect_close(original: Gaussians, decoded: Gaussians, entry, keyframe: bool,
         error = (original.sh - decoded.sh).numpy()[:, k]
         check(f"sh_{k}", error, y + co + cg)
         check(f"sh_{k} luma", error @ [0.25, 0.5, 0.25], y)
-    # the nearest of the 24 names of the axes
+    # the nearest of the 24 permutations of the axes
     between = rotations(original).inv() * rotations(decoded)
     angles = np.min([(between * name).magnitude() for name in AXIS_NAMES], axis=0)
     check("angles", angles, 4 * np.sqrt(3) * max(step[f"rotation_{i}"] for i in range(3)) / 2)
 
 
 def expect_same_shape(original: Gaussians, decoded: Gaussians, tolerance: float) -> None:
-    """Covariances agree: scales went with their axes."""
+    """Covariances agree, so scales are permuted with their axes."""
 
     def covariance(gaussians):
         axes = rotations(gaussians).as_matrix() * gaussians.scales.numpy()[:, None]
@@ -128,7 +128,7 @@ def test_constant_channels(tmp_path):
 
 
 def test_blocks_find_what_moves_together(tmp_path, turning_bodies):
-    """Of two rigid bodies in the same place nearly nothing is left for the video."""
+    """Two rigid bodies in the same place leave almost no residuals for the video."""
     frames = turning_bodies(5, 2000)
     entry, decoded = bake(tmp_path, frames, qp=20)
     _, still = bake(tmp_path / "still", [frames[0]] * 5, qp=20)
@@ -233,11 +233,11 @@ def test_axes_keep_their_names_through_the_group(tmp_path, make_frames):
 def test_bad_frames_are_refused(tmp_path, make_frames):
     frames = make_frames(3, 100)
     settings = BakeSettings()
-    with pytest.raises(StudioError, match="no splats"):
+    with refuses("bake.no_splats"):
         bake_group([frames[0][:0]], tmp_path, 0, 0, settings)
-    with pytest.raises(StudioError, match=r"frame 1 .* 99 splats .* 100"):
+    with refuses("bake.mixed_frames", frame=1, value=(99, 0), expected=(100, 0)):
         bake_group([frames[0], frames[1][:99]], tmp_path, 0, 0, settings)
     frames[2].means[4, 0] = float("nan")
-    with pytest.raises(StudioError, match=r"frame 2 .* means "):
+    with refuses("gaussians.not_finite", frame=2, attribute="means"):
         bake_group(frames, tmp_path, 0, 0, settings)
     assert contents(tmp_path) == {}

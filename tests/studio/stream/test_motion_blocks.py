@@ -1,4 +1,4 @@
-"""Blocks against motions that are known."""
+"""Blocks against known motion."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

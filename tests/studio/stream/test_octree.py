@@ -1,4 +1,4 @@
-"""Octree, side file's bytes and the pictures' scan against plain definitions."""
+"""Octree, side file encoding and pixel scan against straightforward definitions."""
 
 import zlib
 

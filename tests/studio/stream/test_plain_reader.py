@@ -13,7 +13,7 @@ from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 
 
 class Bytes:
-    """What is left of the side file."""
+    """The unread rest of the side file."""
 
     def __init__(self, data):
         self.data, self.at = data, 0
@@ -84,7 +84,7 @@ def scan(tile, splats):
 
 
 def read_stream(folder: Path):
-    """Yields, a frame, a list of splats: dicts of mean, quat, log_scale, opacity, sh (K, 3)."""
+    """Yields per frame a list of splats: dicts of mean, quat, log_scale, opacity, sh (K, 3)."""
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["profile"] == "motion"
     for group in manifest["groups"]:

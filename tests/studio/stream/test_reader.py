@@ -1,12 +1,12 @@
-"""Random access, threads, and that frames are the same however they are reached."""
+"""Random access and threads: a frame is the same in whatever order it is read."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
 
-from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader
+from tests.support.errors import refuses
 
 
 def same(a, b) -> bool:
@@ -44,7 +44,7 @@ def test_from_many_threads(stream):
 
 @pytest.mark.parametrize("index", [-1, 10, 10**9])
 def test_no_such_frame(stream, index):
-    with StreamReader.open(stream) as reader, pytest.raises(StudioError, match="0 to 9"):
+    with StreamReader.open(stream) as reader, refuses("stream.no_such_frame", value=index, frame_count=10):
         reader.gaussians(index)
 
 
@@ -54,7 +54,7 @@ def test_verify(stream):
 
 
 def test_folder_that_is_none(tmp_path):
-    with pytest.raises(StudioError, match="no such folder"):
+    with refuses("source.not_found", file=tmp_path / "nothing"):
         StreamReader.open(tmp_path / "nothing")
-    with pytest.raises(StudioError, match=r"manifest\.json: the file is missing"):
+    with refuses("source.file_missing", file=tmp_path / "manifest.json"):
         StreamReader.open(tmp_path)

@@ -1,4 +1,4 @@
-"""What is baked comes back: each attribute within half its step at QP 0, the lossless parts bit for bit at any QP."""
+"""Round trip: each attribute within half a step at QP 0, lossless parts exact at any QP."""
 
 import itertools
 
@@ -86,7 +86,7 @@ def test_constant_channels(tmp_path, make_frames):
 
 
 def test_tiny_scales_do_not_widen_the_range(tmp_path, make_frames):
-    """A scale of e^-27 is drawn as a sixteenth of the typical one; all other splats keep a fine step."""
+    """A scale of e^-27 is raised to a sixteenth of the typical one; all other splats keep a fine step."""
     frames = make_frames(2, 100)
     for frame in frames:
         frame.log_scales[7, 1] = -27.0

@@ -1,4 +1,4 @@
-"""The published JSON schema is that of the program, and says what it should."""
+"""The published JSON schema matches the models."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ def test_the_published_schema_is_the_programs():
 
 
 def names(schema, kind):
-    """Keys of a definition and which of them must be there."""
+    """Keys of a definition, and the required ones."""
     definition = schema["$defs"][kind]
     return set(definition["properties"]), set(definition["required"])
 

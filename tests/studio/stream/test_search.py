@@ -1,11 +1,11 @@
-"""QPs that reach a target."""
+"""Search for QPs that reach a target."""
 
 import numpy as np
 import pytest
 
-from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.search import search_qp
+from tests.support.errors import refuses
 
 
 @pytest.mark.parametrize("target", [3.0, 10.0, 17.5, 40.0, 50.0])
@@ -16,7 +16,7 @@ def test_bisection_finds_the_border(target):
         calls.append(qp)
         return 51.0 - qp  # 50 at QP 1, 0 at QP 51
 
-    lowest = search_qp(falling, target, "group 0", "KB a frame", at_most=True)
+    lowest = search_qp(falling, target, "group 0", "KB per frame", at_most=True)
     assert falling(lowest) <= target
     assert lowest == 1 or falling(lowest - 1) > target
     calls.clear()
@@ -27,9 +27,12 @@ def test_bisection_finds_the_border(target):
 
 
 def test_targets_out_of_reach_are_said():
-    with pytest.raises(StudioError, match=r"group 7 reaches 9 KB a frame at QP 51, .* target of 5"):
-        search_qp(lambda qp: 60.0 - qp, 5.0, "group 7", "KB a frame", at_most=True)
-    with pytest.raises(StudioError, match=r"reaches 59 dB at QP 1, .* target of 70; ask for less"):
+    with refuses("bake.target_missed", value=9.0, qp=51, expected=5.0, setting="bake.target_kb_per_frame") as caught:
+        search_qp(lambda qp: 60.0 - qp, 5.0, "group 7", "KB per frame", at_most=True)
+    assert str(caught.value) == (
+        "group 7 has 9 KB per frame at QP 51, which misses the target of 5. Raise the target, or train fewer splats."
+    )
+    with refuses("bake.target_missed", value=59.0, qp=1, expected=70.0, setting="bake.target_psnr"):
         search_qp(lambda qp: 60.0 - qp, 70.0, "group 7", "dB", at_most=False)
 
 
@@ -52,7 +55,7 @@ def test_kilobytes(tmp_path, turning_bodies, profile):
 
 
 def test_psnr_by_the_callers_measure(tmp_path, turning_bodies):
-    """Opacities stand in for pictures: the frames asked for come decoded, and the found QP is the highest that does."""
+    """With opacities in place of pictures: decoded frames are passed, and the QP found is the highest that suffices."""
     frames = turning_bodies(5, 800)
     wanted = np.sort(frames[0].opacities.numpy())
     asked = []
@@ -78,5 +81,5 @@ def test_psnr_by_the_callers_measure(tmp_path, turning_bodies):
 
     qp = entry.video.qp
     assert psnr(qp) >= 40 > psnr(qp + 1)
-    with pytest.raises(StudioError, match="draws"):
+    with refuses("bake.no_renderer", setting="bake.target_psnr"):
         bake_group(frames, tmp_path, 0, 0, settings)

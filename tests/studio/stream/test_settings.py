@@ -1,7 +1,7 @@
 import pytest
 
-from studio.errors import StudioError
 from studio.stream import BakeSettings
+from tests.support.settings import refuses_setting
 
 
 @pytest.mark.parametrize("qp", [0, 10, 22])
@@ -34,9 +34,17 @@ def test_override_wins():
         {"attribute_qps": {"sh": 99}},
         {"codec": "vp9"},
         {"preset": "best"},
-        {"threads": -1},
     ],
 )
 def test_wrong_settings_are_refused(wrong):
-    with pytest.raises(StudioError, match="Baking"):
+    with refuses_setting(*wrong):
         BakeSettings(profile="planes", **wrong)
+
+
+def test_contradictions_are_refused():
+    with refuses_setting("target_kb_per_frame", "target_psnr"):
+        BakeSettings(target_kb_per_frame=30, target_psnr=40)
+    with refuses_setting("codec", "profile"):
+        BakeSettings(profile="planes", codec="av1")
+    with refuses_setting("codec", "qp"):
+        BakeSettings(codec="av1").at_qp(0)

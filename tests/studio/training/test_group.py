@@ -13,6 +13,7 @@ from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 from studio.training.keyframe import keyframe_steps
+from tests.support.settings import refuses_setting
 
 WIDTH, HEIGHT = 64, 48
 SHIFT = torch.tensor([0.06, -0.03, 0.02])
@@ -233,7 +234,7 @@ def test_unusable_input_is_named(before: list[TrainingView]) -> None:
         train_keyframe(before, torch.full((9, 3), float("nan")), torch.zeros(9, 3), SETTINGS)
     with pytest.raises(StudioError, match="no view"):
         train_keyframe([], torch.rand(9, 3), torch.zeros(9, 3), SETTINGS)
-    with pytest.raises(StudioError, match="sh_degree is 7"):
+    with refuses_setting("sh_degree"):
         TrainSettings(sh_degree=7)
 
 
@@ -304,8 +305,10 @@ def test_a_warm_network_knows_the_motion_of_the_frame_before(after: list[Trainin
         )
 
 
-def test_fine_tuning_for_rounded_attributes_runs(after: list[TrainingView]) -> None:
-    settings = TrainSettings(**{**vars(SETTINGS), "simulate_quantization": True, "temporal_huber": 1.0})
+@pytest.mark.parametrize("profile", ["planes", "motion"])
+def test_fine_tuning_for_rounded_attributes_runs(after: list[TrainingView], profile: str) -> None:
+    changed = {"simulate_quantization": True, "temporal_huber": 1.0, "regularize": profile}
+    settings = TrainSettings(**{**vars(SETTINGS), **changed})
     truth = ball(SHIFT)
     result = train_interframe(truth, after, settings, seed=3)
     assert loss_of(result.gaussians, after) < 1.5 * loss_of(truth, after) + 0.01

@@ -8,15 +8,10 @@ import torch
 from scipy.stats import norm
 
 from studio.gaussians import Gaussians
-from studio.training.regularizers import (
-    ResidualEntropy,
-    as_baked,
-    baked_values,
-    bits_of_residual,
-    channels,
-    quantization_steps,
-    temporal_loss,
-)
+from studio.stream.profiles import coding_of
+from studio.training.regularizers import ResidualEntropy, bits_of_residual, simulate_quantization, temporal_loss
+
+ATTRIBUTES = {"rotation": slice(0, 4), "scale": slice(4, 7), "opacity": slice(7, 8), "color": slice(8, 11)}
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.3, 1.0, 7.0])
@@ -57,7 +52,7 @@ def test_learned_entropy_reaches_that_of_the_data() -> None:
     torch.manual_seed(0)
     before = torch.zeros(5000, 11)
     current = 1.5 + 3 * torch.randn(5000, 11)
-    loss = ResidualEntropy(before, torch.ones(11), 0)
+    loss = ResidualEntropy(before, torch.ones(11), ATTRIBUTES)
     adam = torch.optim.Adam(loss.parameters(), lr=0.05)
     generator = torch.Generator().manual_seed(1)
     for _ in range(200):
@@ -73,54 +68,18 @@ def test_entropy_sums_elements_and_averages_splats() -> None:
     before = torch.randn(50, 20)
     steps = torch.rand(20) + 0.5
     current = before + torch.randn(50, 20)
-    total = ResidualEntropy(before, steps, 1)(current, torch.Generator().manual_seed(3))
+    total = ResidualEntropy(before, steps, {**ATTRIBUTES, "sh": slice(11, 20)})(
+        current, torch.Generator().manual_seed(3)
+    )
     noise = torch.rand(50, 20, generator=torch.Generator().manual_seed(3)) - 0.5
     bits = bits_of_residual((current - before) / steps + noise, torch.zeros(()), torch.ones(()))
     assert total.item() == pytest.approx(bits.sum().item() / 50, rel=1e-4)
-
-
-def random_gaussians(count: int, degree: int = 1) -> Gaussians:
-    return Gaussians(
-        torch.randn(count, 3),
-        torch.randn(count, 4),
-        torch.randn(count, 3),
-        torch.randn(count),
-        torch.randn(count, (degree + 1) ** 2, 3),
-    )
-
-
-def test_columns_are_the_attributes() -> None:
-    gaussians = random_gaussians(20)
-    values = baked_values(gaussians, gaussians.unit_quats)
-    columns = channels(1)
-    assert values.shape == (20, 20)
-    assert columns["sh"] == slice(11, 20)
-    assert torch.equal(values[:, columns["rotation"]], gaussians.unit_quats)
-    assert torch.equal(values[:, columns["scale"]], gaussians.log_scales)
-    assert torch.equal(values[:, columns["opacity"]][:, 0], gaussians.opacities)
-    assert torch.equal(values[:, columns["color"]], gaussians.sh[:, 0])
-    assert torch.equal(values[:, columns["sh"]], gaussians.sh[:, 1:].flatten(1))
-
-
-def test_negated_quaternions_are_the_same_rotation() -> None:
-    before = random_gaussians(20)
-    flipped = Gaussians(before.means, -3 * before.quats, before.log_scales, before.logit_opacities, before.sh)
-    reference = before.unit_quats
-    one, other = baked_values(before, reference), baked_values(flipped, reference)
-    assert torch.allclose(one, other, atol=1e-6)
-    assert temporal_loss(one, other, 64).item() == pytest.approx(0, abs=1e-4)
 
 
 def test_temporal_loss_is_the_sum_over_the_plane() -> None:
     before = torch.cat([torch.zeros(10, 3), torch.ones(10, 3)], 1)
     now = torch.cat([torch.full((10, 3), -0.5), torch.full((10, 3), 3.0)], 1)
     assert temporal_loss(now, before, 64).item() == pytest.approx((15 + 60) / 64)
-
-
-def test_steps_are_those_of_eight_bits() -> None:
-    step = quantization_steps(torch.tensor([[0.0, 1.0], [2.55, 1.0]]))
-    assert step[0].item() == pytest.approx(0.01)
-    assert step[1] > 0
 
 
 def test_huber_is_quadratic_inside_and_linear_outside() -> None:
@@ -149,9 +108,9 @@ def test_simulated_rounding_is_the_bakers_and_passes_gradients() -> None:
         torch.randn(n, 4, 3, generator=generator),
     )
     splats.log_scales.requires_grad_(True)
-    values = baked_values(splats, splats.unit_quats)
-    low, steps = values.detach().amin(0), quantization_steps(values)
-    drawn = as_baked(splats, values, low, steps)
+    coding = coding_of("planes", splats)
+    values = coding.coded_values(splats)
+    drawn = simulate_quantization(coding, splats, values, coding.quantizer(values))
     for column in range(3):
         plain = splats.log_scales[:, column].detach().numpy()
         lowest, highest = float(plain.min()), float(plain.max())

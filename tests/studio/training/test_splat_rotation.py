@@ -5,26 +5,11 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.training.splat_rotation import local_rotations, multiply, neighbors, quaternions
+from studio.training.splat_rotation import local_rotations, neighbors
 
 
 def wxyz(rotation: Rotation) -> torch.Tensor:
     return torch.from_numpy(rotation.as_quat(canonical=True)[:, [3, 0, 1, 2]])
-
-
-def test_matrices_become_scipys_quaternions() -> None:
-    turns = Rotation.concatenate(
-        [Rotation.random(50, random_state=0), Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity(1)]
-    )
-    found = quaternions(torch.from_numpy(turns.as_matrix()))
-    same = (found * wxyz(turns)).sum(-1).abs()
-    assert torch.allclose(same, torch.ones_like(same), atol=1e-12)
-
-
-def test_products_are_scipys() -> None:
-    one, two = Rotation.random(20, random_state=1), Rotation.random(20, random_state=2)
-    product = multiply(wxyz(one), wxyz(two))
-    assert (product * wxyz(one * two)).sum(-1).abs().numpy() == pytest.approx(1)
 
 
 @pytest.mark.parametrize("flat", [False, True])

@@ -11,8 +11,8 @@ import pytest
 
 from pipelines.reports.calibration import calibration_warnings
 from studio.calibration import (
+    CalibrateSettings,
     TiePoint,
-    TieSettings,
     calibrate_from_tie_points,
     compare_rigs,
     read_tie_points,
@@ -91,7 +91,9 @@ def test_a_lens_that_is_not_known() -> None:
     found = calibrate_from_tie_points(marked(truth, 24, 0.3), sizes(truth))
     assert found.rig.cameras[0].fx == found.rig.cameras[1].fx == pytest.approx(1300, rel=0.01)
     assert compare_rigs(found.rig, truth).center_percent < 0.6
-    own = calibrate_from_tie_points(marked(truth, 40, 0.3), sizes(truth), settings=TieSettings(shared_intrinsics=False))
+    own = calibrate_from_tie_points(
+        marked(truth, 40, 0.3), sizes(truth), settings=CalibrateSettings(shared_intrinsics=False)
+    )
     assert len({camera.fx for camera in own.rig}) == 4
     assert all(camera.fx == pytest.approx(1300, rel=0.02) for camera in own.rig)
 

@@ -1,4 +1,4 @@
-"""Masks from a colored screen: performers composed over screens by known mattes."""
+"""Chroma key: performers composited over screens with known mattes."""
 
 import itertools
 from pathlib import Path
@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.capture.mattes.chroma_key import chroma_matte
 from studio.capture.mattes.clean_plate import DifferenceSettings
 from studio.capture.mattes.despill import despill, key_channels
 from studio.capture.mattes.screen_color import Screen, find_screen
-from studio.errors import StudioError
+from tests.support.errors import refuses
+from tests.support.settings import refuses_setting
 
 GREEN, BLUE, RED, YELLOW = (60, 165, 80), (40, 80, 190), (190, 40, 45), (200, 180, 40)
 
@@ -25,7 +26,7 @@ def iou(matte: np.ndarray, alpha: np.ndarray) -> float:
 
 
 def lit_screen(color: tuple[int, int, int], alpha: np.ndarray, shadow: float = 0.5) -> np.ndarray:
-    """(H, W, 3): uneven light, wrinkles, and the performer's soft shadow beside him."""
+    """(H, W, 3) screen with uneven light, wrinkles, and the performer's soft shadow."""
     height, width = alpha.shape
     rows, columns = np.mgrid[0:height, 0:width] / np.array([height, width]).reshape(2, 1, 1)
     light = 0.75 + 0.35 * columns - 0.2 * rows**2
@@ -48,8 +49,8 @@ def disc(x: float = 110.0, y: float = 80.0, radius: float = 40.0) -> np.ndarray:
 
 
 def performer_of(make: SimpleNamespace, camera: str, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """The sample capture's performer: colors, carried on outwards over his soft edge, and exact matte in 0..1."""
-    spec = CaptureSpec(make.sample, masks="files", mask_files="mattes/{camera}.mkv", cameras=(camera,))
+    """The sample capture's performer: colors, extrapolated over the soft edge, and exact matte in 0..1."""
+    spec = CaptureSettings(root=make.sample, masks="files", mask_files="mattes/{camera}.mkv", cameras=(camera,))
     footage = open_footage(spec)
     image, alpha = footage.raw_image(camera, frame).astype(float), footage.raw_matte(camera, frame) / 255.0
     core = (alpha > 0.98).astype(float)
@@ -60,7 +61,7 @@ def performer_of(make: SimpleNamespace, camera: str, frame: int) -> tuple[np.nda
 
 @pytest.mark.parametrize(("camera", "frame"), [("cam00", 0), ("cam09", 7)])
 @pytest.mark.parametrize("color", [GREEN, BLUE, (30, 80, 45)])
-def test_the_sample_performer_before_a_screen(
+def test_the_sample_performer_on_a_screen(
     make: SimpleNamespace, camera: str, frame: int, color: tuple[int, int, int]
 ) -> None:
     front, alpha = performer_of(make, camera, frame)
@@ -89,7 +90,7 @@ def test_screens_of_any_color(color: tuple[int, int, int], front: tuple[int, int
     assert np.abs(matte / 255 - alpha).mean() < 0.004
 
 
-def test_edges_are_as_soft_as_they_are() -> None:
+def test_edges_have_the_true_softness() -> None:
     alpha = disc(110.3, 80.7)
     image = compose(np.array([205, 150, 125]), alpha, lit_screen(GREEN, alpha, shadow=0.0))
     matte = chroma_matte(image, find_screen([image], "cam"))
@@ -98,12 +99,14 @@ def test_edges_are_as_soft_as_they_are() -> None:
     assert np.abs(matte[edge] / 255 - alpha[edge]).mean() < 0.5 * hard
 
 
-def test_shadows_are_screen_unless_asked_otherwise() -> None:
+def test_shadows_are_screen_by_default() -> None:
     alpha = disc(80)
     image = compose(np.array([205, 150, 125]), alpha, lit_screen(GREEN, alpha, shadow=0.6))
     screen = find_screen([image], "cam")
     assert iou(chroma_matte(image, screen), alpha) > 0.97
-    assert iou(chroma_matte(image, screen, DifferenceSettings(shadows=False)), alpha) < 0.9  # so the setting does it
+    assert (
+        iou(chroma_matte(image, screen, DifferenceSettings(mask_shadows=False)), alpha) < 0.9
+    )  # the setting makes the difference
 
 
 def test_an_empty_screen_has_no_performer() -> None:
@@ -111,14 +114,17 @@ def test_an_empty_screen_has_no_performer() -> None:
     assert chroma_matte(image, find_screen([image], "cam")).max() == 0
 
 
-def test_pieces_sensitivity_and_large_images() -> None:
+def test_components_sensitivity_and_large_images() -> None:
     alpha = np.maximum(disc(70), disc(190, 80, 12))
     image = compose(np.array([205, 150, 125]), alpha, lit_screen(GREEN, alpha))
     screen = find_screen([image], "cam")
-    assert iou(chroma_matte(image, screen, DifferenceSettings(components=1)), disc(70)) > 0.97
-    # of a color that is hardly the screen's: sensitivity decides
+    assert iou(chroma_matte(image, screen, DifferenceSettings(mask_components=1)), disc(70)) > 0.97
+    # a color close to the screen's: sensitivity decides
     near = compose(np.array([75, 150, 85]), disc(), lit_screen(GREEN, disc(), shadow=0.0))
-    found = [int((chroma_matte(near, screen, DifferenceSettings(value)) > 127).sum()) for value in (0.5, 4.0)]
+    found = [
+        int((chroma_matte(near, screen, DifferenceSettings(mask_sensitivity=value)) > 127).sum())
+        for value in (0.5, 4.0)
+    ]
     assert found[0] < 0.1 * found[1]
     large = cv2.resize(disc(), (2880, 1920), interpolation=cv2.INTER_CUBIC).clip(0, 1)
     image = compose(np.array([205, 150, 125]), large, lit_screen(GREEN, large, shadow=0.0))
@@ -127,29 +133,30 @@ def test_pieces_sensitivity_and_large_images() -> None:
     assert iou(matte, large) > 0.99
 
 
-def test_a_picture_without_a_screen_says_so(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_an_image_without_a_screen(tmp_path: Path, make: SimpleNamespace) -> None:
     gray = compose(np.array([205, 150, 125]), disc(), np.full((160, 240, 3), 120.0))
     make.image(tmp_path / "images" / "a" / "0.png", gray)
-    footage = open_footage(CaptureSpec(tmp_path, masks="chroma_key"))
-    with pytest.raises(StudioError, match=r"Camera 'a': no saturated color dominates its picture .* give key_color"):
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="chroma_key"))
+    with refuses("matte.no_screen", camera="a", setting="capture.key_color") as caught:
         footage.matte("a", 0)
+    assert str(caught.value).startswith("Camera 'a': no screen found; no saturated color dominates the image (")
+    assert caught.value.value < 0.12
     (problem,) = check_footage(footage)
-    assert "no screen was found" in problem
-    asked = open_footage(CaptureSpec(tmp_path, masks="chroma_key", key_color=(0.1, 0.7, 0.2)))
-    with pytest.raises(StudioError, match=r"nothing in its picture is like key_color \[0.10, 0.70, 0.20\]"):
+    assert problem.code == "matte.no_screen"
+    asked = open_footage(CaptureSettings(root=tmp_path, masks="chroma_key", key_color=(0.1, 0.7, 0.2)))
+    with refuses("matte.key_color_not_found", value=(0.1, 0.7, 0.2), camera="a", setting="capture.key_color") as caught:
         asked.matte("a", 0)
+    assert "[0.10, 0.70, 0.20]" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("key", "words"), [((0.5, 0.5, 0.52), "gray or black"), ("green", "three numbers"), ((0.1, 2.0, 0.1), "in 0..1")]
-)
-def test_key_colors_that_are_none(key: object, words: str) -> None:
-    with pytest.raises(StudioError, match=words):
-        CaptureSpec(Path("."), key_color=key)  # type: ignore[arg-type]
+@pytest.mark.parametrize("key", [(0.5, 0.5, 0.52), "green", (0.1, 2.0, 0.1)])
+def test_invalid_key_colors(key: object) -> None:
+    with refuses_setting("key_color"):
+        CaptureSettings(root=Path("."), key_color=key)  # type: ignore[arg-type]
 
 
-def test_a_given_color_is_keyed_although_another_covers_more(tmp_path: Path, make: SimpleNamespace) -> None:
-    """A red floor larger than the green screen; a garbage matte takes the floor away."""
+def test_a_given_key_color_wins_over_a_larger_area(tmp_path: Path, make: SimpleNamespace) -> None:
+    """A red floor larger than the green screen; a garbage matte removes the floor."""
     alpha = disc(110, 50, 35)
     image = compose(np.array([225, 220, 215]), alpha, lit_screen(GREEN, alpha, shadow=0.0))
     image[95:] = compose(np.zeros(3), np.zeros((65, 240)), np.broadcast_to(np.array(RED, float), (65, 240, 3)))
@@ -157,27 +164,35 @@ def test_a_given_color_is_keyed_although_another_covers_more(tmp_path: Path, mak
     kept = np.full((80, 120), 255, np.uint8)  # of half the size
     kept[46:] = 0
     make.image(tmp_path / "garbage" / "a.png", kept)
-    spec = CaptureSpec(
-        tmp_path, masks="chroma_key", key_color=(0.25, 0.6, 0.3), garbage_mattes="garbage/{camera}.png", despill=False
+    spec = CaptureSettings(
+        root=tmp_path,
+        masks="chroma_key",
+        key_color=(0.25, 0.6, 0.3),
+        garbage_mattes="garbage/{camera}.png",
+        despill=False,
     )
     footage = open_footage(spec)
     assert iou(footage.matte("a", 3), alpha) > 0.97
     assert tmp_path / "garbage" / "a.png" in footage.files()
     assert np.array_equal(footage.image("a", 3), image)  # no despill
-    with pytest.raises(StudioError, match="no garbage matte of the footage's cameras fits"):
-        open_footage(CaptureSpec(tmp_path, masks="chroma_key", garbage_mattes="other/{camera}.png"))
+    with refuses(
+        "matte.garbage_not_found", file=tmp_path, value="other/{camera}.png", setting="capture.garbage_mattes"
+    ):
+        open_footage(CaptureSettings(root=tmp_path, masks="chroma_key", garbage_mattes="other/{camera}.png"))
 
 
-def test_garbage_mattes_may_change_with_time(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_garbage_mattes_per_frame(tmp_path: Path, make: SimpleNamespace) -> None:
     alpha = disc()
     image = compose(np.array([225, 220, 215]), alpha, lit_screen(GREEN, alpha, shadow=0.0))
     for frame in (1, 2):
         make.image(tmp_path / "images" / "a" / f"{frame}.png", image)
         make.image(tmp_path / "images" / "b" / f"{frame}.png", image)
         make.image(tmp_path / "garbage" / "a" / f"{frame}.png", np.full((160, 240), 255 * (frame == 2), np.uint8))
-    footage = open_footage(CaptureSpec(tmp_path, masks="chroma_key", garbage_mattes="garbage/{camera}/{frame}.png"))
+    footage = open_footage(
+        CaptureSettings(root=tmp_path, masks="chroma_key", garbage_mattes="garbage/{camera}/{frame}.png")
+    )
     assert footage.matte("a", 1).max() == 0
-    assert np.array_equal(footage.matte("a", 2), footage.matte("b", 1))  # b has none: its whole picture counts
+    assert np.array_equal(footage.matte("a", 2), footage.matte("b", 1))  # b has none: its whole image counts
 
 
 def test_key_channels() -> None:
@@ -186,8 +201,8 @@ def test_key_channels() -> None:
     assert key_channels(np.array(YELLOW)) == ([0, 1], [2])
 
 
-def test_despill_gives_back_the_performers_color_at_the_outline_only() -> None:
-    """With the exact matte and screen, and no noise, the mixture is undone to rounding."""
+def test_despill_restores_the_performers_color_at_the_outline_only() -> None:
+    """With the exact matte and screen, and without noise, mixed pixels are solved up to rounding."""
     alpha = disc()
     screen = np.broadcast_to(np.array(GREEN, float), (160, 240, 3))
     front = np.array([205.0, 150.0, 125.0])
@@ -198,19 +213,19 @@ def test_despill_gives_back_the_performers_color_at_the_outline_only() -> None:
     assert np.abs(image[mixed] - front).max() > 60
     assert np.abs(cleaned[mixed] - front).max() < 4
     assert np.array_equal(cleaned[60:100, 90:130], image[60:100, 90:130])
-    # light of the screen on the performer: no greener than red or blue
+    # screen light on the performer: green may not exceed red and blue
     tinted = compose(np.array([120.0, 160.0, 110.0]), alpha, screen, noise=0.0)
     cleaned = despill(tinted, np.rint(255 * alpha).astype(np.uint8), screen.astype(np.uint8), np.array(GREEN))
     assert (cleaned[mixed][:, 1] <= np.maximum(cleaned[mixed][:, 0], cleaned[mixed][:, 2])).all()
 
 
-def test_footage_hands_out_images_without_the_screens_light(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_footage_returns_despilled_images(tmp_path: Path, make: SimpleNamespace) -> None:
     alpha, front = disc(), np.array([205.0, 150.0, 125.0])
     image = compose(front, alpha, lit_screen(GREEN, alpha, shadow=0.0))
     make.image(tmp_path / "images" / "a" / "0.png", image)
     errors = {}
     for kept in (True, False):
-        footage = open_footage(CaptureSpec(tmp_path, masks="chroma_key", despill=kept))
+        footage = open_footage(CaptureSettings(root=tmp_path, masks="chroma_key", despill=kept))
         over_black = footage.image("a", 0) * (footage.matte("a", 0)[..., None] / 255)
         near = cv2.dilate(((alpha > 0.02) & (alpha < 0.98)).astype(np.uint8), np.ones((5, 5))) > 0
         errors[kept] = np.abs(over_black - alpha[..., None] * front)[near].mean()
@@ -218,7 +233,7 @@ def test_footage_hands_out_images_without_the_screens_light(tmp_path: Path, make
     assert errors[True] < 0.8 * errors[False]
 
 
-def test_screens_under_any_light_are_one_direction() -> None:
+def test_a_screen_has_one_direction_under_any_light() -> None:
     screen = Screen(np.array(GREEN, np.float32), 0.01)
     light = np.linspace(0.2, 1.4, 12, dtype=np.float32).reshape(3, 4, 1)
     tangents, along = screen.tangents(light * np.array(GREEN, np.float32))

@@ -1,4 +1,4 @@
-"""Masks against exact mattes: the sample capture's, and of scenes composed here."""
+"""Mattes against exact ones: of the sample capture, and of scenes composed here."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from studio.cameras import Rig
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.capture.mattes.clean_plate import DifferenceSettings, difference_matte
 from studio.capture.mattes.filters import guided_filter, keep_components
@@ -20,7 +20,7 @@ def iou(matte: np.ndarray, truth: np.ndarray) -> float:
 
 
 def test_clean_plates_of_the_sample_capture(make: SimpleNamespace, sample_rig: Rig) -> None:
-    spec = CaptureSpec(make.sample, masks="clean_plate", evaluation_mattes="mattes/{camera}.mkv")
+    spec = CaptureSettings(root=make.sample, masks="clean_plate", evaluation_mattes="mattes/{camera}.mkv")
     footage = open_footage(spec, sample_rig)
     assert len(footage.camera_names) == 16
     assert len(footage.frames) == 30
@@ -35,10 +35,10 @@ def test_clean_plates_of_the_sample_capture(make: SimpleNamespace, sample_rig: R
 
 
 def test_sample_mattes_agree_with_the_exact_surface(make: SimpleNamespace, sample_rig: Rig) -> None:
-    """The shipped mattes, meshes and cameras belong together: every vertex projects into the matte or its border."""
+    """Mattes, meshes and cameras of the sample are consistent: every vertex projects into the matte or its border."""
     import cv2
 
-    footage = open_footage(CaptureSpec(make.sample, evaluation_mattes="mattes/{camera}.mkv"), sample_rig)
+    footage = open_footage(CaptureSettings(root=make.sample, evaluation_mattes="mattes/{camera}.mkv"), sample_rig)
     data = (make.sample / "meshes" / "000012.ply").read_bytes()
     header, body = data.split(b"end_header\n", 1)
     count = int(header.split(b"element vertex ")[1].split()[0])
@@ -52,7 +52,7 @@ def test_sample_mattes_agree_with_the_exact_surface(make: SimpleNamespace, sampl
 
 
 def set_of(width: int = 240, height: int = 160) -> np.ndarray:
-    """An empty set: floor and wall with some texture."""
+    """An empty set with some texture."""
     rng = np.random.default_rng(5)
     import cv2
 
@@ -74,7 +74,7 @@ def compose(empty: np.ndarray, alpha: np.ndarray, noise: float, seed: int) -> np
 
 
 @pytest.mark.parametrize("noise", [0.0, 3.0, 8.0])
-def test_noise_is_told_from_the_performer(noise: float) -> None:
+def test_noise_is_not_the_performer(noise: float) -> None:
     empty, alpha = set_of(), performer(240, 160, 100, 80)
     plate = compose(empty, np.zeros_like(alpha), noise, 1)
     matte = difference_matte(compose(empty, alpha, noise, 2), plate)
@@ -82,7 +82,7 @@ def test_noise_is_told_from_the_performer(noise: float) -> None:
     assert difference_matte(compose(empty, 0 * alpha, noise, 3), plate).max() == 0
 
 
-def test_edges_are_as_soft_as_they_are() -> None:
+def test_edges_have_the_true_softness() -> None:
     empty, alpha = set_of(), performer(240, 160, 100.3, 80.7)
     matte = difference_matte(compose(empty, alpha, 2.0, 2), compose(empty, 0 * alpha, 2.0, 1))
     edge = (alpha > 0.05) & (alpha < 0.95)
@@ -98,8 +98,8 @@ def test_soft_shadows_are_not_the_performer() -> None:
     image = compose(empty * shade[..., None], alpha, 2.0, 2)
     plate = compose(empty, 0 * alpha, 2.0, 1)
     assert iou(difference_matte(image, plate), 255 * alpha) > 0.95
-    kept = difference_matte(image, plate, DifferenceSettings(shadows=False))
-    assert iou(kept, 255 * alpha) < 0.85  # so the setting does it
+    kept = difference_matte(image, plate, DifferenceSettings(mask_shadows=False))
+    assert iou(kept, 255 * alpha) < 0.85  # the setting makes the difference
 
 
 def test_shadows_on_a_colorful_floor_are_not_the_performer() -> None:
@@ -112,18 +112,18 @@ def test_shadows_on_a_colorful_floor_are_not_the_performer() -> None:
     assert iou(difference_matte(image, plate), 255 * alpha) > 0.95
 
 
-def test_exposure_that_drifts_is_followed() -> None:
+def test_drifting_exposure_is_compensated() -> None:
     empty, alpha = set_of(), performer(240, 160, 100, 80)
     image = np.clip(compose(empty, alpha, 2.0, 2) * np.array([1.08, 1.1, 1.15]), 0, 255).astype(np.uint8)
     assert iou(difference_matte(image, compose(empty, 0 * alpha, 2.0, 1)), 255 * alpha) > 0.96
 
 
-def test_only_the_largest_pieces_are_kept_where_asked() -> None:
+def test_only_the_largest_components_are_kept() -> None:
     empty = set_of()
     alpha = np.maximum(performer(240, 160, 70, 80), performer(240, 160, 190, 80, 14))
     image, plate = compose(empty, alpha, 2.0, 2), compose(empty, 0 * alpha, 2.0, 1)
     assert iou(difference_matte(image, plate), 255 * alpha) > 0.96
-    one = difference_matte(image, plate, DifferenceSettings(components=1))
+    one = difference_matte(image, plate, DifferenceSettings(mask_components=1))
     assert iou(one, 255 * performer(240, 160, 70, 80)) > 0.96
 
 
@@ -137,8 +137,8 @@ def test_large_images_are_matted_at_full_size() -> None:
     assert iou(matte, 255 * alpha) > 0.99
 
 
-def test_the_set_is_recovered_although_it_is_covered_most_of_the_time() -> None:
-    """The performer stays at one place for two thirds of the time, swaying; a median would show the performer there."""
+def test_the_set_is_estimated_although_it_is_covered_most_of_the_time() -> None:
+    """The performer stays in one place for two thirds of the time; a median would show the performer there."""
     empty = set_of()
     places = [(60 + 3 * np.sin(2.1 * i), 80 + 2 * np.cos(1.7 * i)) for i in range(20)]
     places += [(60 + 12.0 * i, 80.0) for i in range(1, 11)]
@@ -153,7 +153,7 @@ def test_the_set_is_recovered_although_it_is_covered_most_of_the_time() -> None:
         assert iou(matte, 255 * performer(240, 160, *places[index], 22)) > 0.95
 
 
-def test_recovered_sets_are_kept_and_damaged_ones_made_again(tmp_path: Path) -> None:
+def test_estimated_sets_are_cached_and_damaged_files_replaced(tmp_path: Path) -> None:
     images = [compose(set_of(), performer(240, 160, 40 + 15 * i, 80), 2.0, i) for i in range(12)]
     calls = []
 
@@ -172,18 +172,18 @@ def test_recovered_sets_are_kept_and_damaged_ones_made_again(tmp_path: Path) -> 
     assert len(calls) == 2
 
 
-def test_footage_that_stands_still_gives_empty_masks(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_static_footage_has_empty_masks(tmp_path: Path, make: SimpleNamespace) -> None:
     empty = set_of()
     for frame in range(12):
         make.image(tmp_path / "images" / "a" / f"{frame}.png", compose(empty, np.zeros((160, 240)), 2.0, frame))
-    footage = open_footage(CaptureSpec(tmp_path))
-    assert "recovered" in footage.description
-    problems = check_footage(footage)
-    assert len(problems) == 1
-    assert "mask is empty in frame 0-11" in problems[0]
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert "estimated from the footage" in footage.description
+    (problem,) = check_footage(footage)
+    assert problem.code == "matte.empty"
+    assert problem.fields == {"camera": "a", "frames": tuple(range(12))}
 
 
-def test_a_matting_model_can_be_put_in(three_videos: Path) -> None:
+def test_any_object_with_the_protocol_is_a_matte_source(three_videos: Path) -> None:
     class Left:
         def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
             matte = np.zeros(image.shape[:2], np.uint8)
@@ -193,7 +193,7 @@ def test_a_matting_model_can_be_put_in(three_videos: Path) -> None:
         def files(self) -> list[Path]:
             return []
 
-    footage = open_footage(CaptureSpec(three_videos, masks="none")).with_matte_source(Left())
+    footage = open_footage(CaptureSettings(root=three_videos, masks="none")).with_matte_source(Left())
     assert footage.matte("cam1", 6)[:, :24].min() == 255
     assert footage.matte("cam1", 6)[:, 24:].max() == 0
 
@@ -215,7 +215,7 @@ def test_guided_filter_is_the_local_linear_regression_of_the_paper() -> None:
     assert guided_filter(guide, values, 1, 0.01)[i, j] == pytest.approx(expected, abs=1e-5)
 
 
-def test_pieces_and_holes() -> None:
+def test_components_and_holes() -> None:
     mask = np.zeros((40, 40), np.uint8)
     mask[5:25, 5:25] = 1
     mask[10:12, 10:12] = 0  # a small hole

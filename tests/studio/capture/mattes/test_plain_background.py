@@ -1,4 +1,4 @@
-"""Performers who were cut out before one plain color."""
+"""Performers cut out on a plain color."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studio.capture import CaptureSpec, open_footage
+from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.capture.mattes.plain_background import plain_color, plain_matte
-from studio.errors import StudioError
+from tests.support.errors import refuses
 
 SIZE = 160
 
@@ -33,7 +33,7 @@ def before(color: int) -> np.ndarray:
 
 @pytest.mark.parametrize("color", [0, 255])
 @pytest.mark.parametrize("quality", [None, 90])
-def test_cut_out_before_one_color(color: int, quality: int | None) -> None:
+def test_mattes_of_performers_on_a_plain_color(color: int, quality: int | None) -> None:
     image = before(color)
     if quality:
         image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
@@ -47,7 +47,7 @@ def test_cut_out_before_one_color(color: int, quality: int | None) -> None:
     assert matte[SIZE // 2, SIZE // 2] == 0
 
 
-def test_what_was_filmed_or_shows_nothing_is_not_taken_for_it() -> None:
+def test_camera_footage_and_empty_images_have_no_plain_color() -> None:
     rng = np.random.default_rng(0)
     assert plain_color(rng.integers(180, 200, (SIZE, SIZE, 3)).astype(np.uint8)) is None
     assert plain_color(np.full((SIZE, SIZE, 3), 255, np.uint8)) is None
@@ -56,27 +56,27 @@ def test_what_was_filmed_or_shows_nothing_is_not_taken_for_it() -> None:
     assert plain_color(bars) is None
 
 
-def test_auto_takes_it_and_cleans_the_outline(tmp_path: Path) -> None:
+def test_auto_detects_it_and_cleans_the_outline(tmp_path: Path) -> None:
     for camera in ("a", "b"):
         (tmp_path / "images" / camera).mkdir(parents=True)
         Image.fromarray(before(255)).save(tmp_path / "images" / camera / "000000.png")
-    footage = open_footage(CaptureSpec(tmp_path))
-    assert "plain color" in footage.description
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert "plain background" in footage.description
     image, matte = footage.image("a", 0).astype(float), footage.matte("a", 0)
     colors, _ = performer()
     mixed = (matte > 100) & (matte < 220)
     assert mixed.any()
-    # as filmed these pixels are half white
+    # in the files these pixels are half white
     assert np.abs(image - colors)[mixed].mean() < 0.4 * np.abs(before(255) - colors)[mixed].mean()
     assert not check_footage(footage)
 
 
-def test_another_background_is_refused_by_name(tmp_path: Path) -> None:
+def test_another_background_is_refused(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE, 3)).astype(np.uint8)
     Image.fromarray(noise).save(tmp_path / "images" / "a.png")
     Image.fromarray(before(0)).save(tmp_path / "images" / "b.png")
-    assert "none" in open_footage(CaptureSpec(tmp_path)).description
-    footage = open_footage(CaptureSpec(tmp_path, masks="plain"))
-    with pytest.raises(StudioError, match=r"Camera 'a'.*plain color"):
+    assert "none" in open_footage(CaptureSettings(root=tmp_path)).description
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="plain"))
+    with refuses("matte.not_plain", camera="a", setting="capture.masks"):
         footage.matte("a", 0)

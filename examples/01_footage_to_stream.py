@@ -1,0 +1,61 @@
+"""All stages over a take: from multi-camera videos to a measured stream.
+
+    python examples/01_footage_to_stream.py --take my-take
+
+The settings below are quick, not good: two frames at a quarter of the size. `sample_configs/quickstart.yaml` has better
+ones. Running it again continues after an interruption, and does nothing once all stages are done.
+"""
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+import v3studio as v3
+
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "walk16"
+QUICK = {
+    "capture.root": str(SAMPLE),
+    "capture.masks": "clean_plate",
+    "capture.clean_plates": "clean_plates/{camera}.png",
+    "capture.evaluation_mattes": "mattes/{camera}.mkv",
+    "capture.held_out": ["cam05"],
+    "capture.stop": 2,
+    "capture.scale": 0.25,
+    "initialize.points": 2000,
+    "initialize.resolution": 64,
+    "train.keyframe_iterations": 60,
+    "train.densify_from": 20,
+    "train.densify_until": 40,
+    "train.prune_finetune_iterations": 20,
+    "train.motion_iterations": 20,
+    "train.finetune_iterations": 20,
+}
+
+
+def report(event: v3.Event) -> None:
+    """Called with everything that happens: progress, figures, warnings."""
+    if isinstance(event, v3.StageFinished):
+        print(f"{event.stage}: {event.seconds:.1f} s")
+    elif isinstance(event, v3.Warned):
+        print(f"warning: {event.message}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--take", type=Path, help="folder of the take (default: a temporary one)")
+    folder = parser.parse_args().take or Path(tempfile.mkdtemp()) / "take"
+
+    config = v3.load_config(None, QUICK.items())
+    take = v3.Take.create(folder)
+    v3.run(take, config, report)
+
+    for name, stage in v3.status(take, config).items():
+        print(f"{name}: {stage.state}")
+    evaluation = json.loads(take.evaluation.read_text())
+    print(json.dumps(evaluation["summary"], indent=1))
+    print(f"stream: {take.stream}")
+
+
+if __name__ == "__main__":
+    main()

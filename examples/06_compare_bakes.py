@@ -1,0 +1,39 @@
+"""Compare two bakes of the same splats: bytes per frame, and PSNR of the drawn frames against the unbaked splats."""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import torch
+from _shapes import camera_of, swinging_cloud
+
+import v3studio as v3
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--qps", type=int, nargs="+", default=[14, 28])
+    arguments = parser.parse_args()
+    frames = [swinging_cloud(3000, time / 8) for time in range(8)]
+    video = v3.SplatVideo("cloud", fps=25, frame_count=len(frames), group_starts=(0,), read=frames.__getitem__)
+    camera = camera_of()
+    folder = Path(tempfile.mkdtemp())
+    found = []
+    for qp in arguments.qps:
+        manifest = v3.bake_video(video, folder / f"qp{qp}", v3.BakeSettings(qp=qp))
+        with v3.StreamReader.open(folder / f"qp{qp}") as reader, torch.no_grad():
+            psnrs = [
+                float(v3.psnr(v3.rasterize(decoded, camera).image, v3.rasterize(frame, camera).image))
+                for decoded, frame in zip(reader.iterate(), frames, strict=True)
+            ]
+        found.append((manifest.total_bytes, sum(psnrs) / len(psnrs)))
+        print(
+            f"QP {qp}: {manifest.total_bytes / len(frames) / 1000:.1f} kB per frame, {found[-1][1]:.2f} dB, "
+            f"worst {min(psnrs):.2f} dB"
+        )
+    if arguments.qps == sorted(set(arguments.qps)):
+        assert found == sorted(found, reverse=True), "a higher QP must be smaller and worse"
+
+
+if __name__ == "__main__":
+    main()

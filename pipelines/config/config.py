@@ -1,0 +1,105 @@
+"""All settings of a run: one section per stage, composed of the settings models of the library's rooms.
+
+The settings models of the library are described in `studio.settings`. Declared here is what only the pipelines know:
+grouping, evaluation and the run itself.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, field_validator
+
+from studio.calibration.settings import CalibrateSettings
+from studio.capture.settings import CaptureSettings
+from studio.meshing.settings import InitializeSettings
+from studio.settings import Affects, Conflict, Heading, Settings
+from studio.stream.settings import BakeSettings
+from studio.training.settings import TrainSettings
+
+
+class GroupSettings(Settings):
+    """Where groups begin, and whether the footage is checked first."""
+
+    group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=20, ge=1, le=1000)
+    """Maximum number of frames per group; the first is the keyframe. The paper uses 20."""
+
+    grouping: Annotated[Literal["fixed", "motion"], Affects("grouping")] = "fixed"
+    """Where groups begin. fixed: every group_size frames. motion: earlier where the footage has changed too much since
+    the keyframe."""
+
+    group_change: Annotated[float, Affects("grouping")] = Field(default=0.4, gt=0, lt=1)
+    """Grouping by motion: change of the performer's appearance, independent of their position, at which a new group
+    begins. 0: identical images; 1: nothing in common. Groups have at least 4 frames."""
+
+    check_footage: Annotated[bool, Affects()] = True
+    """Read all frames before training and refuse broken footage (unreadable files, empty or all-white masks). false:
+    such frames are found during training, where a camera that does not see the performer is left out of the frame."""
+
+
+# Fields of the last base come first.
+class TrainStageSettings(TrainSettings, GroupSettings):
+    """Training a group: a keyframe, then motion and fine-tuning, frame by frame."""
+
+
+class EvaluateSettings(Settings):
+    """Measuring the trained and the baked frames."""
+
+    affects: ClassVar[Affects | None] = Affects("evaluation")
+
+    crop_padding: Annotated[int, Heading("Evaluation")] = Field(default=8, ge=0, le=10_000)
+    """Metrics are computed in the bounding box of the performer's mask, padded by this many pixels."""
+
+    lpips: Literal["alex", "vgg"] | None = None
+    """Also compute LPIPS, with AlexNet (alex, recommended by its authors for comparisons) or VGG16 (vgg). null: no. The
+    network's weights (244 or 553 MB) are downloaded from download.pytorch.org on first use."""
+
+    report_frames: int = Field(default=4, ge=1, le=100)
+    """Number of frames shown as images in the report, spread over the take."""
+
+    report_width: int = Field(default=420, ge=64, le=4096)
+    """Maximum width of the report's images, in pixels."""
+
+
+class RunSettings(Settings):
+    """The run itself: seed, device, threads."""
+
+    affects: ClassVar[Affects | None] = Affects()
+
+    seed: Annotated[
+        int, Heading("Run"), Affects("cameras_from_images", "cameras_from_points", "initial_points", "keyframe")
+    ] = Field(default=0, ge=0, lt=2**31)
+    """Random seed: equal seeds give equal takes."""
+
+    device: str = "auto"
+    """Device for training and rendering: cpu, cuda, cuda:N, or auto (a GPU if available)."""
+
+    threads: int = Field(default=0, ge=0, le=1024)
+    """CPU threads. 0: all cores."""
+
+    groups_at_once: int | None = Field(default=None, ge=1, le=64)
+    """Groups trained in parallel, sharing the CPU threads. null: on a CPU as many as threads and memory allow, at most
+    8; on a GPU one."""
+
+    preview_seconds: float = Field(default=20.0, ge=0)
+    """Minimum interval between preview images during training, in seconds. 0: no previews."""
+
+    @field_validator("device")
+    @classmethod
+    def _known_device(cls, value: str) -> str:
+        kind, _, index = value.partition(":")
+        if kind not in ("auto", "cpu", "cuda") or (index and (kind != "cuda" or not index.isdecimal())):
+            raise Conflict("must be auto, cpu, cuda or cuda:N")
+        return value
+
+
+class Config(Settings):
+    """All settings of a run."""
+
+    capture: CaptureSettings = CaptureSettings()
+    calibrate: CalibrateSettings = CalibrateSettings()
+    initialize: InitializeSettings = InitializeSettings()
+    train: TrainStageSettings = TrainStageSettings()
+    bake: BakeSettings = BakeSettings()
+    evaluate: EvaluateSettings = EvaluateSettings()
+    run: RunSettings = RunSettings()

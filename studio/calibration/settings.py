@@ -1,0 +1,144 @@
+"""Settings of calibration: from the footage, from a calibration target, or from marked tie points."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from studio.calibration.target.pattern import CalibrationTarget
+from studio.settings import Affects, Conflict, Heading, Settings, Unbounded
+
+CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"]
+
+_FRAME_NUMBER = Unbounded("frame numbers are those of the files")
+_ALL_WAYS = Affects("cameras_from_images", "cameras_from_target", "cameras_from_points")
+_TARGET = Affects("cameras_from_images", "cameras_from_target")
+_POINTS = Affects("cameras_from_images", "cameras_from_points")
+
+
+class CalibrateSettings(Settings):
+    """Calibration of the cameras, for captures without a calibration file.
+
+    Functions of `studio.calibration` take opened footage, a `CalibrationTarget`, observations or tie points, and read
+    here how to solve. Which input a take is calibrated from (`board_images`, `intrinsics_images`, `tie_points`,
+    `frame`, `frames`, `look_at`, `known_cameras`, ...) is up to the caller.
+    """
+
+    affects: ClassVar[Affects | None] = Affects("cameras_from_images")
+
+    board_images: Annotated[str, Heading("Calibration target"), _TARGET] = ""
+    """Pattern of synchronized footage in which a calibration target (board) is moved in front of the cameras; example:
+    board/{camera}.mp4. The cameras are then calibrated from it. "": use the capture's own footage."""
+
+    intrinsics_images: Annotated[str, _ALL_WAYS] = ""
+    """Pattern of images of the target per camera, for intrinsics only; example: lenses/{camera}/*_{frame}.jpg."""
+
+    board: Annotated[CalibrationTarget, _ALL_WAYS] = CalibrationTarget()
+    """Layout and size of the calibration target."""
+
+    board_frames: Annotated[int, Heading("Target detection"), _ALL_WAYS] = Field(default=300, ge=1)
+    """Maximum number of frames per camera that are searched for the target, spread evenly over the footage."""
+
+    board_origin: Annotated[int | None, _FRAME_NUMBER, _TARGET] = None
+    """Frame of board_images whose target defines the world: origin at its center, x along its columns, and up. null:
+    origin at the point the cameras look at, and up from the cameras. World units are meters either way."""
+
+    board_upright: Annotated[bool, _TARGET] = False
+    """The target stands upright in frame board_origin. false: it lies on the floor."""
+
+    tie_points: Annotated[str, Heading("Tie points")] = ""
+    """File of tie points marked manually in several cameras (docs/CALIBRATION.md), relative to capture.root. The
+    cameras are then calibrated from it. For rigs whose cameras share too few features to be matched automatically."""
+
+    tie_accuracy: Annotated[float, _POINTS] = Field(default=1.0, gt=0, le=100)
+    """Standard deviation of the marks, in pixels."""
+
+    tie_world_accuracy: Annotated[float, _POINTS] = Field(default=0.01, gt=0, le=10)
+    """Standard deviation of measured world positions of tie points, in meters."""
+
+    frame: Annotated[int | None, Heading("Footage"), _FRAME_NUMBER, Affects()] = None
+    """Frame to calibrate from, as numbered in the files. null: the first frame used."""
+
+    frames: Annotated[int, Affects()] = Field(default=1, ge=1, le=100)
+    """Number of frames, spread over the footage, that are calibrated from jointly; the cameras must not move. Each
+    frame takes as long as the first. More frames reduce noise, and the performer occludes less."""
+
+    look_at: Literal["everything", "room", "performer"] = "everything"
+    """Image region features are detected in: everything; room, excluding the performer; or the performer only. The
+    last two need masks."""
+
+    camera_model: Annotated[CameraModel, Heading("Intrinsics"), _ALL_WAYS] = "SIMPLE_RADIAL"
+    """COLMAP camera model. More distortion parameters fit stronger distortion, and need more features."""
+
+    shared_intrinsics: Annotated[bool | None, _POINTS] = None
+    """true: all cameras of one image size share intrinsics (one camera moved around, or identical fixed lenses). false:
+    intrinsics per camera. null: shared if they fit as well as intrinsics per camera (see the calibration report);
+    with tie points: shared."""
+
+    intrinsics_groups: tuple[tuple[str, ...], ...] = ()
+    """Groups of cameras that share intrinsics; example: [[cam01, cam02], [cam03, cam04]]."""
+
+    known_cameras: Annotated[str, Heading("Known cameras")] = ""
+    """Camera file with known intrinsics, relative to capture.root. With known_poses, its extrinsics are used
+    as well."""
+
+    fix_intrinsics: bool = True
+    """Keep the intrinsics of known_cameras (or intrinsics_images) fixed. false: use them as initial values."""
+
+    known_poses: bool = False
+    """known_cameras is a previous calibration of this rig: register the new footage to it, which is much faster than a
+    full calibration."""
+
+    fix_poses: bool = False
+    """With known_poses: keep the extrinsics fixed. false: refine them, for cameras that were moved since."""
+
+    scale_between: Annotated[tuple[str, ...], Heading("Scale and floor"), _POINTS] = ()
+    """Two cameras whose distance is known, which sets the scale; example: [cam01, cam05]."""
+
+    scale_distance: Annotated[float | None, _POINTS] = Field(default=None, gt=0)
+    """Distance between the centers of the two cameras of scale_between, in meters."""
+
+    floor: bool = False
+    """Detect the floor in the sparse points; it defines up and height 0. Needs a textured floor."""
+
+    focal_factor: Annotated[float, Heading("Solver")] = Field(default=1.2, gt=0, le=100)
+    """Initial focal length where none is known, as a multiple of the longer image side."""
+
+    refine_principal_point: Annotated[bool, _ALL_WAYS] = False
+    """Estimate the principal points. Needs many features, spread over the whole image. With a calibration target, false
+    estimates them only where its views cover 60 % of the image."""
+
+    max_features: int = Field(default=8192, ge=100)
+    """Maximum number of features per camera."""
+
+    max_image_size: int = Field(default=2400, ge=64)
+    """Images with a longer side above this many pixels are downscaled for feature detection."""
+
+    guided: bool = False
+    """Match a second time along the epipolar lines: more matches, slower."""
+
+    mapper: Literal["auto", "incremental", "global"] = "auto"
+    """COLMAP mapper. auto: incremental, then incremental with relaxed thresholds, then global, until all cameras are
+    registered."""
+
+    @model_validator(mode="after")
+    def _groups(self) -> Self:
+        grouped = [name for group in self.intrinsics_groups for name in group]
+        twice = [name for name in grouped if grouped.count(name) > 1]
+        if twice:
+            raise Conflict(
+                f"intrinsics_groups contains camera {twice[0]} twice", "Keep it in one group.", "intrinsics_groups"
+            )
+        if any(len(group) < 2 for group in self.intrinsics_groups):
+            raise Conflict(
+                "intrinsics_groups has a group of fewer than two cameras",
+                "List all cameras that share intrinsics, or remove the group.",
+                "intrinsics_groups",
+            )
+        return self
+
+    @property
+    def has_distortion(self) -> bool:
+        """Whether the camera model has a radial term."""
+        return self.camera_model not in ("SIMPLE_PINHOLE", "PINHOLE")

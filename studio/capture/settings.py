@@ -1,0 +1,215 @@
+"""Settings of the footage: where its files are and how to read them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
+
+from studio.settings import Affects, Color, Conflict, Heading, Settings, Unbounded
+
+MaskKind = Literal["auto", "none", "alpha", "files", "clean_plate", "median_background", "chroma_key", "plain", "model"]
+SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
+
+_Deviation = Annotated[float, Field(gt=0, le=10)]
+_FRAME_NUMBER = Unbounded("frame numbers are those of the files")
+
+_DEFAULT = Affects("calibration_masks", "training_views", "evaluation")
+
+
+class FileSettings(Settings):
+    """The files of a capture.
+
+    Patterns are paths below `root` (or absolute) with `{camera}`, `{frame}` (or `{frame:06d}` for zero-padded numbers),
+    `*`, `?` and `**/`: `videos/{camera}.mp4` is one video per camera, `images/{camera}/{frame:06d}.png` a folder per
+    camera, `{frame}/images/{camera}.png` a folder per frame, `images/{camera}.jpg` a single frame.
+    """
+
+    affects: ClassVar[Affects | None] = _DEFAULT
+
+    root: Annotated[Path, Heading("Files"), Affects()] = Path(".")
+    """Folder of the capture. A relative path in a YAML file is relative to that file; on the command line, to the
+    working directory. All patterns below are relative to it."""
+
+    images: Annotated[str, Affects("cameras_from_images", *_DEFAULT.results)] = "auto"
+    """Pattern of the footage with {camera} and, for still images, {frame}. Examples: videos/{camera}.mp4 (one video per
+    camera), images/{camera}/{frame:06d}.png (one folder of images per camera), photos/{camera}.jpg (a single frame).
+    auto: search the usual layouts."""
+
+    rig: Annotated[str | None, Affects()] = "auto"
+    """Calibration file or folder (rig.json, cameras.json, transforms.json, a COLMAP model, *.qca.txt), relative to
+    root. auto: the one found under a usual name; if there is none, calibrate from the footage. null: always calibrate
+    from the footage."""
+
+    masks: MaskKind = "auto"
+    """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
+    clean_plate: difference to images of the empty set. median_background: difference to the footage's median over time,
+    for static cameras. chroma_key: a screen of one color. plain: the performer is already cut out on plain white or
+    black. model: a matting model. none: everything is foreground. auto: the first of alpha, files, clean_plate and
+    plain that the capture has, else median_background with 10 frames or more, else none. See docs/MASKS.md."""
+
+    mask_files: str = "auto"
+    """Pattern of the mask files; white is the performer. auto: search folders named mask, masks, matte, mattes,
+    alpha."""
+
+    clean_plates: str = "auto"
+    """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named
+    clean_plates, clean_plate, bg, background, backgrounds."""
+
+    evaluation_mattes: Annotated[str, Affects("evaluation")] = ""
+    """Pattern of ground-truth mattes, if the capture has them. Used for evaluation only, never for training."""
+
+
+class DifferenceSettings(Settings):
+    """How a matte is made from the difference to a known background."""
+
+    affects: ClassVar[Affects | None] = _DEFAULT
+
+    mask_sensitivity: float = Field(default=1.0, gt=0, le=10)
+    """Masks from clean plates, median or screen: above 1 detects more foreground, below 1 less."""
+
+    mask_shadows: bool = True
+    """Masks from clean plates, median or screen: treat darker background as shadow, not as performer."""
+
+    mask_components: int = Field(default=0, ge=0)
+    """Masks from clean plates, median, screen or model: maximum number of connected components per camera, largest
+    first. 0: no limit (except noise)."""
+
+
+class ScreenSettings(Settings):
+    """Masks from a colored screen, and garbage mattes."""
+
+    affects: ClassVar[Affects | None] = _DEFAULT
+
+    key_color: Annotated[Color | Literal["auto"], Heading("Masks: colored screen")] = "auto"
+    """Masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1); saturated. auto: per
+    camera, the saturated color that covers most of the image."""
+
+    despill: Annotated[bool, Affects("training_views", "evaluation")] = True
+    """Masks from a screen: remove spill from the performer's edges in the images used for training and evaluation."""
+
+    garbage_mattes: Annotated[str, Heading("Masks: model, garbage mattes")] = ""
+    """Masks from a screen or model: pattern of images that are black where the performer never is (ceiling, stands) and
+    white elsewhere; example: garbage/{camera}.png. Cameras without one are not restricted."""
+
+    @field_validator("key_color", mode="wrap")
+    @classmethod
+    def _color_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+        from studio.capture.mattes.screen_color import saturated
+
+        try:
+            color = check(value)
+        except ValidationError:  # one sentence, not one for each alternative
+            raise Conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
+        if color != "auto" and not saturated(color):
+            raise Conflict(
+                "gray and black cannot be keyed",
+                "Use a saturated color such as [0.2, 0.6, 0.3], or auto.",
+            )
+        return color
+
+
+class OnnxSettings(Settings):
+    """How a matting model is run on an image."""
+
+    affects: ClassVar[Affects | None] = _DEFAULT
+
+    mask_model: str = ""
+    """Masks from a model: its ONNX file, relative to root. Input: one RGB image (1x3xHxW, float). Output: a matte from
+    0 to 1. Requires the extra matting (onnxruntime)."""
+
+    mask_model_size: int = Field(default=0, ge=0, multiple_of=32)
+    """Masks from a model: longer side that images are resized to, in pixels; a multiple of 32. 0: the model's fixed
+    input size, else the image's own size."""
+
+    mask_model_mean: Color = (0.485, 0.456, 0.406)
+    """Masks from a model: mean (red, green, blue; 0 to 1) subtracted from the input. The default (ImageNet) is for
+    BiRefNet and U2-Net; MODNet and IS-Net use [0.5, 0.5, 0.5]."""
+
+    mask_model_std: tuple[_Deviation, _Deviation, _Deviation] = (0.229, 0.224, 0.225)
+    """Masks from a model: standard deviation that the input is then divided by. The default (ImageNet) is for BiRefNet
+    and U2-Net; MODNet uses [0.5, 0.5, 0.5], IS-Net [1, 1, 1]."""
+
+    mask_model_sigmoid: bool = False
+    """Masks from a model: the output is logits, as with BiRefNet, and is passed through a sigmoid."""
+
+
+# Fields of the last base come first.
+class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSettings):
+    """The footage: where its images, cameras and masks are, and which of them are used. Taken by `open_footage`."""
+
+    fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation")] = Field(
+        default=None, gt=0, lt=10_000
+    )
+    """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images."""
+
+    color_matrix: Annotated[
+        Literal["auto", "bt601", "bt709"],
+        Affects("cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results),
+    ] = "auto"
+    """YUV to RGB matrix of videos. auto: the file's tag; BT.601 if untagged, as in FFmpeg."""
+
+    background: Annotated[Color, Affects("evaluation", "manifest")] = (0.0, 0.0, 0.0)
+    """Background color behind the performer in evaluation and previews (red, green, blue; 0 to 1)."""
+
+    cameras: Annotated[
+        tuple[str, ...],
+        Heading("Cameras"),
+        Affects(
+            "cameras_from_file", "cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results
+        ),
+    ] = ()
+    """Names of the cameras to use. Empty: all."""
+
+    held_out: Annotated[tuple[str, ...], Affects("training_views", "evaluation", "manifest")] = ()
+    """Cameras that are excluded from training and used for evaluation."""
+
+    held_out_every: Annotated[int, Affects("training_views", "evaluation", "manifest")] = Field(default=0, ge=0)
+    """Also hold out every n-th camera (the n-th, 2n-th, ... by name). 0: none."""
+
+    scale: Annotated[float, Heading("Frames and sizes"), Affects("training_views", "evaluation")] = Field(
+        default=1.0, gt=0, le=1
+    )
+    """Image scale: 0.5 halves width and height (area filter)."""
+
+    start: Annotated[int | None, _FRAME_NUMBER, Affects("evaluation")] = None
+    """First frame, as numbered in the files. null: the first one available."""
+
+    stop: Annotated[int | None, _FRAME_NUMBER, Affects("evaluation")] = None
+    """Frame to stop before (exclusive), as numbered in the files. null: the end."""
+
+    step: Annotated[int, Affects("evaluation")] = Field(default=1, ge=1)
+    """Use every step-th frame."""
+
+    offsets: Annotated[
+        dict[str, int],
+        Unbounded("offsets beyond the footage leave no frames"),
+        Affects("cameras_from_images", *_DEFAULT.results),
+    ] = Field(default={})
+    """Synchronization offsets in frames: with {cam03: 2}, frame f + 2 of cam03 is used as frame f. Applies to images
+    and masks. `v3studio sync` estimates them."""
+
+    size_rule: Annotated[SizeRule, Affects("cameras_from_points", "training_views", "evaluation")] = "auto"
+    """What to do if the footage's aspect ratio differs from its calibration. stretch: the axes were scaled
+    independently. crop: it was cropped symmetrically. letterbox: bars were added symmetrically. auto: letterbox if
+    black bars are detected, else an error."""
+
+    cache_megabytes: Annotated[int | None, Affects()] = Field(default=None, ge=16)
+    """Memory limit of the decoded-image cache, in MiB. null: one eighth of the machine's memory, at most 2048."""
+
+    @model_validator(mode="after")
+    def _combinations(self) -> Self:
+        if self.stop is not None and self.stop <= (self.start or 0):
+            raise Conflict(
+                f"stop = {self.stop} is not after start = {self.start or 0}", "Increase stop.", "stop", "start"
+            )
+        if self.held_out_every == 1:
+            raise Conflict(
+                "held_out_every = 1 holds out all cameras", "Set it to 0 (none) or to 2 or more.", "held_out_every"
+            )
+        for what in ("cameras", "held_out"):
+            names = getattr(self, what)
+            if len(set(names)) != len(names):
+                raise Conflict(f"{what} contains a camera twice ({', '.join(names)})", "Remove one.", what)
+        return self

@@ -1,0 +1,41 @@
+"""Settings of the initial points: the visual hull, its surface, and samples on it."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from studio.settings import Affects, Heading, Settings
+
+
+class InitializeSettings(Settings):
+    """Initial points of each keyframe, sampled from the visual hull of the masks."""
+
+    affects: ClassVar[Affects | None] = Affects("initial_points")
+
+    points: Annotated[int, Heading("Points")] = Field(default=50_000, ge=100, le=5_000_000)
+    """Number of points sampled on the surface of the hull."""
+
+    resolution: Annotated[int, Heading("Hull")] = Field(default=256, ge=16, le=1024)
+    """Voxels along the longest side of the hull; fewer if pixels are coarser than that."""
+
+    tolerance: float = Field(default=0.1, ge=0, le=0.5)
+    """Fraction of the cameras whose masks can be outvoted by the others (at least one camera if there are four or
+    more). 0: no voting."""
+
+    min_view_share: float | None = Field(default=None, ge=0, le=1)
+    """Minimum fraction of the cameras that must see a point of the hull, at least two cameras. null: one half, and less
+    if that leaves parts of the masks outside the hull."""
+
+    smoothing: Annotated[float, Heading("Surface")] = Field(default=0.7, ge=0, le=10)
+    """Standard deviation of the Gaussian that smooths the surface, in voxels. 0: no smoothing."""
+
+    max_faces: int = Field(default=200_000, ge=100)
+    """Maximum number of faces of the mesh."""
+
+    def outvoted(self, cameras: int) -> int:
+        """How many cameras of a rig can be outvoted."""
+        if self.tolerance == 0 or cameras < 4:
+            return 0
+        return max(1, round(self.tolerance * cameras))

@@ -1,0 +1,60 @@
+"""Rotations in torch: quaternions wxyz and matrices, with gradients, on any device and in any floating dtype.
+
+Quaternions are (w, x, y, z) with the scalar first. The order of operations is fixed: trained splats, and with them the
+stream's bytes, depend on it. The NumPy counterparts are in `studio.rotations`.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def quats_to_matrices(quats: Tensor) -> Tensor:
+    """Rotation matrices (N, 3, 3) of quaternions (N, 4) wxyz of any length above 0."""
+    w, x, y, z = (quats / quats.norm(dim=-1, keepdim=True)).unbind(-1)
+    rows = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+    ]
+    return torch.stack(rows, dim=-2)
+
+
+def matrices_to_quats(matrices: Tensor) -> Tensor:
+    """Unit quaternions (N, 4) wxyz with w >= 0 of rotation matrices (N, 3, 3).
+
+    Shepperd 1978: computed from the component of largest magnitude, which keeps the division well conditioned.
+    """
+    m = matrices
+    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
+    squares = torch.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], 1)
+    wx, wy, wz = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
+    xy, xz, yz = m[:, 1, 0] + m[:, 0, 1], m[:, 0, 2] + m[:, 2, 0], m[:, 2, 1] + m[:, 1, 2]
+    # Row i is 4 q_i q. All rows are multiples of q; the one with the largest q_i has the smallest relative error.
+    rows = torch.stack(
+        [
+            torch.stack([squares[:, 0], wx, wy, wz], 1),
+            torch.stack([wx, squares[:, 1], xy, xz], 1),
+            torch.stack([wy, xy, squares[:, 2], yz], 1),
+            torch.stack([wz, xz, yz, squares[:, 3]], 1),
+        ],
+        dim=1,
+    )
+    best = rows[torch.arange(len(m), device=m.device), squares.argmax(1)]
+    best = torch.nn.functional.normalize(best, dim=-1)
+    return torch.where(best[:, :1] < 0, -best, best)
+
+
+def quat_multiply(left: Tensor, right: Tensor) -> Tensor:
+    """Hamilton product (N, 4) wxyz: the rotation `right` followed by `left`. (1, 4) broadcasts against (N, 4)."""
+    a, b = left[:, :1], left[:, 1:]
+    c, d = right[:, :1], right[:, 1:]
+    return torch.cat([a * c - (b * d).sum(-1, keepdim=True), a * d + c * b + torch.linalg.cross(b, d)], dim=-1)
+
+
+def rotate_vectors(quats: Tensor, vectors: Tensor) -> Tensor:
+    """Vectors (N, 3) rotated by unit quaternions (N, 4) wxyz."""
+    scalar, axis = quats[:, :1], quats[:, 1:]
+    twist = 2 * torch.linalg.cross(axis, vectors)
+    return vectors + scalar * twist + torch.linalg.cross(axis, twist)

@@ -1,0 +1,76 @@
+"""What the profile `planes` codes, as the losses see it, against the baker's own arrays."""
+
+import numpy as np
+import pytest
+import torch
+
+from studio.gaussians import Gaussians
+from studio.stream.layout import component_frames, components
+from studio.stream.profiles import PlanesCoding, coding_of
+from studio.stream.quantize import LEVELS_8, dequantize, quantize
+
+
+def random_gaussians(count: int, degree: int = 1, seed: int = 0) -> Gaussians:
+    generator = torch.Generator().manual_seed(seed)
+
+    def noise(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    return Gaussians(
+        noise(count, 3), noise(count, 4), noise(count, 3), noise(count), noise(count, (degree + 1) ** 2, 3)
+    )
+
+
+def test_columns_are_the_bakers_components() -> None:
+    before, now = random_gaussians(20, seed=1), random_gaussians(20, seed=2)
+    coding = coding_of("planes", before)
+    values = coding.coded_values(now).numpy().T
+    # the baker's sign of the first frame is w >= 0; ours follows the previous frame, so start from that sign
+    signed = torch.where(before.quats[:, :1] < 0, -before.quats, before.quats)
+    coding = PlanesCoding(Gaussians(before.means, signed, before.log_scales, before.logit_opacities, before.sh))
+    values = coding.coded_values(now).numpy().T
+    baked = list(component_frames([before, now]))[1]
+    names = [component.name for component in components(1)]
+    for attribute, prefix in (("rotation", "quat_"), ("scale", "log_scale_"), ("opacity", "opacity")):
+        rows = [row for row, name in enumerate(names) if name.startswith(prefix)]
+        assert np.allclose(values[coding.attributes[attribute]], baked[rows], atol=1e-6)
+    sh = [row for row, name in enumerate(names) if name.startswith("sh_")]
+    colors = np.concatenate([values[coding.attributes["color"]], values[coding.attributes["sh"]]])
+    assert np.allclose(colors, baked[sh], atol=1e-6)
+    assert sum(part.stop - part.start for part in coding.attributes.values()) == len(values) == 20
+
+
+def test_negated_quaternions_are_the_same_rotation() -> None:
+    before = random_gaussians(20)
+    flipped = Gaussians(before.means, -3 * before.quats, before.log_scales, before.logit_opacities, before.sh)
+    coding = PlanesCoding(before)
+    assert torch.allclose(coding.coded_values(before), coding.coded_values(flipped), atol=1e-6)
+
+
+def test_steps_are_those_of_eight_bits() -> None:
+    offset, step = PlanesCoding(random_gaussians(2)).quantizer(torch.tensor([[0.5, 1.0], [3.05, 1.0]]))
+    assert offset.tolist() == [0.5, 1.0]
+    assert step[0].item() == pytest.approx(0.01)
+    assert step[1].item() == pytest.approx(1e-3)
+
+
+def test_steps_are_the_bakers() -> None:
+    splats = random_gaussians(500)
+    coding = PlanesCoding(splats)
+    values = coding.coded_values(splats)
+    low, steps = coding.quantizer(values)
+    codes = torch.round((values - low) / steps)
+    for column, plain in enumerate(values.numpy().T):
+        lowest, highest = float(plain.min()), float(plain.max())
+        baked = dequantize(quantize(plain, lowest, highest, LEVELS_8), lowest, highest, LEVELS_8)
+        assert np.abs((codes * steps + low)[:, column].numpy() - baked).max() < 1e-5
+
+
+def test_decode_inverts_coded_values() -> None:
+    splats = random_gaussians(50, degree=2)
+    coding = PlanesCoding(splats)
+    decoded = coding.decode(splats, coding.coded_values(splats))
+    assert torch.allclose(decoded.quats, splats.unit_quats, atol=1e-6)
+    assert torch.allclose(decoded.opacities, splats.opacities, atol=1e-6)
+    assert torch.equal(decoded.sh, splats.sh)
+    assert torch.equal(decoded.log_scales, splats.log_scales)

@@ -1,0 +1,185 @@
+"""The settings models: each setting once, documented, bounded, and with what its change invalidates."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import pytest
+from pydantic import Field, ValidationError
+from pydantic.fields import FieldInfo
+
+from pipelines.config import Config
+from pipelines.config.description import allowed_values
+from pipelines.config.loading import all_names
+from studio.calibration import CalibrationTarget
+from studio.settings import RESULTS, Affects, Conflict, Heading, Settings, Unbounded, affected, marker, submodel
+from studio.training.settings import LearningRates
+
+
+def models(model: type[Settings] = Config) -> Iterator[type[Settings]]:
+    """The model, its bases and those of its fields."""
+    yield model
+    for base in model.__mro__[1:]:
+        if issubclass(base, Settings) and base is not Settings:
+            yield base
+    for field in model.model_fields.values():
+        inner = submodel(field)
+        if inner is not None:
+            yield from models(inner)
+
+
+def fields(model: type[Settings] = Config, prefix: str = "") -> Iterator[tuple[str, FieldInfo]]:
+    """Every setting, by dotted name."""
+    for name, field in model.model_fields.items():
+        inner = submodel(field)
+        if inner is not None:
+            yield from fields(inner, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", field
+
+
+FIELDS = dict(fields())
+
+
+def test_no_setting_is_declared_in_two_models() -> None:
+    homes: dict[str, set[type[Settings]]] = {}
+    for model in models():
+        for name in model.__annotations__:
+            if name in model.model_fields:
+                homes.setdefault(name, set()).add(model)
+    assert len(homes) > 100
+    twice = {name for name, found in homes.items() if len(found) > 1}
+    # capture.background is for evaluation, train.background for training; train.rates.scale is a learning rate
+    assert twice == {"background", "scale"}
+
+
+def dataclass_defaults(path: Path) -> Iterator[tuple[str, str]]:
+    """(class, field) of the fields with a default of the dataclasses in a file."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ClassDef) and any("dataclass" in ast.unparse(one) for one in node.decorator_list):
+            for item in node.body:
+                if isinstance(item, ast.AnnAssign) and item.value is not None:
+                    yield node.name, ast.unparse(item.target)
+
+
+def test_no_dataclass_repeats_a_setting() -> None:
+    """Settings that stand twice drift apart. Short names that mean other things as well are not looked at."""
+    root = Path(__file__).parents[2]
+    names = {last for name in FIELDS if "_" in (last := name.rsplit(".", 1)[-1])}
+    assert len(names) > 70
+    found = [
+        f"{path.relative_to(root)}: {owner}.{name}"
+        for floor in ("studio", "pipelines", "gui")
+        for path in sorted((root / floor).rglob("*.py"))
+        for owner, name in dataclass_defaults(path)
+        if name in names
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("name", sorted(FIELDS))
+def test_every_setting_says_what_it_is_and_what_it_affects(name: str) -> None:
+    field = FIELDS[name]
+    assert field.description
+    assert field.description.rstrip()[-1] in ".)", "a sentence"
+    unbounded = marker(field, Unbounded)
+    if any(kind in repr(field.annotation) for kind in ("int", "float")):
+        assert bool(allowed_values(field).removesuffix("or null").strip(", ")) != (unbounded is not None)
+    assert name in affected(Config)
+
+
+def test_every_result_is_affected_by_a_setting() -> None:
+    seen = {result for results in affected(Config).values() for result in results}
+    assert seen == set(RESULTS)
+
+
+def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() -> None:
+    found = affected(Config)
+    assert found["train.max_splats"] == ("keyframe",)
+    assert found["train.motion_views"] == ("later_frames",)
+    assert found["train.rates.opacity"] == ("keyframe",)  # of the class that holds it
+    assert found["train.rates.means_finetune"] == ("later_frames",)  # its own
+    assert found["train.checkpoint_every"] == found["run.threads"] == ()
+    assert found["calibrate.board.square"] == found["calibrate.board_frames"]  # of the field that holds it
+    assert set(found) == set(all_names())
+
+
+def test_unknown_results_are_refused() -> None:
+    with pytest.raises(ValueError, match="'keyframes' is not a result"):
+        Affects("keyframes")
+
+
+def test_headings_come_from_the_fields_of_all_bases() -> None:
+    found = [heading.text for field in FIELDS.values() if (heading := marker(field, Heading)) is not None]
+    assert found[:2] == ["Files", "Masks: colored screen"]
+    assert {"Groups", "Keyframe", "Fine-tuning", "Solver", "Encoding", "Run"} <= set(found)
+    assert len(set(found)) == len(found)
+
+
+class Example(Settings):
+    """An example."""
+
+    affects: ClassVar[Affects | None] = Affects("videos")
+
+    low: int = Field(default=1, ge=0)
+    """Low."""
+
+    high: Annotated[int, Affects()] = 3
+    """High."""
+
+
+def test_settings_are_frozen_strict_and_replaced_with_validation() -> None:
+    made = Example(low=2)
+    assert made.replace(high=5) == Example(low=2, high=5)
+    assert affected(Example, "x.") == {"x.low": ("videos",), "x.high": ()}
+    for change in ({"low": -1}, {"lo": 1}, {"low": float("nan")}):
+        with pytest.raises(ValidationError):
+            made.replace(**change)
+    with pytest.raises(ValidationError):
+        made.low = 3  # type: ignore[misc]
+
+
+def test_a_replaced_target_forgets_what_was_computed() -> None:
+    target = CalibrationTarget()
+    assert target.corners.max() == pytest.approx(7 * 0.06)
+    assert target.replace(square=0.1).corners.max() == pytest.approx(7 * 0.1)
+
+
+def test_the_library_raises_value_errors() -> None:
+    with pytest.raises(ValueError, match="means") as caught:
+        LearningRates(means=-1)
+    assert isinstance(caught.value, ValidationError)
+    with pytest.raises(ValueError, match="not smaller than square") as caught:
+        CalibrationTarget(square=0.04)
+    (problem,) = caught.value.errors()  # type: ignore[attr-defined]
+    cause: Any = problem["ctx"]["error"]
+    assert isinstance(cause, Conflict)
+    assert cause.names == ("marker", "square")
+
+
+def test_dictionaries_are_opencvs() -> None:
+    import cv2
+
+    from studio.calibration.target.pattern import _MARKERS
+
+    theirs = {
+        name: len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).bytesList)
+        for name in dir(cv2.aruco)
+        if name.startswith("DICT_")
+    }
+    assert theirs == _MARKERS
+
+
+def test_reading_settings_loads_nothing_heavy() -> None:
+    heavy = ("torch", "cv2", "av", "open3d", "pycolmap", "pymeshlab", "onnxruntime", "matplotlib")
+    code = (
+        "import sys\nfrom pipelines.config import describe, load_config\ndescribe(load_config(None))\n"
+        f"print(sorted(set({heavy!r}) & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.strip() == "[]"

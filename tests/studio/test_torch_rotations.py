@@ -1,0 +1,45 @@
+"""Torch rotations against SciPy's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from studio.torch_rotations import matrices_to_quats, quat_multiply, quats_to_matrices, rotate_vectors
+
+
+def wxyz(rotation: Rotation) -> torch.Tensor:
+    return torch.from_numpy(rotation.as_quat(canonical=True)[:, [3, 0, 1, 2]])
+
+
+def test_matrices_to_quats() -> None:
+    """Half turns included, where w is 0."""
+    turns = Rotation.concatenate(
+        [Rotation.random(50, random_state=0), Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity(1)]
+    )
+    found = matrices_to_quats(torch.from_numpy(turns.as_matrix()))
+    same = (found * wxyz(turns)).sum(-1).abs()
+    assert torch.allclose(same, torch.ones_like(same), atol=1e-12)
+    assert bool((found[:, 0] >= 0).all())
+
+
+def test_quats_to_matrices_of_any_length() -> None:
+    turns = Rotation.random(20, random_state=3)
+    found = quats_to_matrices(2.5 * wxyz(turns))
+    np.testing.assert_allclose(found.numpy(), turns.as_matrix(), atol=1e-12)
+
+
+def test_products() -> None:
+    one, two = Rotation.random(20, random_state=1), Rotation.random(20, random_state=2)
+    product = quat_multiply(wxyz(one), wxyz(two))
+    assert (product * wxyz(one * two)).sum(-1).abs().numpy() == pytest.approx(1)
+    first = quat_multiply(wxyz(one)[:1], wxyz(two))
+    assert (first * wxyz(one[:1] * two)).sum(-1).abs().numpy() == pytest.approx(1)
+
+
+def test_rotated_vectors() -> None:
+    turns, vectors = Rotation.random(20, random_state=4), np.random.default_rng(0).normal(size=(20, 3))
+    found = rotate_vectors(wxyz(turns), torch.from_numpy(vectors))
+    np.testing.assert_allclose(found.numpy(), turns.apply(vectors), atol=1e-12)

@@ -1,0 +1,77 @@
+"""Cameras for tests: single ones that look at a point, and rings around it. World z is up unless another is given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from studio.cameras import Camera, Rig, look_at_pose
+
+Z_UP = (0.0, 0.0, 1.0)
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+def intrinsics(focal: float, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    """K (3, 3) with square pixels, the principal point `offset` pixels from the middle of a (width, height) image."""
+    return np.array([[focal, 0, size[0] / 2 + offset[0]], [0, focal, size[1] / 2 + offset[1]], [0, 0, 1.0]])
+
+
+def pose(
+    eye: Sequence[float] | np.ndarray, target: Sequence[float] | np.ndarray = ORIGIN, up: Sequence[float] = Z_UP
+) -> np.ndarray:
+    """World-to-camera matrix (4, 4) of a camera at `eye` that looks at `target`."""
+    return look_at_pose(np.asarray(eye, float), np.asarray(target, float), np.asarray(up, float))
+
+
+def camera_at(
+    name: str,
+    eye: Sequence[float] | np.ndarray,
+    target: Sequence[float] | np.ndarray = ORIGIN,
+    *,
+    K: np.ndarray | None = None,
+    focal: float = 200.0,
+    size: tuple[int, int] = (160, 120),
+    up: Sequence[float] = Z_UP,
+    distortion: Sequence[float] | np.ndarray = (),
+) -> Camera:
+    """A camera at `eye` that looks at `target`; `focal` pixels and a centered principal point unless K is given."""
+    K = intrinsics(focal, size) if K is None else K
+    return Camera(name, *size, K, pose(eye, target, up), np.asarray(distortion, float))
+
+
+def on_circle(angle: float, radius: float, height: float, target: Sequence[float] | np.ndarray = ORIGIN) -> np.ndarray:
+    """(3,) the point at `angle` (radians from x towards y) on a horizontal circle `height` above `target`."""
+    return np.asarray(target, float) + np.array([radius * np.cos(angle), radius * np.sin(angle), height])
+
+
+def ring(
+    count: int,
+    *,
+    radius: float = 3.0,
+    heights: Sequence[float] = (0.0,),
+    target: Sequence[float] | np.ndarray = ORIGIN,
+    start: float = 0.0,
+    name: str = "cam{}",
+    K: np.ndarray | None = None,
+    focal: float = 200.0,
+    size: tuple[int, int] = (160, 120),
+    up: Sequence[float] = Z_UP,
+    distortion: Sequence[float] | np.ndarray = (),
+) -> Rig:
+    """`count` cameras evenly around `target`, all looking at it.
+
+    Args:
+        count: number of cameras; camera i has the name `name.format(i)`.
+        radius: horizontal distance from the target.
+        heights: heights above the target, used in turn.
+        start: angle of the first camera in radians.
+        K, focal, size, up, distortion: of every camera, as in `camera_at`.
+    """
+    cameras = []
+    for index in range(count):
+        eye = on_circle(start + 2 * np.pi * index / count, radius, heights[index % len(heights)], target)
+        cameras.append(
+            camera_at(name.format(index), eye, target, K=K, focal=focal, size=size, up=up, distortion=distortion)
+        )
+    return Rig(tuple(cameras))

@@ -1,0 +1,66 @@
+"""The public face: what scripts may rely on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import v3studio
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+
+
+def test_every_export_is_there_and_documented() -> None:
+    for name in v3studio.__all__:
+        value = getattr(v3studio, name)
+        assert value is not None, name
+        if callable(value):
+            assert (value.__doc__ or "").strip(), f"{name} has no docstring"
+
+
+def test_nothing_private_is_exported_and_nothing_is_forgotten() -> None:
+    listed = set(v3studio.__all__) - {"__version__"}
+    assert listed == set(v3studio.__exports__)
+    assert not [name for name in listed if name.startswith("_")]
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert v3studio.__version__ == project["version"]
+
+
+def test_importing_it_is_light_and_leaves_the_environment_alone() -> None:
+    code = (
+        "import os, sys\nbefore = dict(os.environ)\nimport v3studio\nassert dict(os.environ) == before\n"
+        "heavy = {'torch', 'numpy', 'open3d', 'cv2', 'av', 'pycolmap', 'pymeshlab', 'pydantic'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.returncode) == ("[]\n", 0), done.stderr
+
+
+def test_it_is_typed() -> None:
+    assert (ROOT / "v3studio" / "py.typed").is_file()
+
+
+@pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_run(script: Path, tmp_path: Path) -> None:
+    """Each checks its own result with an assert."""
+    done = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout
+
+
+def test_examples_use_the_public_face_only() -> None:
+    assert len(EXAMPLES) == 8
+    for script in EXAMPLES:
+        lines = script.read_text(encoding="utf-8").splitlines()
+        assert not [line for line in lines if line.startswith(("import studio", "from studio", "from pipelines"))]
+        assert script.name in (ROOT / "examples" / "README.md").read_text(encoding="utf-8")

@@ -1,0 +1,217 @@
+"""A web server that can be slow, break and come back; and a page with the player, driven from Python."""
+
+from __future__ import annotations
+
+import base64
+import re
+import socket
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+PATIENCE = 120_000  # milliseconds: the machine may be busy with other things
+TYPES = {".html": "text/html", ".js": "text/javascript", ".json": "application/json", ".mp4": "video/mp4"}
+
+
+class Site:
+    """Serves a folder with range requests.
+
+    Attributes:
+        bytes_per_second: how fast; None for as fast as can be.
+        cut: {ending of a path: bytes}: the connection is closed after so many bytes of its body, once per request
+            until `cuts_left` is used up.
+        down: connections are refused by closing them unanswered.
+        requests: (path, range header) of all requests.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.bytes_per_second: float | None = None
+        self.cut: dict[str, int] = {}
+        self.cuts_left = 0
+        self.down = False
+        self.requests: list[tuple[str, str | None]] = []
+        site = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def log_message(self, *_arguments: Any) -> None:
+                pass
+
+            def do_GET(self) -> None:
+                site._answer(self)
+
+        class Server(ThreadingHTTPServer):
+            daemon_threads = True
+
+            def handle_error(self, *_arguments: Any) -> None:
+                pass  # a browser that goes away is no error
+
+        self._server = Server(("0.0.0.0", 0), Handler)
+        self.port: int = self._server.server_port
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+
+    @property
+    def stream(self) -> Path:
+        return self.folder / "stream"
+
+    def __enter__(self) -> Site:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _answer(self, handler: BaseHTTPRequestHandler) -> None:
+        path = handler.path.split("?")[0]
+        wanted = handler.headers.get("Range")
+        self.requests.append((path, wanted))
+        if self.down:
+            handler.close_connection = True
+            handler.connection.shutdown(socket.SHUT_RDWR)
+            return
+        file = self.folder / (path.lstrip("/") or "index.html")
+        if path.endswith("/"):
+            file = self.folder / path.strip("/") / "index.html"
+        if not file.is_file():
+            handler.send_error(404)
+            return
+        data = file.read_bytes()
+        tag = f'"{file.stat().st_mtime_ns}-{len(data)}"'
+        start, status = 0, 200
+        match = re.fullmatch(r"bytes=(\d+)-(\d*)", wanted or "")
+        if match and int(match[1]) < len(data) and handler.headers.get("If-Range", tag) == tag:
+            start, status = int(match[1]), 206
+        body = data[start:]
+        handler.send_response(status)
+        handler.send_header("Content-Type", TYPES.get(file.suffix, "application/octet-stream"))
+        handler.send_header("Content-Length", str(len(body)))
+        handler.send_header("ETag", tag)
+        handler.send_header("Cache-Control", "no-cache")
+        handler.send_header("Accept-Ranges", "bytes")
+        if status == 206:
+            handler.send_header("Content-Range", f"bytes {start}-{len(data) - 1}/{len(data)}")
+        handler.end_headers()
+        limit = next((size for ending, size in self.cut.items() if path.endswith(ending)), None)
+        if limit is not None and self.cuts_left > 0:
+            self.cuts_left -= 1
+            handler.wfile.write(body[:limit])
+            handler.wfile.flush()
+            time.sleep(0.5)  # so that what was sent arrives before the connection breaks
+            handler.close_connection = True
+            handler.connection.shutdown(socket.SHUT_RDWR)
+            return
+        if self.bytes_per_second is None:
+            handler.wfile.write(body)
+            return
+        piece = max(256, int(self.bytes_per_second / 20))
+        for at in range(0, len(body), piece):
+            handler.wfile.write(body[at : at + piece])
+            handler.wfile.flush()
+            time.sleep(piece / self.bytes_per_second)
+
+
+_PREPARE = """() => {
+  const element = document.querySelector('v3-player');
+  window.seen = {};
+  const names = ['ready', 'opened', 'play', 'pause', 'time', 'view', 'waiting', 'ended', 'looped', 'notice', 'error'];
+  for (const name of names)
+    element.addEventListener('v3-' + name, ({detail}) => { (window.seen[name] ??= []).push(detail); });
+  window.text = pixels => {
+    let text = '';
+    for (let i = 0; i < pixels.length; i += 32768)
+      text += String.fromCharCode.apply(null, pixels.subarray(i, i + 32768));
+    return btoa(text);
+  };
+}"""
+
+
+class Page:
+    """The player's page. `seen` holds the details of the element's events by name."""
+
+    def __init__(self, handle: Any) -> None:
+        self.handle = handle
+        self.errors: list[str] = []
+        handle.on("pageerror", lambda error: self.errors.append(str(error)))
+        handle.add_init_script(f"document.addEventListener('DOMContentLoaded', {_PREPARE})")
+        handle.set_default_timeout(PATIENCE)
+        self._session: Any = None
+
+    def evaluate(self, script: str, argument: Any = None) -> Any:
+        return self.handle.evaluate(script, argument)
+
+    def wait(self, condition: str, argument: Any = None) -> None:
+        """Wait until a JavaScript expression over `player` (the element) and `seen` is true."""
+        self.handle.wait_for_function(
+            f"(argument) => {{ const player = document.querySelector('v3-player'), seen = window.seen; "
+            f"return !!({condition}); }}",
+            arg=argument,
+            timeout=PATIENCE,
+        )
+
+    def wait_ready(self) -> None:
+        self.wait("player.state.ready || (seen.error ?? []).length")
+        assert not self.seen("error"), self.seen("error")
+
+    def seen(self, name: str) -> list[Any]:
+        found: list[Any] = self.evaluate("name => window.seen[name] ?? []", name)
+        return found
+
+    @property
+    def state(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.evaluate("() => document.querySelector('v3-player').state")
+        return found
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        return self.evaluate(
+            "([method, values]) => document.querySelector('v3-player')[method](...values)", [method, list(arguments)]
+        )
+
+    def click(self, act: str) -> None:
+        """Press a button of the bar."""
+        self.handle.locator(f"v3-player .bar [data-act='{act}']").click()
+
+    def touch(self, kind: str, points: list[tuple[float, float]]) -> None:
+        """Fingers on the screen: kind is touchStart, touchMove or touchEnd."""
+        if self._session is None:
+            self._session = self.handle.context.new_cdp_session(self.handle)
+        places = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
+        self._session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+
+    def seek_frame(self, frame: int) -> None:
+        """Pause, go to a frame and wait until it is shown."""
+        self.call("pause")
+        self.evaluate(
+            """frame => new Promise((done, failed) => {
+              const engine = document.querySelector('v3-player').engine;
+              engine.on('seeked', event => { if (event.frame === frame) done(); });
+              engine.on('failed', failed);
+              engine.seekFrame(frame);
+            })""",
+            frame,
+        )
+
+    def picture(self, camera: dict[str, Any], background: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
+        """(H, W, 3) uint8: what is shown, drawn from a camera."""
+        text = self.evaluate(
+            """async ([camera, background]) =>
+              text((await document.querySelector('v3-player').engine.snapshot(camera, background)).data)""",
+            [camera, list(background)],
+        )
+        pixels = np.frombuffer(base64.b64decode(text), np.uint8)
+        return pixels.reshape(camera["height"], camera["width"], 4)[..., :3]
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    """Of two uint8 pictures, dB."""
+    error = float(((a.astype(np.float64) - b) ** 2).mean())
+    return float(10 * np.log10(255**2 / max(error, 1e-10)))

@@ -1,0 +1,214 @@
+"""All that the player's tests need of the library: streams to play, their frames as Python reads and draws them.
+
+The one file to change where modules move.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from studio.cameras import Camera
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream.decode_motion import MotionFrame
+from studio.stream.decode_planes import PlanesFrame
+from studio.stream.manifest_models import MotionGroup
+from studio.stream.motion_state import Side
+from studio.stream.reader import fetch_group
+from studio.stream.source import open_source
+
+FPS = 25.0
+
+
+def body(frames: int, splats: int, degree: int, seed: int = 0) -> list[Gaussians]:
+    """A figure that sways: small opaque splats on a few ellipsoids, colored by place, some faint ones around."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def noise(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    directions = torch.nn.functional.normalize(noise(splats, 3), dim=1)
+    part = torch.arange(splats) % 4
+    centers = torch.tensor([[0.0, -0.55, 0.0], [0.0, 0.0, 0.0], [-0.35, -0.1, 0.0], [0.35, -0.1, 0.1]])
+    radii = torch.tensor([[0.16, 0.2, 0.16], [0.22, 0.45, 0.15], [0.07, 0.4, 0.07], [0.07, 0.4, 0.07]])
+    means = centers[part] + radii[part] * directions + 0.004 * noise(splats, 3)
+    quats = torch.nn.functional.normalize(noise(splats, 4), dim=1)
+    log_scales = np.log(0.02) + 0.35 * noise(splats, 3)
+    logits = 1.5 + 1.5 * noise(splats)
+    sh = torch.zeros(splats, (degree + 1) ** 2, 3)
+    sh[:, 0] = 1.2 * torch.sin(5 * means + part[:, None]) + 0.2 * noise(splats, 3)
+    if degree:
+        sh[:, 1:] = 0.12 * noise(splats, (degree + 1) ** 2 - 1, 3)
+    result = []
+    for t in range(frames):
+        sway = Rotation.from_rotvec([0, 0, 0.25 * np.sin(0.5 * t + seed)])
+        moving = part >= 2
+        matrix = torch.from_numpy(sway.as_matrix()).float()
+        moved = torch.where(moving[:, None], means @ matrix.T, means) + torch.tensor([0.02 * t, 0.0, 0.0])
+        turned = (sway * Rotation.from_quat(quats.numpy()[:, [1, 2, 3, 0]])).as_quat()[:, [3, 0, 1, 2]]
+        turned_quats = torch.where(moving[:, None], torch.from_numpy(turned).float(), quats)
+        # A few splats flash and jump in one frame: more than the picture's codes can hold, so escapes.
+        flash, there = sh.clone(), moved.clone()
+        if t == 2:
+            flash[:6, 0] += 3.0
+            there[6:9] += 0.3
+        result.append(Gaussians(there, turned_quats, log_scales, logits, flash))
+    return result
+
+
+def camera(
+    azimuth: float, *, elevation: float = 10.0, distance: float = 2.6, size: tuple[int, int] = (320, 400)
+) -> Camera:
+    """A camera that looks at the figure; angles in degrees; y points down in the world, too."""
+    a, e = np.radians([azimuth, elevation])
+    eye = distance * np.array([np.sin(a) * np.cos(e), -np.sin(e), -np.cos(a) * np.cos(e)])
+    forward = -eye / np.linalg.norm(eye)
+    right = np.cross([0.0, 1.0, 0.0], forward)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = [right, np.cross(forward, right), forward]
+    pose[:3, 3] = -pose[:3, :3] @ eye
+    width, height = size
+    K = np.array([[1.05 * height, 0, width / 2], [0, 1.05 * height, height / 2], [0, 0, 1.0]])
+    return Camera(f"a{azimuth:g}", width, height, K, pose)
+
+
+def bake(
+    folder: Path,
+    lengths: Sequence[int] = (5, 4),
+    splats: int = 1500,
+    degree: int = 0,
+    profile: str = "motion",
+    qp: int = 16,
+    metadata: dict[str, Any] | None = None,
+) -> Path:
+    """Bake a stream of the figure into a folder."""
+    settings = BakeSettings(profile=profile, qp=qp, preset="ultrafast")  # type: ignore[arg-type]
+    entries, first = [], 0
+    for index, frames in enumerate(lengths):
+        entries.append(bake_group(body(frames, splats + 40 * index, degree, index), folder, index, first, settings))
+        first += frames
+    view = {"suggested_camera": camera(0).to_dict(), "up": [0.0, -1.0, 0.0], "background": [0.0, 0.0, 0.0]}
+    write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})})
+    return folder
+
+
+def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Change the manifest's JSON and make its size and checksum right again."""
+    path = folder / "manifest.json"
+    values = json.loads(path.read_bytes())
+    change(values)
+    values["manifest_sha256"] = "0" * 64
+    files = sum(group["bytes"] for group in values["groups"])
+    while True:
+        data = json.dumps(values).encode()
+        if values["total_bytes"] == files + len(data):
+            break
+        values["total_bytes"] = files + len(data)
+    path.write_bytes(data.replace(b"0" * 64, hashlib.sha256(data).hexdigest().encode(), 1))
+
+
+def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:
+    """Put other bytes in place of a group's `side` or `video` and make all sizes and checksums right again."""
+
+    def change(values: dict[str, Any]) -> None:
+        entry = values["groups"][group][key]
+        (folder / entry["path"]).write_bytes(data)
+        values["groups"][group]["bytes"] += len(data) - entry["bytes"]
+        entry["bytes"], entry["sha256"] = len(data), hashlib.sha256(data).hexdigest()
+        if raw_bytes is not None:
+            entry["raw_bytes"] = raw_bytes
+
+    edit_manifest(folder, change)
+
+
+def as_version_1(folder: Path) -> None:
+    """Make a `planes` stream one of version 1, whose bytes mean the same."""
+    edit_manifest(folder, lambda values: values.update(version=1))
+
+
+class PythonFrames:
+    """A stream as Python reads it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.reader = StreamReader.open(folder, threads=1)
+
+    def gaussians(self, frame: int) -> Gaussians:
+        return self.reader.gaussians(frame)
+
+    def luma(self, group_index: int) -> list[np.ndarray]:
+        """Pictures of a group of the profile `motion`, (H, W) uint8 each; of `planes`, (P, side, side)."""
+        group = self.reader.manifest.groups[group_index]
+        decoder = self.reader.open_group(group)
+        pictures = []
+        for _ in range(group.frame_count):
+            frame = decoder.read()
+            assert isinstance(frame, MotionFrame | PlanesFrame)
+            pictures.append(frame._picture if isinstance(frame, MotionFrame) else frame.planes)
+        decoder.close()
+        return pictures
+
+    def close(self) -> None:
+        self.reader.close()
+
+
+def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
+    """Content of a group's side file as Python parses it, and where splats lie in its tile: JSON-ready."""
+    from studio.stream.morton import deinterleave, square_scan
+
+    with StreamReader.open(folder) as reader:
+        group = reader.manifest.groups[group_index]
+        assert isinstance(group, MotionGroup)
+        source = open_source(folder)
+        data = fetch_group(source, group)[group.side.path]
+        side = Side.parse(data, group)
+    order = np.lexsort((side.escapes.splat, side.escapes.frame))
+    return {
+        "cells": deinterleave(side.codes).astype(int).reshape(-1).tolist(),
+        "labels": side.labels.tolist(),
+        "classes": side.classes.tolist(),
+        "motions": side.affine.reshape(-1).tolist(),
+        "turns": side.rotation.reshape(-1).tolist(),
+        "escapes": [
+            [
+                int(side.escapes.frame[i]),
+                int(side.escapes.splat[i]),
+                int(side.escapes.channel[i]),
+                int(side.escapes.code[i]),
+            ]
+            for i in order
+        ],
+        "pixels": square_scan(group.tile, group.splats).tolist(),
+    }
+
+
+def morton_pixels(tile: int, count: int) -> list[int]:
+    from studio.stream.morton import square_scan
+
+    result: list[int] = square_scan(tile, count).tolist()
+    return result
+
+
+def draw(gaussians: Gaussians, view: Camera, background: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """(H, W, 3) uint8, as `studio.rasterizer` draws."""
+    image = rasterize(gaussians, view, torch.tensor(list(background))).image
+    return (image.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+
+
+def camera_values(view: Camera) -> dict[str, Any]:
+    """As the player takes cameras."""
+    return {
+        "width": view.width,
+        "height": view.height,
+        "K": view.K.tolist(),
+        "worldToCamera": view.world_to_camera.tolist(),
+    }

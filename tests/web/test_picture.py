@@ -1,0 +1,110 @@
+"""The player's picture is the rasterizer's, and its numbers are the Python decoder's."""
+
+from __future__ import annotations
+
+import base64
+import shutil
+
+import numpy as np
+import pytest
+import support
+from driver import psnr
+
+pytestmark = pytest.mark.web
+
+PSNR = 45.0
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+@pytest.mark.parametrize("decoder", ["webcodecs", "video"])
+def test_ten_cameras_see_what_the_rasterizer_draws(site, baked, open_page, degree, decoder):
+    shutil.copytree(baked(degree=degree), site.stream)
+    page = open_page(f"?decoder={decoder}&t=0")
+    python = support.PythonFrames(site.stream)
+    found = []
+    for number in range(10):
+        frame = number if number < 9 else 4
+        page.seek_frame(frame)
+        view = support.camera(36.0 * number, elevation=-20 + 7 * number, distance=1.2 + 0.2 * number, size=(240, 300))
+        background = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.2, 0.5, 0.8)][number % 3]
+        drawn = support.draw(python.gaussians(frame), view, background)
+        found.append(psnr(page.picture(support.camera_values(view), background), drawn))
+    python.close()
+    assert min(found) >= PSNR, found
+    # The test can tell pictures apart: the frame before is another one.
+    assert psnr(support.draw(support.PythonFrames(site.stream).gaussians(3), view), drawn) < 40
+
+
+def test_planes_of_versions_1_and_2_are_drawn_alike(site, baked, open_page):
+    shutil.copytree(baked(profile="planes", qp=20), site.stream)
+    python = support.PythonFrames(site.stream)
+    view = support.camera(40, size=(240, 300))
+    want = support.draw(python.gaussians(6), view)
+    python.close()
+    for version in (2, 1):
+        if version == 1:
+            support.as_version_1(site.stream)
+        page = open_page("?t=0")
+        page.seek_frame(6)
+        assert psnr(page.picture(support.camera_values(view)), want) >= PSNR
+        assert page.evaluate("() => document.querySelector('v3-player').engine.info.version") == version
+
+
+def test_planes_without_webcodecs_say_why_not(site, baked, open_page):
+    shutil.copytree(baked(profile="planes", qp=20), site.stream)
+    page = open_page("?decoder=video", wait=False)
+    page.wait("(seen.error ?? []).length")
+    assert "profile planes need WebCodecs" in page.seen("error")[0]
+    assert page.handle.locator("v3-player .failure .why").inner_text() == page.seen("error")[0]
+
+
+_TAP = """() => {
+  // What the worker sends, before the player takes it.
+  window.pictures = [];
+  const descriptor = Object.getOwnPropertyDescriptor(Worker.prototype, 'onmessage');
+  Object.defineProperty(Worker.prototype, 'onmessage', {
+    set(handler) {
+      descriptor.set.call(this, event => {
+        const {type, picture} = event.data;
+        if (type === 'picture')
+          window.pictures.push({frame: picture.frame, luma: text(picture.luma.slice()), count: picture.count,
+            order: text(new Uint8Array(picture.order.slice(0, picture.count).buffer))});
+        handler(event);
+      });
+    },
+  });
+}"""
+
+
+@pytest.mark.parametrize("decoder", ["webcodecs", "webcodecs-software", "video"])
+def test_every_luma_byte_is_what_python_decodes(stream, open_page, decoder):
+    page = open_page(f"?decoder={decoder}&t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
+    python = support.PythonFrames(stream)
+    want = [picture for group in range(2) for picture in python.luma(group)]
+    for frame in range(9):
+        page.seek_frame(frame)
+    got = {entry["frame"]: entry for entry in page.evaluate("() => window.pictures")}
+    assert sorted(got) == list(range(9))
+    for frame, picture in enumerate(want):
+        luma = np.frombuffer(base64.b64decode(got[frame]["luma"]), np.uint8)
+        assert np.array_equal(luma, picture.reshape(-1)), f"frame {frame}"
+    python.close()
+
+
+def test_splats_come_back_to_front(stream, open_page):
+    page = open_page("?t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
+    page.seek_frame(3)
+    entry = page.evaluate("() => window.pictures.at(-1)")
+    python = support.PythonFrames(stream)
+    gaussians = python.gaussians(3)
+    python.close()
+    tile = page.evaluate("() => Math.ceil(Math.sqrt(1500) / 16) * 16")
+    splat_of = {pixel: splat for splat, pixel in enumerate(support.morton_pixels(tile, len(gaussians)))}
+    order = np.frombuffer(base64.b64decode(entry["order"]), np.uint32)
+    splats = [splat_of[int(pixel)] for pixel in order]
+    assert sorted(splats) == list(range(len(gaussians)))
+    # The suggested camera is where the player begins.
+    view = support.camera(0)
+    depths = (gaussians.means.numpy() @ view.rotation.T + view.translation)[:, 2]
+    steps = np.diff(depths[splats])
+    assert steps.max() <= (depths.max() - depths.min()) / 65535 + 1e-5

@@ -1,0 +1,236 @@
+"""Playing, seeking and looping; the network's and the device's accidents."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+
+import pytest
+import support
+
+pytestmark = pytest.mark.web
+
+
+def test_it_plays_by_itself_and_loops(stream, open_page):
+    page = open_page()
+    page.wait("(seen.looped ?? []).length >= 2")
+    frames = [entry["frame"] for entry in page.seen("time")]
+    assert set(frames) <= set(range(9))
+    assert 8 in frames or 7 in frames
+    # Forwards only, but for the loops.
+    backwards = sum(b < a for a, b in itertools.pairwise(frames))
+    assert backwards == len(page.seen("looped")) or backwards + 1 == len(page.seen("looped"))
+    assert not page.seen("error")
+    assert not page.seen("notice")
+
+
+def test_the_frame_rate_is_the_manifests(site, baked, open_page):
+    shutil.copytree(baked(), site.stream)
+    support.edit_manifest(site.stream, lambda values: values.update(fps=2.0))
+    page = open_page()
+    began = page.evaluate("() => performance.now()")
+    page.wait("(seen.looped ?? []).length >= 1")
+    seconds = (page.evaluate("() => performance.now()") - began) / 1000
+    assert seconds > 3.0  # nine frames at two a second take 4.5
+    assert [entry["frame"] for entry in page.seen("time")][:9] == list(range(9))
+
+
+def test_it_stops_at_the_end_where_it_shall_not_loop(stream, open_page):
+    page = open_page()
+    page.evaluate("() => document.querySelector('v3-player').removeAttribute('loop')")
+    page.wait("(seen.ended ?? []).length && !player.state.playing")
+    assert page.state["frame"] == 8
+    page.call("play")
+    page.wait("player.state.playing && player.state.frame < 8")
+
+
+def test_seeking_shows_the_very_frame(stream, open_page):
+    page = open_page("?t=0")
+    assert page.state["frame"] == 0
+    assert not page.state["playing"]
+    for seconds, frame in ((0.16, 4), (0.2, 5), (0.0, 0), (99.0, 8), (0.04, 1)):
+        page.call("seek", seconds)
+        page.wait("player.state.frame === argument", frame)
+
+
+def test_many_seeks_at_once_end_at_the_last(stream, open_page):
+    page = open_page("?t=0")
+    page.evaluate(
+        """() => { const p = document.querySelector('v3-player');
+          for (let k = 0; k < 200; k++) p.seek((k % 9) / 25); p.seek(7 / 25); }"""
+    )
+    page.wait("player.state.frame === 7")
+    page.evaluate("() => new Promise(done => setTimeout(done, 300))")
+    assert page.state["frame"] == 7
+
+
+def test_speed(stream, open_page):
+    page = open_page("?t=0")
+    page.call("setSpeed", 0.25)
+    page.call("play")
+    page.wait("(seen.looped ?? []).length >= 1")
+    assert page.state["speed"] == 0.25
+    # Slow enough that even a busy machine drops nothing, or hardly anything.
+    assert len({entry["frame"] for entry in page.seen("time")}) >= 8
+
+
+@pytest.mark.parametrize("name", ["motion.bin", "video.mp4"])
+@pytest.mark.parametrize("damage", ["flipped", "short", "missing"])
+def test_a_damaged_group_is_left_out(stream, open_page, name, damage):
+    file = stream / "group_001" / name
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 4
+    if damage == "missing":
+        file.unlink()
+    else:
+        file.write_bytes(bytes(data) if damage == "flipped" else bytes(data[:-9]))
+    page = open_page()
+    page.wait("(seen.looped ?? []).length >= 2")
+    assert {entry["frame"] for entry in page.seen("time")} <= set(range(5))
+    notices = page.seen("notice")
+    assert len(notices) == 1
+    assert f"group_001/{name}" in notices[0]
+    assert "Frames 5 to 8 are left out." in notices[0]
+    # Seeking into it goes on with what comes after it.
+    page.call("seek", 6 / 25)
+    page.wait("player.state.frame < 5")
+
+
+def test_all_groups_damaged(stream, open_page):
+    for group in range(2):
+        (stream / f"group_00{group}" / "video.mp4").unlink()
+    page = open_page(wait=False)
+    page.wait("(seen.error ?? []).length")
+    assert "video.mp4 cannot be fetched: the server answers 404" in page.seen("error")[0]
+    assert page.handle.locator("v3-player .failure").is_visible()
+
+
+def test_no_stream(open_page):
+    page = open_page(wait=False)
+    page.wait("(seen.error ?? []).length")
+    assert "manifest.json cannot be fetched: the server answers 404" in page.seen("error")[0]
+
+
+def test_a_newer_version_is_refused_in_a_sentence(stream, open_page):
+    support.edit_manifest(stream, lambda values: values.update(version=99))
+    page = open_page(wait=False)
+    page.wait("(seen.error ?? []).length")
+    assert "format version 99" in page.seen("error")[0]
+    assert "update the player" in page.seen("error")[0]
+
+
+def test_a_cut_connection_is_resumed_where_it_broke(site, stream, open_page):
+    site.cut, site.cuts_left = {"group_000/video.mp4": 1000}, 2
+    page = open_page()
+    page.wait("(seen.looped ?? []).length >= 1")
+    assert site.cuts_left == 0
+    ranges = [wanted for path, wanted in site.requests if path.endswith("group_000/video.mp4")]
+    assert ranges[0] is None
+    assert "bytes=1000-" in ranges
+    assert any("trying again" in notice for notice in page.seen("notice"))
+
+
+def test_the_server_restarts(site, stream, open_page):
+    page = open_page("?t=0", wait=False)
+    site.down = True
+    page.handle.wait_for_timeout(1500)
+    site.down = False
+    page.wait_ready()
+    page.call("play")
+    page.wait("(seen.looped ?? []).length >= 1")
+
+
+def test_a_slow_network_plays_from_the_first_group_on(site, stream, open_page):
+    total = sum(file.stat().st_size for file in (stream / "group_001").iterdir())
+    page = open_page("?t=0", wait=False)
+    site.bytes_per_second = total / 3
+    page.wait_ready()
+    page.call("play")
+    page.wait("(seen.looped ?? []).length >= 1")
+    assert not page.seen("error")
+
+
+def test_loops_fetch_nothing_again(site, stream, open_page):
+    page = open_page()
+    page.wait("(seen.looped ?? []).length >= 3")
+    paths = [path for path, _ in site.requests if path.endswith((".mp4", ".bin"))]
+    assert len(paths) == 4 == len(set(paths))
+
+
+def test_the_context_is_lost_and_restored(stream, open_page):
+    page = open_page("?t=0")
+    page.seek_frame(2)
+    view = support.camera_values(support.camera(30, size=(200, 250)))
+    before = page.picture(view)
+    page.evaluate(
+        """() => new Promise(done => {
+          const canvas = document.querySelector('v3-player').shadowRoot.querySelector('canvas');
+          const lose = canvas.getContext('webgl2').getExtension('WEBGL_lose_context');
+          canvas.addEventListener('webglcontextlost', () => setTimeout(() => lose.restoreContext(), 50));
+          canvas.addEventListener('webglcontextrestored', () => done());
+          lose.loseContext();
+        })"""
+    )
+    page.seek_frame(3)
+    page.seek_frame(2)
+    assert (page.picture(view) == before).all()
+    page.call("play")
+    page.wait("(seen.looped ?? []).length >= 1")
+
+
+def test_a_hidden_page_does_not_run_on(stream, open_page):
+    page = open_page("?t=0")
+    page.call("play")
+    page.wait("player.state.frame > 0")
+    session = page.handle.context.new_cdp_session(page.handle)
+    # What a switched tab does: no animation frames, and the event.
+    page.evaluate(
+        """() => { Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});
+          document.dispatchEvent(new Event('visibilitychange')); }"""
+    )
+    session.send("Page.setWebLifecycleState", {"state": "frozen"})
+    page.handle.wait_for_timeout(1000)
+    session.send("Page.setWebLifecycleState", {"state": "active"})
+    before = len(page.seen("looped"))
+    page.evaluate(
+        """() => { Object.defineProperty(document, 'visibilityState', {value: 'visible', configurable: true});
+          document.dispatchEvent(new Event('visibilitychange')); }"""
+    )
+    page.wait("(seen.looped ?? []).length > argument", before)
+    assert not page.seen("error")
+
+
+def test_twenty_loops_need_no_more_memory(stream, open_page):
+    page = open_page()
+
+    def used() -> int:
+        found: int = page.evaluate("() => { gc(); return performance.memory.usedJSHeapSize; }")
+        return found
+
+    page.call("setSpeed", 4)
+    page.wait("(seen.looped ?? []).length >= 3")
+    before = used()
+    page.evaluate("() => { window.seen = {}; }")
+    page.wait("(seen.looped ?? []).length >= 20")
+    page.evaluate("() => { window.seen = {}; }")
+    assert used() < before + 1_500_000
+
+
+def test_without_webcodecs_on_an_insecure_page(site, stream, open_page):
+    """On a LAN address by plain http there is neither WebCodecs nor crypto.subtle."""
+    page = open_page("?t=0", host="player.test")
+    engine = page.evaluate(
+        """() => { const e = document.querySelector("v3-player").engine;
+          return [isSecureContext, e.path, e.info.checksums]; }"""
+    )
+    assert engine == [False, "video", False]
+    page.call("play")
+    page.wait("(seen.looped ?? []).length >= 1")
+
+
+def test_a_stream_below_another_path(site, baked, open_page):
+    shutil.copytree(baked(), site.folder / "deep" / "stream")
+    for name in ("index.html", "v3-player.js"):
+        shutil.copy(site.folder / name, site.folder / "deep" / name)
+    page = open_page("?t=0", path="/deep/")
+    assert page.state["frameCount"] == 9

@@ -1,0 +1,136 @@
+"""V3 Studio for scripts: from synchronized multi-camera footage to a streamable Gaussian video, and back.
+
+Everything exported here is stable: it follows the version number, and changes of meaning are listed in CHANGELOG.md.
+Modules below `studio`, `pipelines` and `gui` may change at any release; import from here instead. `examples/` holds
+scripts that use each part.
+
+    footage        open_footage, CaptureSettings, Footage, read_rig, write_rig
+    calibration    calibrate_from_images, detect_target, calibrate_from_target, calibrate_from_tie_points, ...
+    takes          Take, load_config, run, status, trained_video: the stages of the command line over a folder
+    training       initialize_points, TrainingView, train_keyframe, train_interframe
+    splats         Gaussians, read_splats, write_splats, rasterize
+    streams        bake_video, bake_group, write_manifest, BakeSettings, StreamReader, SplatVideo, open_import
+    measuring      psnr, ssim
+
+Conventions: quaternions are wxyz; cameras are OpenCV's (x right, y down, z forward), `world_to_camera` 4x4; pixels are
+counted from the outer corner of the top-left pixel; images are RGB.
+
+Exports are imported when they are first used, so `import v3studio` is quick.
+"""
+
+from typing import TYPE_CHECKING
+
+from studio.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pipelines.config import Config, load_config
+    from pipelines.events import Event, Metrics, Progress, RunFinished, StageFinished, Warned
+    from pipelines.runs.runner import run, status
+    from pipelines.runs.staleness import StageStatus
+    from pipelines.takes.take import Take
+    from pipelines.takes.videos import trained_video
+    from studio.calibration import (
+        CalibrationResult,
+        CalibrationTarget,
+        TiePoint,
+        align_rigs,
+        calibrate_from_images,
+        calibrate_from_target,
+        calibrate_from_tie_points,
+        compare_rigs,
+        detect_target,
+        read_tie_points,
+        write_target_pdf,
+    )
+    from studio.calibration.settings import CalibrateSettings
+    from studio.camera_files import read_rig, write_rig
+    from studio.cameras import Camera, Rig
+    from studio.capture import (
+        CaptureSettings,
+        Footage,
+        FootageView,
+        FunctionMatteSource,
+        MatteSource,
+        open_footage,
+    )
+    from studio.errors import Cancelled, Message, StudioError
+    from studio.gaussians import Gaussians
+    from studio.imports import open_import
+    from studio.imports.baking import bake_video
+    from studio.meshing import Mesh, initialize_points
+    from studio.meshing.settings import InitializeSettings
+    from studio.metrics import psnr, ssim
+    from studio.rasterizer import Render, available_backends, rasterize
+    from studio.splat_files import read_splats, write_splats
+    from studio.splat_video import SplatVideo
+    from studio.stream import BakeSettings, Manifest, StreamReader, bake_group, write_manifest
+    from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
+
+__version__ = "0.2.0"
+
+__all__ = [
+    "BakeSettings",
+    "CalibrateSettings",
+    "CalibrationResult",
+    "CalibrationTarget",
+    "Camera",
+    "Cancelled",
+    "CaptureSettings",
+    "Config",
+    "Event",
+    "Footage",
+    "FootageView",
+    "FunctionMatteSource",
+    "Gaussians",
+    "InitializeSettings",
+    "Manifest",
+    "MatteSource",
+    "Mesh",
+    "Message",
+    "Metrics",
+    "Progress",
+    "Render",
+    "Rig",
+    "RunFinished",
+    "SplatVideo",
+    "StageFinished",
+    "StageStatus",
+    "StreamReader",
+    "StudioError",
+    "Take",
+    "TiePoint",
+    "TrainSettings",
+    "TrainingView",
+    "Warned",
+    "__version__",
+    "align_rigs",
+    "available_backends",
+    "bake_group",
+    "bake_video",
+    "calibrate_from_images",
+    "calibrate_from_target",
+    "calibrate_from_tie_points",
+    "compare_rigs",
+    "detect_target",
+    "initialize_points",
+    "load_config",
+    "open_footage",
+    "open_import",
+    "psnr",
+    "rasterize",
+    "read_rig",
+    "read_splats",
+    "read_tie_points",
+    "run",
+    "ssim",
+    "status",
+    "train_interframe",
+    "train_keyframe",
+    "trained_video",
+    "write_manifest",
+    "write_rig",
+    "write_splats",
+    "write_target_pdf",
+]
+
+lazy_exports(__name__)

@@ -1,0 +1,72 @@
+// Builds the player into ../v3web/player: the page, one script with the worker inside, and the licenses.
+import { build } from "esbuild";
+import { mkdir, readFile, rm, writeFile } from "node:fs/promises";
+import { dirname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+import { gzipSync } from "node:zlib";
+
+const here = dirname(fileURLToPath(import.meta.url));
+const out = process.argv[2] ?? join(here, "..", "v3web", "player");
+const LIMIT = 120_000;
+
+const common = {
+  absWorkingDir: here,
+  bundle: true,
+  minify: true,
+  target: ["es2022", "chrome107", "firefox113", "safari16.4"],
+  legalComments: "none",
+  metafile: true,
+  logLevel: "warning",
+  loader: { ".css": "text" },
+};
+
+const worker = await build({ ...common, entryPoints: ["src/worker/main.ts"], format: "iife", write: false });
+const workerText = worker.outputFiles[0].text;
+
+const player = await build({
+  ...common,
+  entryPoints: ["src/main.ts"],
+  format: "esm",
+  write: false,
+  plugins: [
+    {
+      name: "worker-source",
+      setup(builder) {
+        builder.onResolve({ filter: /^worker-source$/ }, () => ({ path: "worker-source", namespace: "worker" }));
+        builder.onLoad({ filter: /.*/, namespace: "worker" }, () => ({ contents: workerText, loader: "text" }));
+      },
+    },
+  ],
+});
+
+/** Packages whose code is in the bundles, with the text of their licenses. */
+async function licenses() {
+  const inputs = [...Object.keys(worker.metafile.inputs), ...Object.keys(player.metafile.inputs)];
+  const names = new Set(inputs.flatMap((path) => /node_modules\/((?:@[^/]+\/)?[^/]+)\//.exec(path)?.[1] ?? []));
+  const parts = [];
+  for (const name of [...names].sort()) {
+    const folder = join(here, "node_modules", name);
+    const info = JSON.parse(await readFile(join(folder, "package.json"), "utf8"));
+    const home = info.homepage ?? info.repository?.url ?? "";
+    const text = (await readFile(join(folder, "LICENSE"), "utf8")).trim();
+    parts.push(`${name} ${info.version} (${info.license})\n${home}\n\n${text}`);
+  }
+  const intro = `The player is part of V3 Studio (GPL-3.0-or-later). It contains the following packages, unchanged.`;
+  return `${[intro, ...parts].join(`\n\n${"-".repeat(80)}\n\n`)}\n`;
+}
+
+await rm(out, { recursive: true, force: true });
+await mkdir(out, { recursive: true });
+const script = player.outputFiles[0].text;
+const page = await readFile(join(here, "src", "index.html"), "utf8");
+await writeFile(join(out, "v3-player.js"), script);
+await writeFile(join(out, "index.html"), page);
+await writeFile(join(out, "THIRD_PARTY_LICENSES.txt"), await licenses());
+
+const size = gzipSync(script, { level: 9 }).length + gzipSync(page, { level: 9 }).length;
+const workerSize = gzipSync(workerText, { level: 9 }).length;
+console.log(`player: ${script.length + page.length} bytes, ${size} gzipped (the worker ${workerSize})`);
+if (size > LIMIT) {
+  console.error(`The player is larger than ${LIMIT} bytes gzipped.`);
+  process.exit(1);
+}

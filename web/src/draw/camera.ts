@@ -1,0 +1,204 @@
+/** A camera that turns about a point, and the pinhole that it is for a canvas of some size. */
+
+import type { Camera, Vector } from "../stream/manifest.ts";
+import type { DepthAxis } from "../worker/messages.ts";
+
+export type Vec3 = [number, number, number];
+
+/** What a renderer draws from: OpenCV axes, pixels of the drawing's own size. */
+export interface Pinhole {
+  readonly width: number;
+  readonly height: number;
+  readonly fx: number;
+  readonly fy: number;
+  readonly cx: number;
+  readonly cy: number;
+  /** (3, 3) world to camera, row by row. */
+  readonly rotation: readonly number[];
+  readonly translation: Vector;
+}
+
+/** A place to look from, as it stands in links: angles in degrees, lengths in world units. */
+export interface View {
+  readonly azimuth: number;
+  readonly elevation: number;
+  readonly distance: number;
+  readonly target: Vector;
+}
+
+export const add = (a: Vector, b: Vector, s = 1): Vec3 => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
+export const dot = (a: Vector, b: Vector): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const cross = (a: Vector, b: Vector): Vec3 => [
+  a[1] * b[2] - a[2] * b[1],
+  a[2] * b[0] - a[0] * b[2],
+  a[0] * b[1] - a[1] * b[0],
+];
+export const length = (a: Vector): number => Math.hypot(...a);
+export const unit = (a: Vector): Vec3 => {
+  const size = length(a) || 1;
+  return [a[0] / size, a[1] / size, a[2] / size];
+};
+
+const DEGREES = 180 / Math.PI;
+const MAX_ELEVATION = 89;
+/** Room left around the scene. */
+const MARGIN = 1.12;
+/** As in studio.rasterizer: the projection is linearized at most this far (x / z, y / z) off the axis, ... */
+const FIELD = 2;
+/** ... or outside the image by this part of half its size. */
+const FIELD_MARGIN = 0.3;
+
+/** Lowest and highest x / z, lowest and highest y / z at which a splat's projection is linearized. */
+export function fieldLimits({ width, height, fx, fy, cx, cy }: Pinhole): [number, number, number, number] {
+  const [mx, my] = [(FIELD_MARGIN * 0.5 * width) / fx, (FIELD_MARGIN * 0.5 * height) / fy];
+  return [
+    Math.min(-FIELD, -cx / fx - mx),
+    Math.max(FIELD, (width - cx) / fx + mx),
+    Math.min(-FIELD, -cy / fy - my),
+    Math.max(FIELD, (height - cy) / fy + my),
+  ];
+}
+
+/** The pinhole of a camera as the stream's metadata and rig files give it. */
+export function pinholeOf({ width, height, K, worldToCamera: w }: Camera): Pinhole {
+  const rows = w.slice(0, 3);
+  return {
+    width,
+    height,
+    fx: K[0][0],
+    fy: K[1][1],
+    cx: K[0][2],
+    cy: K[1][2],
+    rotation: rows.flatMap((row) => row.slice(0, 3)),
+    translation: rows.map((row) => row[3]) as unknown as Vector,
+  };
+}
+
+export function depthAxis({ rotation: r, translation: t }: Pinhole): DepthAxis {
+  return [r[6], r[7], r[8], t[2]];
+}
+
+/** The camera's place in the world. */
+export function centerOf({ rotation: r, translation: t }: Pinhole): Vec3 {
+  return [0, 1, 2].map((k) => -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2])) as Vec3;
+}
+
+export class OrbitCamera {
+  azimuth = 0;
+  elevation = 0;
+  distance = 1;
+  target: Vec3 = [0, 0, 0];
+  /** Tangents of half the field of view that must be seen, across and up. */
+  private tangents: readonly [number, number] = [0.35, 0.35];
+  private up: Vec3 = [0, 1, 0];
+  private ahead: Vec3 = [0, 0, 1];
+  private side: Vec3 = [1, 0, 0];
+  private home: View = { azimuth: 0, elevation: 0, distance: 1, target: [0, 0, 0] };
+  private radius = 1;
+
+  /** Sets up the world: from the suggested camera where there is one, else from in front of the box. */
+  frame(box: { readonly min: Vector; readonly max: Vector }, camera: Camera | null, up: Vector | null): void {
+    const middle = add(box.min, box.max).map((value) => value / 2) as Vec3;
+    this.radius = Math.max(length(add(box.max, box.min, -1)) / 2, 1e-6);
+    const pinhole = camera === null ? null : pinholeOf(camera);
+    // OpenCV's y points down.
+    this.up = unit(up ?? (pinhole === null ? [0, 1, 0] : (pinhole.rotation.slice(3, 6).map((v) => -v) as Vec3)));
+    const forward: Vec3 = pinhole === null ? [0, 0, -1] : (pinhole.rotation.slice(6, 9) as Vec3);
+    this.ahead = unit(add(forward, this.up, -dot(forward, this.up)));
+    if (length(this.ahead) < 0.5) this.ahead = unit(cross(this.up, [0.3, 0.5, 0.8]));
+    this.side = cross(this.ahead, this.up);
+    if (pinhole === null) {
+      this.home = { azimuth: 0, elevation: 0, distance: 3 * this.radius, target: middle };
+    } else {
+      const center = centerOf(pinhole);
+      // The point on the camera's axis that is nearest to the middle of the scene.
+      const distance = Math.max(dot(add(middle, center, -1), forward), 0.1 * this.radius);
+      const elevation = Math.asin(Math.max(-1, Math.min(1, -dot(forward, this.up)))) * DEGREES;
+      this.home = { azimuth: 0, elevation, distance, target: add(center, forward, distance) };
+    }
+    this.reset();
+    // All of the box is to be seen, but no more than the suggested camera saw.
+    const [across, up_] = pinhole === null ? [1, 1] : [pinhole.width / 2 / pinhole.fx, pinhole.height / 2 / pinhole.fy];
+    const [x, y] = this.extent(box);
+    this.tangents = [Math.min(across, MARGIN * x), Math.min(up_, MARGIN * y)];
+  }
+
+  /** Largest |x / z| and |y / z| of the box's corners; without bound where one is behind the camera. */
+  private extent({ min, max }: { readonly min: Vector; readonly max: Vector }): [number, number] {
+    const axes = this.axes();
+    const eye = add(this.target, axes[2], -this.distance);
+    const result: [number, number] = [1e-3, 1e-3];
+    for (let corner = 0; corner < 8; corner++) {
+      const point = [0, 1, 2].map((k) => ((corner >> k) & 1 ? max[k] : min[k])) as Vec3;
+      const [x, y, z] = axes.map((axis) => dot(axis, add(point, eye, -1)));
+      if (z <= 0) return [Infinity, Infinity];
+      result[0] = Math.max(result[0], Math.abs(x / z));
+      result[1] = Math.max(result[1], Math.abs(y / z));
+    }
+    return result;
+  }
+
+  reset(): void {
+    this.view = this.home;
+  }
+
+  get view(): View {
+    return { azimuth: this.azimuth, elevation: this.elevation, distance: this.distance, target: [...this.target] };
+  }
+
+  set view(view: View) {
+    this.azimuth = ((((view.azimuth + 180) % 360) + 360) % 360) - 180;
+    this.elevation = Math.max(-MAX_ELEVATION, Math.min(MAX_ELEVATION, view.elevation));
+    this.distance = Math.max(0.02 * this.radius, Math.min(50 * this.radius, view.distance));
+    this.target = [...view.target];
+  }
+
+  /** Right, down, forward: the rows of the rotation. */
+  private axes(): [Vec3, Vec3, Vec3] {
+    const [a, e] = [this.azimuth / DEGREES, this.elevation / DEGREES];
+    const flat = add(this.ahead.map((v) => v * Math.cos(a)) as Vec3, this.side, Math.sin(a));
+    const forward = add(flat.map((v) => v * Math.cos(e)) as Vec3, this.up, -Math.sin(e));
+    const right = unit(cross(forward, this.up));
+    return [right, cross(forward, right), forward];
+  }
+
+  /** Turns by angles in degrees. */
+  orbit(azimuth: number, elevation: number): void {
+    this.view = { ...this.view, azimuth: this.azimuth + azimuth, elevation: this.elevation + elevation };
+  }
+
+  /** Comes nearer by a factor below 1, goes away by one above. */
+  zoom(factor: number): void {
+    this.view = { ...this.view, distance: this.distance * factor };
+  }
+
+  /** Moves the target across the picture, so that what lies there follows by (dx, dy) parts of the picture's height. */
+  pan(dx: number, dy: number, aspect: number): void {
+    const [right, down] = this.axes();
+    const size = 2 * this.distance * this.tangentsFor(aspect)[1];
+    this.target = add(add(this.target, right, -dx * size), down, -dy * size);
+  }
+
+  /** Half fields of view of a picture of some aspect in which all is seen that the suggested camera saw. */
+  private tangentsFor(aspect: number): [number, number] {
+    const [across, up] = this.tangents;
+    const vertical = Math.max(up, across / aspect);
+    return [vertical * aspect, vertical];
+  }
+
+  pinhole(width: number, height: number): Pinhole {
+    const axes = this.axes();
+    const eye = add(this.target, axes[2], -this.distance);
+    const focal = height / 2 / this.tangentsFor(width / height)[1];
+    return {
+      width,
+      height,
+      fx: focal,
+      fy: focal,
+      cx: width / 2,
+      cy: height / 2,
+      rotation: axes.flat(),
+      translation: axes.map((axis) => -dot(axis, eye)) as unknown as Vector,
+    };
+  }
+}

@@ -1,0 +1,271 @@
+/**
+ * The shaders. Drawing takes two passes:
+ *
+ * 1. `project` dequantizes and projects each splat once, a fragment per pixel of the splats' tile: the luma of all its
+ *    channels in, eight words out (place, inverse covariance, color, opacity, size).
+ * 2. `splat` draws the quads in the sorted order, reading these words.
+ *
+ * A frame's escapes (codes that a byte cannot hold) are drawn over the first pass's result as points.
+ */
+
+import { ALPHA_MAX, ALPHA_MIN, DILATION } from "./renderer.ts";
+
+const float = (value: number): string => (Number.isInteger(value) ? `${value}.0` : String(value));
+
+const HEAD = `#version 300 es
+precision highp float; precision highp int;
+precision highp sampler2D; precision highp usampler2D; precision highp isampler2D;
+`;
+
+/** A triangle that covers everything. */
+export const FULL_VERTEX = `${HEAD}
+void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
+
+/** One point per splat that has escapes: its pixel, where its escapes begin and how many they are. */
+export const ESCAPE_VERTEX = `${HEAD}
+in ivec3 entry;
+uniform float tile;
+flat out ivec2 range;
+void main() {
+  vec2 pixel = vec2(entry.x % int(tile), entry.x / int(tile)) + 0.5;
+  gl_Position = vec4(pixel / tile * 2.0 - 1.0, 0.0, 1.0);
+  gl_PointSize = 1.0;
+  range = entry.yz;
+}`;
+
+/** Real spherical harmonics, in the order and with the signs of studio.rasterizer.harmonics. */
+const HARMONICS = [
+  "0.28209479177387814",
+  "-0.4886025119029199 * d.y",
+  "0.4886025119029199 * d.z",
+  "-0.4886025119029199 * d.x",
+  "1.0925484305920792 * d.x * d.y",
+  "-1.0925484305920792 * d.y * d.z",
+  "0.31539156525252005 * (3.0 * d.z * d.z - 1.0)",
+  "-1.0925484305920792 * d.x * d.z",
+  "0.5462742152960396 * (d.x * d.x - d.y * d.y)",
+  "-0.5900435899266435 * d.y * (3.0 * d.x * d.x - d.y * d.y)",
+  "2.890611442640554 * d.x * d.y * d.z",
+  "-0.4570457994644658 * d.y * (5.0 * d.z * d.z - 1.0)",
+  "0.3731763325901154 * d.z * (5.0 * d.z * d.z - 3.0)",
+  "-0.4570457994644658 * d.x * (5.0 * d.z * d.z - 1.0)",
+  "1.445305721320277 * d.z * (d.x * d.x - d.y * d.y)",
+  "-0.5900435899266435 * d.x * (d.x * d.x - 3.0 * d.y * d.y)",
+];
+
+/** Sum over the coefficients, each read from three channels from `first` on. */
+function colorSum(shDegree: number, first: number): string {
+  return HARMONICS.slice(0, (shDegree + 1) ** 2)
+    .map((basis, k) => `color += (${basis}) * vec3(v(${first + 3 * k}), v(${first + 3 * k + 1}), v(${first + 3 * k + 2}));`)
+    .join("\n  ");
+}
+
+/** Reading channels of the picture: `v(c)` is channel c's value. */
+function channels(count: number, escapes: boolean): string {
+  const patched = `
+flat in ivec2 range;
+uniform isampler2D escapeList;
+float code(int c) {
+  for (int i = 0; i < range.y; i++) {
+    int at = range.x + i;
+    ivec4 e = texelFetch(escapeList, ivec2(at & 1023, at >> 10), 0);
+    if (e.y == c) return float(e.z);
+  }
+  return byteAt(c);
+}`;
+  return `
+uniform sampler2D luma;
+uniform vec2 units[${count}];
+uniform ivec2 layoutOf; // side of a tile, columns
+ivec2 here;
+float byteAt(int c) {
+  ivec2 corner = ivec2(c % layoutOf.y, c / layoutOf.y) * layoutOf.x;
+  return floor(texelFetch(luma, corner + here, 0).r * 255.0 + 0.5);
+}
+${escapes ? patched : "float code(int c) { return byteAt(c); }"}
+float v(int c) { return code(c) * units[c].y + units[c].x; }`;
+}
+
+const MOTION = (shDegree: number): string => `
+uniform usampler2D statics;
+uniform sampler2D blocks;
+uniform vec3 latticeMin;
+uniform vec2 lattice; // step; step / radius
+
+vec4 multiply(vec4 a, vec4 b) { // wxyz
+  return vec4(a.x * b.x - dot(a.yzw, b.yzw), a.x * b.yzw + b.x * a.yzw + cross(a.yzw, b.yzw));
+}
+
+bool read(out vec3 mean, out vec4 quat, out vec3 scale, out float opacity) {
+  uvec4 s = texelFetch(statics, here, 0);
+  if (s.w == 0u) return false;
+  vec3 cell = vec3(s.x & 65535u, s.x >> 16, s.y & 65535u);
+  int block = int(s.z);
+  ivec2 at = ivec2((block & 127) * 5, block >> 7);
+  vec4 a0 = texelFetch(blocks, at, 0), a1 = texelFetch(blocks, at + ivec2(1, 0), 0);
+  vec4 a2 = texelFetch(blocks, at + ivec2(2, 0), 0), a3 = texelFetch(blocks, at + ivec2(3, 0), 0);
+  vec4 turn = texelFetch(blocks, at + ivec2(4, 0), 0);
+  vec3 u = (cell - vec3(a0.w, a1.w, a2.w)) * lattice.y;
+  vec3 moved = a3.xyz + u.x * a0.xyz + u.y * a1.xyz + u.z * a2.xyz;
+  mean = latticeMin + (cell + 0.5) * lattice.x + moved + exp2(float(s.y >> 16)) * vec3(v(0), v(1), v(2));
+  vec3 p = vec3(v(3), v(4), v(5));
+  float square = dot(p, p);
+  quat = multiply(turn, vec4(1.0 - square, 2.0 * p) / (1.0 + square));
+  scale = exp(vec3(v(6), v(7), v(8)));
+  opacity = v(9);
+  return true;
+}
+
+vec3 harmonics(vec3 d) {
+  vec3 color = vec3(0.0); // luma, orange, green
+  ${colorSum(shDegree, 10)}
+  return vec3(color.x + color.y - color.z, color.x + color.z, color.x - color.y - color.z);
+}`;
+
+const PLANES = (shDegree: number): string => {
+  const opacity = 6 + 3 * (shDegree + 1) ** 2;
+  return `
+uniform int splats;
+uniform bvec3 mirrored;
+
+float place(int axis) {
+  float high = byteAt(2 * axis), low = byteAt(2 * axis + 1);
+  if (mirrored[axis] && mod(high, 2.0) > 0.5) low = 255.0 - low;
+  return units[2 * axis].x + high * units[2 * axis].y + low * units[2 * axis + 1].y;
+}
+
+bool read(out vec3 mean, out vec4 quat, out vec3 scale, out float opacity) {
+  if (here.y * layoutOf.x + here.x >= splats) return false;
+  mean = vec3(place(0), place(1), place(2));
+  opacity = v(${opacity});
+  scale = exp(vec3(v(${opacity + 1}), v(${opacity + 2}), v(${opacity + 3})));
+  quat = vec4(v(${opacity + 4}), v(${opacity + 5}), v(${opacity + 6}), v(${opacity + 7}));
+  float size = length(quat);
+  if (!(size > 0.0)) return false;
+  quat /= size;
+  return true;
+}
+
+vec3 harmonics(vec3 d) {
+  vec3 color = vec3(0.0);
+  ${colorSum(shDegree, 6)}
+  return color;
+}`;
+};
+
+/**
+ * The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
+ * blue and opacity (half floats); 1 where the splat is to be drawn.
+ */
+export function projectFragment(profile: "motion" | "planes", shDegree: number, escapes: boolean): string {
+  // Positions of planes have two planes each.
+  const channelCount = (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;
+  return `${HEAD}
+layout(location = 0) out uvec4 first;
+layout(location = 1) out uvec4 second;
+uniform mat3 rotation;
+uniform vec3 translation, eye;
+uniform vec4 lens; // fx, fy, cx, cy
+uniform vec4 limits; // x / z from, to; y / z from, to
+uniform vec2 size;
+${channels(channelCount, escapes)}
+${profile === "motion" ? MOTION(shDegree) : PLANES(shDegree)}
+
+void main() {
+  here = ivec2(gl_FragCoord.xy);
+  first = uvec4(0u);
+  second = uvec4(0u);
+  vec3 mean, scale;
+  vec4 q;
+  float opacity;
+  if (!read(mean, q, scale, opacity)) return;
+  vec3 local = rotation * mean + translation;
+  if (!(local.z >= 0.01) || !(opacity >= ${float(ALPHA_MIN)})) return;
+  opacity = min(opacity, 1.0);
+  float w = q.x, x = q.y, y = q.z, z = q.w;
+  mat3 turned = rotation * mat3(
+    1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+    2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+    2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+  vec2 flat2 = local.xy / local.z;
+  vec2 bent = clamp(flat2, limits.xz, limits.yw);
+  vec2 focal = lens.xy / local.z;
+  // Rows of Jacobian * rotation * axes: how the splat's axes lie in the picture.
+  vec3 ax = scale.x * turned[0], ay = scale.y * turned[1], az = scale.z * turned[2];
+  vec3 u = focal.x * (vec3(ax.x, ay.x, az.x) - bent.x * vec3(ax.z, ay.z, az.z));
+  vec3 t = focal.y * (vec3(ax.y, ay.y, az.y) - bent.y * vec3(ax.z, ay.z, az.z));
+  float xx = dot(u, u), xy = dot(u, t), yy = dot(t, t);
+  vec3 normal = cross(u, t);
+  const float dilation = ${float(DILATION)};
+  float det = dot(normal, normal) + dilation * (xx + yy) + dilation * dilation;
+  vec3 cov = vec3(xx + dilation, xy, yy + dilation);
+  vec2 place = flat2 * lens.xy + lens.zw;
+  float reach = sqrt(2.0 * log(opacity / ${float(ALPHA_MIN)}));
+  vec2 halfSize = reach * sqrt(cov.xz);
+  if (any(lessThanEqual(place + halfSize, vec2(0.0))) || any(greaterThanEqual(place - halfSize, size))) return;
+  if (!(det > 0.0) || isinf(det)) return;
+  vec3 conic = vec3(cov.z, -cov.y, cov.x) / det;
+  vec3 color = max(harmonics(normalize(mean - eye)) + 0.5, 0.0);
+  first = uvec4(floatBitsToUint(place), floatBitsToUint(conic.xy));
+  second = uvec4(floatBitsToUint(conic.z), packHalf2x16(color.rg), packHalf2x16(vec2(color.b, opacity)), 1u);
+}`;
+}
+
+/** The second pass: a quad along the splat's axes in the picture, as far as its alpha reaches 1/255. */
+export const SPLAT_VERTEX = `${HEAD}
+uniform usampler2D order; // pixels of the splats' tile, the farthest first
+uniform int count, batch;
+uniform usampler2D words0, words1;
+uniform int tile;
+uniform vec2 size;
+flat out vec4 paint; // color and opacity
+flat out vec3 conic;
+out vec2 offset;
+void main() {
+  int number = gl_InstanceID * batch + (gl_VertexID >> 2);
+  if (number >= count) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
+  int splat = int(texelFetch(order, ivec2(number & 1023, number >> 10), 0).x);
+  ivec2 at = ivec2(splat % tile, splat / tile);
+  uvec4 b = texelFetch(words1, at, 0);
+  if (b.w == 0u) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
+  uvec4 a = texelFetch(words0, at, 0);
+  vec2 place = uintBitsToFloat(a.xy);
+  conic = vec3(uintBitsToFloat(a.zw), uintBitsToFloat(b.x));
+  vec2 rg = unpackHalf2x16(b.y), bo = unpackHalf2x16(b.z);
+  paint = vec4(rg, bo);
+  // Axes of the ellipse: eigenvectors of the inverse covariance.
+  float middle = 0.5 * (conic.x + conic.z);
+  float spread = length(vec2(0.5 * (conic.x - conic.z), conic.y));
+  float most = middle + spread;
+  float least = max((conic.x * conic.z - conic.y * conic.y) / most, 1e-12);
+  vec2 axis = abs(conic.y) > 1e-12 ? normalize(vec2(conic.y, least - conic.x)) : (conic.x < conic.z ? vec2(1.0, 0.0) : vec2(0.0, 1.0));
+  float reach = sqrt(2.0 * log(max(bo.y * 255.0, 1.0))) + 0.01;
+  vec2 corner = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0;
+  offset = reach * (corner.x * axis * inversesqrt(least) + corner.y * vec2(-axis.y, axis.x) * inversesqrt(most));
+  vec2 pixel = place + offset;
+  gl_Position = vec4(pixel.x / size.x * 2.0 - 1.0, 1.0 - pixel.y / size.y * 2.0, 0.0, 1.0);
+}`;
+
+export const SPLAT_FRAGMENT = `${HEAD}
+flat in vec4 paint;
+flat in vec3 conic;
+in vec2 offset;
+out vec4 pixel;
+void main() {
+  float sigma = 0.5 * (conic.x * offset.x * offset.x + conic.z * offset.y * offset.y) + conic.y * offset.x * offset.y;
+  float alpha = min(paint.a * exp(-max(sigma, 0.0)), ${float(ALPHA_MAX)});
+  if (alpha < ${float(ALPHA_MIN)}) discard;
+  pixel = vec4(paint.rgb * alpha, alpha);
+}`;
+
+/** Copies the drawing onto the canvas, scaled, over the background. */
+export const RESOLVE_FRAGMENT = `${HEAD}
+uniform sampler2D drawing;
+uniform vec4 background; // alpha 0: none
+uniform vec2 canvas;
+out vec4 pixel;
+void main() {
+  vec4 front = texture(drawing, gl_FragCoord.xy / canvas);
+  float rest = 1.0 - front.a;
+  pixel = vec4(front.rgb + rest * background.rgb * background.a, front.a + rest * background.a);
+}`;

@@ -1,0 +1,546 @@
+/** Drawing with WebGL2. */
+
+import { StreamError } from "../stream/errors.ts";
+import type { GroupSetup, Picture } from "../worker/messages.ts";
+import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
+import type { Renderer } from "./renderer.ts";
+import { ESCAPE_VERTEX, FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
+
+/** Blocks per row of their table, and its width in texels. */
+const BLOCKS_PER_ROW = 128;
+const BLOCK_TEXELS = 5;
+/** Escapes per row of their list. */
+const ESCAPES_PER_ROW = 1024;
+
+/** Texture units. */
+const LUMA = 0;
+const STATICS = 1;
+const BLOCKS = 2;
+const ESCAPES = 3;
+const WORDS0 = 4;
+const WORDS1 = 5;
+const DRAWING = 6;
+const ORDER = 7;
+
+/** Splats per row of the order's texture. */
+const ORDER_WIDTH = 1024;
+/** Splats per instance: with one each, graphics spend more on the instances than on the splats. */
+const BATCH = 1024;
+
+class Program {
+  readonly handle: WebGLProgram;
+  private readonly gl: WebGL2RenderingContext;
+  private checked = false;
+  private readonly places = new Map<string, WebGLUniformLocation | null>();
+
+  constructor(gl: WebGL2RenderingContext, vertex: string, fragment: string, attribute?: string) {
+    this.gl = gl;
+    this.handle = gl.createProgram();
+    for (const [kind, source] of [
+      [gl.VERTEX_SHADER, vertex],
+      [gl.FRAGMENT_SHADER, fragment],
+    ] as const) {
+      const shader = gl.createShader(kind)!;
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      gl.attachShader(this.handle, shader);
+      gl.deleteShader(shader);
+    }
+    if (attribute !== undefined) gl.bindAttribLocation(this.handle, 0, attribute);
+    gl.linkProgram(this.handle);
+  }
+
+  /** Drivers compile in the background until somebody asks how it went. */
+  use(): void {
+    if (!this.checked) this.check();
+    this.checked = true;
+    this.gl.useProgram(this.handle);
+  }
+
+  private check(): void {
+    const { gl } = this;
+    if (gl.getProgramParameter(this.handle, gl.LINK_STATUS) !== true && !gl.isContextLost()) {
+      const logs = (gl.getAttachedShaders(this.handle) ?? []).map((shader) => gl.getShaderInfoLog(shader) ?? "");
+      throw new StreamError(`This device's graphics refuse the player's shader: ${logs.join(" ").slice(0, 300)}`);
+    }
+  }
+
+  at(name: string): WebGLUniformLocation | null {
+    let place = this.places.get(name);
+    if (place === undefined) {
+      place = this.gl.getUniformLocation(this.handle, name);
+      this.places.set(name, place);
+    }
+    return place;
+  }
+
+  dispose(): void {
+    this.gl.deleteProgram(this.handle);
+  }
+}
+
+/** A texture without filtering whose memory is kept while its size stays. */
+class Texture {
+  readonly handle: WebGLTexture;
+  private readonly gl: WebGL2RenderingContext;
+  private readonly unit: number;
+  private readonly format: readonly [internal: number, format: number, type: number];
+  private width = 0;
+  private height = 0;
+
+  constructor(
+    gl: WebGL2RenderingContext,
+    unit: number,
+    format: readonly [internal: number, format: number, type: number],
+    filter: number = gl.NEAREST,
+  ) {
+    this.gl = gl;
+    this.unit = unit;
+    this.format = format;
+    this.handle = gl.createTexture();
+    this.bind();
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filter);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, filter);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+  }
+
+  bind(): void {
+    this.gl.activeTexture(this.gl.TEXTURE0 + this.unit);
+    this.gl.bindTexture(this.gl.TEXTURE_2D, this.handle);
+  }
+
+  /** Makes room; true where it is new. */
+  resize(width: number, height: number): boolean {
+    this.bind();
+    if (width === this.width && height === this.height) return false;
+    const { gl } = this;
+    const [internal, format, type] = this.format;
+    gl.texImage2D(gl.TEXTURE_2D, 0, internal, width, height, 0, format, type, null);
+    this.width = width;
+    this.height = height;
+    return true;
+  }
+
+  /** Fills the first rows with whole rows of data. */
+  fill(data: ArrayBufferView, width: number, height: number): void {
+    const { gl } = this;
+    const [, format, type] = this.format;
+    this.bind();
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, format, type, data);
+  }
+
+  dispose(): void {
+    this.gl.deleteTexture(this.handle);
+  }
+}
+
+/** A drawing to be shown on the canvas or read back. */
+class Target {
+  readonly texture: Texture;
+  readonly frame: WebGLFramebuffer;
+  private readonly gl: WebGL2RenderingContext;
+
+  constructor(gl: WebGL2RenderingContext, half: boolean) {
+    this.gl = gl;
+    const format = half
+      ? ([gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] as const)
+      : ([gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE] as const);
+    this.texture = new Texture(gl, DRAWING, format, gl.LINEAR);
+    this.frame = gl.createFramebuffer();
+  }
+
+  resize(width: number, height: number): void {
+    const { gl } = this;
+    if (!this.texture.resize(width, height)) return;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.frame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.texture.handle, 0);
+  }
+
+  dispose(): void {
+    this.gl.deleteFramebuffer(this.frame);
+    this.texture.dispose();
+  }
+}
+
+/** Everything that lives in the graphics' memory, made anew when it was lost. */
+class Resources {
+  readonly luma: Texture;
+  readonly statics: Texture;
+  readonly blocks: Texture;
+  readonly escapes: Texture;
+  readonly words: readonly [Texture, Texture];
+  readonly wordsFrame: WebGLFramebuffer;
+  readonly order: Texture;
+  readonly quads: WebGLBuffer;
+  readonly quadsArray: WebGLVertexArrayObject;
+  readonly points: WebGLBuffer;
+  readonly pointsArray: WebGLVertexArrayObject;
+  readonly emptyArray: WebGLVertexArrayObject;
+  readonly splat: Program;
+  readonly resolve: Program;
+  readonly canvasTarget: Target;
+  readonly projects = new Map<string, Program>();
+  private readonly gl: WebGL2RenderingContext;
+
+  constructor(gl: WebGL2RenderingContext, half: boolean) {
+    this.gl = gl;
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    gl.disable(gl.DITHER);
+    this.luma = new Texture(gl, LUMA, [gl.R8, gl.RED, gl.UNSIGNED_BYTE]);
+    this.statics = new Texture(gl, STATICS, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]);
+    this.blocks = new Texture(gl, BLOCKS, [gl.RGBA32F, gl.RGBA, gl.FLOAT]);
+    this.escapes = new Texture(gl, ESCAPES, [gl.RGBA32I, gl.RGBA_INTEGER, gl.INT]);
+    this.words = [
+      new Texture(gl, WORDS0, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]),
+      new Texture(gl, WORDS1, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]),
+    ];
+    this.wordsFrame = gl.createFramebuffer();
+    this.emptyArray = gl.createVertexArray();
+    this.order = new Texture(gl, ORDER, [gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT]);
+    this.quadsArray = gl.createVertexArray();
+    this.quads = gl.createBuffer();
+    gl.bindVertexArray(this.quadsArray);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.quads);
+    const corners = Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 2, 1, 3][i % 6]);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
+    this.pointsArray = gl.createVertexArray();
+    this.points = gl.createBuffer();
+    gl.bindVertexArray(this.pointsArray);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.points);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribIPointer(0, 3, gl.INT, 0, 0);
+    gl.bindVertexArray(null);
+    this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
+    this.resolve = new Program(gl, FULL_VERTEX, RESOLVE_FRAGMENT);
+    this.canvasTarget = new Target(gl, half);
+  }
+
+  project(profile: "motion" | "planes", shDegree: number, escapes: boolean): Program {
+    const key = `${profile} ${shDegree} ${escapes}`;
+    let program = this.projects.get(key);
+    if (program === undefined) {
+      const fragment = projectFragment(profile, shDegree, escapes);
+      program = new Program(this.gl, escapes ? ESCAPE_VERTEX : FULL_VERTEX, fragment, escapes ? "entry" : undefined);
+      this.projects.set(key, program);
+    }
+    return program;
+  }
+
+  dispose(): void {
+    const { gl } = this;
+    for (const texture of [this.luma, this.statics, this.blocks, this.escapes, this.order, ...this.words]) texture.dispose();
+    this.canvasTarget.dispose();
+    gl.deleteFramebuffer(this.wordsFrame);
+    gl.deleteBuffer(this.quads);
+    gl.deleteBuffer(this.points);
+    for (const array of [this.quadsArray, this.pointsArray, this.emptyArray]) gl.deleteVertexArray(array);
+    for (const program of [this.splat, this.resolve, ...this.projects.values()]) program.dispose();
+  }
+}
+
+interface TimerQuery {
+  readonly TIME_ELAPSED_EXT: number;
+  readonly GPU_DISJOINT_EXT: number;
+}
+
+export class WebGL2Renderer implements Renderer {
+  readonly name = "WebGL2";
+  readonly maxTexture: number;
+  gpuMilliseconds: number | null = null;
+  private readonly gl: WebGL2RenderingContext;
+  private readonly half: boolean;
+  private readonly timer: TimerQuery | null;
+  private query: WebGLQuery | null = null;
+  private fence: WebGLSync | null = null;
+  private resources: Resources | null;
+  private setup: GroupSetup | null = null;
+  private hasPicture = false;
+  private escapePoints = 0;
+  private count = 0;
+
+  /** @throws StreamError - the browser has no WebGL2 */
+  constructor(canvas: HTMLCanvasElement) {
+    const gl = canvas.getContext("webgl2", {
+      alpha: true,
+      antialias: false,
+      depth: false,
+      stencil: false,
+      premultipliedAlpha: true,
+      powerPreference: "high-performance",
+    });
+    if (gl === null) throw new StreamError("This browser has no WebGL2, which the player draws with.");
+    this.gl = gl;
+    this.maxTexture = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
+    // Sums of many faint splats lose too much in 8 bits.
+    this.half = gl.getExtension("EXT_color_buffer_float") !== null || gl.getExtension("EXT_color_buffer_half_float") !== null;
+    this.timer = gl.getExtension("EXT_disjoint_timer_query_webgl2") as TimerQuery | null;
+    this.resources = new Resources(gl, this.half);
+    canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault();
+      this.resources = null;
+      this.query = null;
+      this.fence = null;
+    });
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.setup = null;
+      this.hasPicture = false;
+      gl.getExtension("EXT_color_buffer_float");
+      gl.getExtension("EXT_color_buffer_half_float");
+      this.resources = new Resources(gl, this.half);
+    });
+  }
+
+  get busy(): boolean {
+    const { fence, gl } = this;
+    if (fence === null || this.resources === null) return false;
+    if (gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.UNSIGNALED) return true;
+    gl.deleteSync(fence);
+    this.fence = null;
+    return false;
+  }
+
+  get lost(): boolean {
+    return this.resources === null || this.gl.isContextLost();
+  }
+
+  prepare(profile: "motion" | "planes", shDegree: number): void {
+    this.resources?.project(profile, shDegree, false);
+    if (profile === "motion") this.resources?.project(profile, shDegree, true);
+  }
+
+  setGroup(setup: GroupSetup): void {
+    const { resources, gl } = this;
+    if (resources === null) return;
+    const { tile, columns, rows } = setup;
+    this.setup = setup;
+    this.hasPicture = false;
+    resources.luma.resize(tile * columns, tile * rows);
+    if (setup.statics !== null) {
+      resources.statics.resize(tile, tile);
+      resources.statics.fill(setup.statics, tile, tile);
+    }
+    const [words0, words1] = resources.words;
+    if (words0.resize(tile, tile)) {
+      words1.resize(tile, tile);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, words0.handle, 0);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, words1.handle, 0);
+      gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
+    }
+    if (setup.blocks > 0) resources.blocks.resize(BLOCKS_PER_ROW * BLOCK_TEXELS, Math.ceil(setup.blocks / BLOCKS_PER_ROW));
+  }
+
+  setPicture(picture: Picture): void {
+    const { resources, setup } = this;
+    if (resources === null || setup === null || setup.group !== picture.group) return;
+    resources.luma.fill(picture.luma, setup.tile * setup.columns, setup.tile * setup.rows);
+    if (picture.blocks !== null) this.fillBlocks(resources.blocks, picture.blocks, setup.blocks);
+    this.setEscapes(resources, picture.escapes);
+    this.hasPicture = true;
+    this.setOrder(picture.order, picture.count);
+  }
+
+  setOrder(order: Uint32Array, count: number): void {
+    const { resources, gl } = this;
+    if (resources === null) return;
+    const rows = Math.floor(count / ORDER_WIDTH);
+    resources.order.resize(ORDER_WIDTH, Math.max(1, Math.ceil(order.length / ORDER_WIDTH)));
+    if (rows > 0) resources.order.fill(order, ORDER_WIDTH, rows);
+    const rest = count - rows * ORDER_WIDTH;
+    if (rest > 0)
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, rows, rest, 1, gl.RED_INTEGER, gl.UNSIGNED_INT, order, rows * ORDER_WIDTH);
+    this.count = count;
+  }
+
+  /** Whole rows at once, then what is left of the last. */
+  private fillBlocks(texture: Texture, table: Float32Array, count: number): void {
+    const { gl } = this;
+    const rows = Math.floor(count / BLOCKS_PER_ROW);
+    const width = BLOCKS_PER_ROW * BLOCK_TEXELS;
+    if (rows > 0) texture.fill(table, width, rows);
+    texture.bind();
+    const rest = count - rows * BLOCKS_PER_ROW;
+    if (rest > 0)
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, rows, rest * BLOCK_TEXELS, 1, gl.RGBA, gl.FLOAT, table, 4 * rows * width);
+  }
+
+  private setEscapes(resources: Resources, escapes: Int32Array | null): void {
+    const { gl } = this;
+    this.escapePoints = 0;
+    if (escapes === null) return;
+    const count = escapes.length / 4;
+    const rows = Math.ceil(count / ESCAPES_PER_ROW);
+    const list = new Int32Array(4 * ESCAPES_PER_ROW * rows);
+    list.set(escapes);
+    resources.escapes.resize(ESCAPES_PER_ROW, rows);
+    resources.escapes.fill(list, ESCAPES_PER_ROW, rows);
+    const points: number[] = [];
+    for (let i = 0, begin = 0; i < count; i++)
+      if (i + 1 === count || escapes[4 * (i + 1)] !== escapes[4 * i]) {
+        points.push(escapes[4 * i], begin, i + 1 - begin);
+        begin = i + 1;
+      }
+    gl.bindBuffer(gl.ARRAY_BUFFER, resources.points);
+    gl.bufferData(gl.ARRAY_BUFFER, Int32Array.from(points), gl.DYNAMIC_DRAW);
+    this.escapePoints = points.length / 3;
+  }
+
+  draw(pinhole: Pinhole, background: readonly [number, number, number] | null): void {
+    const { gl, resources } = this;
+    if (resources === null) return;
+    const begun = this.beginTimer();
+    resources.canvasTarget.resize(pinhole.width, pinhole.height);
+    this.drawInto(resources, resources.canvasTarget, pinhole);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    const { width, height } = gl.canvas;
+    gl.viewport(0, 0, width, height);
+    this.resolveFrom(resources, resources.canvasTarget, [width, height], background);
+    if (begun) gl.endQuery(this.timer!.TIME_ELAPSED_EXT);
+    gl.deleteSync(this.fence);
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+  }
+
+  snapshot(pinhole: Pinhole, background: readonly [number, number, number]): Uint8ClampedArray<ArrayBuffer> {
+    const { gl, resources } = this;
+    const { width, height } = pinhole;
+    const row = 4 * width;
+    const pixels = new Uint8ClampedArray(row * height);
+    if (resources === null) return pixels;
+    const drawing = new Target(gl, this.half);
+    const bytes = new Target(gl, false);
+    drawing.resize(width, height);
+    this.drawInto(resources, drawing, pinhole);
+    bytes.resize(width, height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, bytes.frame);
+    gl.viewport(0, 0, width, height);
+    this.resolveFrom(resources, drawing, [width, height], background);
+    const raw = new Uint8Array(pixels.length);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, raw);
+    for (let y = 0; y < height; y++) pixels.set(raw.subarray((height - 1 - y) * row, (height - y) * row), y * row);
+    drawing.dispose();
+    bytes.dispose();
+    resources.canvasTarget.texture.bind();
+    return pixels;
+  }
+
+  finish(): void {
+    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
+  }
+
+  dispose(): void {
+    this.resources?.dispose();
+    this.resources = null;
+    this.gl.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+
+  private drawInto(resources: Resources, target: Target, pinhole: Pinhole): void {
+    const { gl, setup } = this;
+    const size = [pinhole.width, pinhole.height] as const;
+    const ready = setup !== null && this.hasPicture;
+    if (ready) this.project(resources, setup, pinhole);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
+    gl.viewport(0, 0, ...size);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    if (!ready || this.count === 0) return;
+    const { splat } = resources;
+    splat.use();
+    for (const texture of resources.words) texture.bind();
+    gl.uniform1i(splat.at("words0"), WORDS0);
+    gl.uniform1i(splat.at("words1"), WORDS1);
+    gl.uniform1i(splat.at("tile"), setup.tile);
+    gl.uniform2f(splat.at("size"), ...size);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    resources.order.bind();
+    gl.uniform1i(splat.at("order"), ORDER);
+    gl.uniform1i(splat.at("count"), this.count);
+    gl.uniform1i(splat.at("batch"), BATCH);
+    gl.bindVertexArray(resources.quadsArray);
+    gl.drawElementsInstanced(gl.TRIANGLES, 6 * BATCH, gl.UNSIGNED_SHORT, 0, Math.ceil(this.count / BATCH));
+    gl.bindVertexArray(null);
+    gl.disable(gl.BLEND);
+  }
+
+  private project(resources: Resources, setup: GroupSetup, pinhole: Pinhole): void {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
+    gl.viewport(0, 0, setup.tile, setup.tile);
+    gl.bindVertexArray(resources.emptyArray);
+    this.useProject(resources, setup, pinhole, false);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    if (this.escapePoints > 0) {
+      this.useProject(resources, setup, pinhole, true);
+      gl.bindVertexArray(resources.pointsArray);
+      gl.drawArrays(gl.POINTS, 0, this.escapePoints);
+    }
+    gl.bindVertexArray(null);
+  }
+
+  private useProject(resources: Resources, setup: GroupSetup, pinhole: Pinhole, escapes: boolean): void {
+    const { gl } = this;
+    const program = resources.project(setup.profile, setup.shDegree, escapes);
+    program.use();
+    resources.luma.bind();
+    gl.uniform1i(program.at("luma"), LUMA);
+    gl.uniform2fv(program.at("units"), setup.units);
+    gl.uniform2i(program.at("layoutOf"), setup.tile, setup.columns);
+    if (setup.lattice !== null) {
+      resources.statics.bind();
+      resources.blocks.bind();
+      gl.uniform1i(program.at("statics"), STATICS);
+      gl.uniform1i(program.at("blocks"), BLOCKS);
+      gl.uniform3f(program.at("latticeMin"), ...setup.lattice.min);
+      gl.uniform2f(program.at("lattice"), setup.lattice.step, setup.lattice.ratio);
+    } else {
+      gl.uniform1i(program.at("splats"), setup.splats);
+      gl.uniform3i(program.at("mirrored"), ...(setup.mirrored.map(Number) as [number, number, number]));
+    }
+    if (escapes) {
+      resources.escapes.bind();
+      gl.uniform1i(program.at("escapeList"), ESCAPES);
+      gl.uniform1f(program.at("tile"), setup.tile);
+    }
+    // WebGL wants columns first: rows given as columns of the transpose.
+    gl.uniformMatrix3fv(program.at("rotation"), true, pinhole.rotation);
+    gl.uniform3f(program.at("translation"), ...pinhole.translation);
+    gl.uniform3f(program.at("eye"), ...centerOf(pinhole));
+    gl.uniform4f(program.at("lens"), pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy);
+    gl.uniform4f(program.at("limits"), ...fieldLimits(pinhole));
+    gl.uniform2f(program.at("size"), pinhole.width, pinhole.height);
+  }
+
+  private resolveFrom(
+    resources: Resources,
+    target: Target,
+    canvas: readonly [number, number],
+    background: readonly [number, number, number] | null,
+  ): void {
+    const { gl } = this;
+    const { resolve } = resources;
+    resolve.use();
+    target.texture.bind();
+    gl.uniform1i(resolve.at("drawing"), DRAWING);
+    gl.uniform2f(resolve.at("canvas"), ...canvas);
+    gl.uniform4f(resolve.at("background"), ...(background ?? ([0, 0, 0] as const)), background === null ? 0 : 1);
+    gl.bindVertexArray(resources.emptyArray);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.bindVertexArray(null);
+  }
+
+  /** Starts timing where the graphics can and the last query was answered. */
+  private beginTimer(): boolean {
+    const { gl, timer } = this;
+    if (timer === null) return false;
+    if (this.query !== null) {
+      if (gl.getQueryParameter(this.query, gl.QUERY_RESULT_AVAILABLE) !== true) return false;
+      if (gl.getParameter(timer.GPU_DISJOINT_EXT) !== true)
+        this.gpuMilliseconds = (gl.getQueryParameter(this.query, gl.QUERY_RESULT) as number) / 1e6;
+    }
+    this.query ??= gl.createQuery();
+    gl.beginQuery(timer.TIME_ELAPSED_EXT, this.query);
+    return true;
+  }
+}

@@ -1,0 +1,31 @@
+/** Defines `<v3-player>`; on a page of the player's own also reads the address and answers the page that embeds it. */
+
+import { runBenchmark } from "./ui/benchmark_page.ts";
+import { V3PlayerElement } from "./ui/element.ts";
+import { listen } from "./ui/embedding.ts";
+import { parseTime, parseView } from "./ui/link.ts";
+
+export { V3PlayerElement };
+export { Player } from "./player/player.ts";
+
+if (customElements.get("v3-player") === undefined) {
+  // The address has its say before the element begins.
+  const page = document.querySelector<V3PlayerElement>("v3-player[page]");
+  const query = new URLSearchParams(location.search);
+  for (const name of ["src", "background", "decoder"] as const) {
+    const value = query.get(name);
+    if (page !== null && value !== null) page.setAttribute(name, value);
+  }
+  customElements.define("v3-player", V3PlayerElement);
+  if (page !== null) {
+    const time = parseTime(query.get("t"));
+    const view = parseView(query.get("view"));
+    if (time !== null) {
+      page.pause();
+      page.seek(time);
+    }
+    if (view !== null) page.setView(view);
+    listen(page);
+    if (query.has("benchmark")) runBenchmark(page);
+  }
+}

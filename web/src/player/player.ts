@@ -1,0 +1,688 @@
+/**
+ * The player without controls: a worker that decodes and sorts, a renderer that draws, a clock that says which frame is
+ * due. The main thread only uploads and draws.
+ */
+
+import { depthAxis, OrbitCamera, type Pinhole, pinholeOf, type View } from "../draw/camera.ts";
+import type { Renderer } from "../draw/renderer.ts";
+import { WebGL2Renderer } from "../draw/webgl2.ts";
+import { messageOf } from "../stream/errors.ts";
+import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
+import type { DecodePath, FromWorker, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
+import { Resolution } from "./resolution.ts";
+import { Statistics } from "./statistics.ts";
+import { VideoReader } from "./video_reader.ts";
+import workerSource from "worker-source";
+
+/** The view must have turned or moved by this much of its size to be sorted again. */
+const SORT_AGAIN = 1e-3;
+/** Milliseconds to wait for a frame before the clock stands still, and before that is told. */
+const GRACE = 120;
+/** Milliseconds without a change after which the picture is drawn as finely as can be. */
+const SETTLE = 200;
+const TELL = 500;
+/** Phones have up to four times the pixels that a person sees on them. */
+const MAX_PIXEL_RATIO = 2;
+
+export interface PlayerEvents {
+  /** The stream is known; its first picture is on its way. */
+  opened: StreamInfo;
+  /** The first picture is on the canvas. */
+  ready: undefined;
+  play: undefined;
+  pause: undefined;
+  /** Another frame is shown. */
+  frame: { readonly frame: number; readonly seconds: number };
+  seeked: { readonly frame: number };
+  /** The end was reached without a loop. */
+  ended: undefined;
+  looped: undefined;
+  waiting: boolean;
+  view: View;
+  fetched: { readonly groups: readonly number[] };
+  /** Something to tell the person who watches; playing goes on. */
+  notice: string;
+  /** Nothing can be played. */
+  failed: string;
+}
+
+type Handler<T> = (value: T) => void;
+
+export interface PlayerOptions {
+  readonly path?: DecodePath | "auto";
+  readonly loop?: boolean;
+}
+
+export class Player {
+  readonly camera = new OrbitCamera();
+  readonly statistics = new Statistics();
+  readonly canvas: HTMLCanvasElement;
+  info: StreamInfo | null = null;
+  path: DecodePath | null = null;
+  bandwidth = 0;
+  receivedBytes = 0;
+  cachedBytes = 0;
+  fetchedGroups: readonly number[] = [];
+  readonly leftOut = new Map<number, string>();
+  private readonly renderer: Renderer;
+  private readonly worker: Worker;
+  private readonly videos: VideoReader;
+  private readonly resolution = new Resolution();
+  private readonly handlers = new Map<keyof PlayerEvents, Set<Handler<never>>>();
+  private readonly resizing: ResizeObserver;
+  private readonly stop = new AbortController();
+  private readonly options: PlayerOptions;
+  private background_: Vector | null = [0, 0, 0];
+  /** A fixed pinhole instead of the orbit camera, for tests and thumbnails. */
+  private fixed: Pinhole | null = null;
+  private playing_ = false;
+  private loop_: boolean;
+  private speed_ = 1;
+  /** Where the clock stands, in frames. */
+  private position = 0;
+  private lastTick: number | null = null;
+  private lastShownAt: number | null = null;
+  private drawBegan: number | null = null;
+  /** Frame and splats on the canvas. */
+  private shown: { frame: number; count: number; group: number } | null = null;
+  private ready: Picture | null = null;
+  private requested: { frame: number; at: number; seek: boolean; lap: number } | null = null;
+  /** Frames to take off the clock when `ready` is shown: all of them where the stream has begun again. */
+  private readyLap = 0;
+  private waiting = false;
+  private sortedAxis: readonly number[] = [0, 0, 0, 0];
+  private sorting = false;
+  private dirty = true;
+  private viewTold = "";
+  private handle = 0;
+  private failed = false;
+  private size = [0, 0];
+
+  /** @throws StreamError - the browser cannot draw */
+  constructor(canvas: HTMLCanvasElement, options: PlayerOptions = {}) {
+    this.canvas = canvas;
+    this.options = options;
+    this.loop_ = options.loop ?? true;
+    this.renderer = new WebGL2Renderer(canvas);
+    const address = URL.createObjectURL(new Blob([workerSource], { type: "text/javascript" }));
+    this.worker = new Worker(address);
+    this.stop.signal.addEventListener("abort", () => {
+      URL.revokeObjectURL(address);
+    });
+    this.videos = new VideoReader((message, transfer) => {
+      this.post(message, transfer);
+    });
+    this.worker.onmessage = (event: MessageEvent<FromWorker>) => {
+      const began = performance.now();
+      this.receive(event.data);
+      this.handlerTime += performance.now() - began;
+    };
+    this.worker.onerror = (event) => {
+      this.fail(`The player's worker has failed: ${event.message}.`);
+    };
+    const { signal } = this.stop;
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.restore();
+    }, { signal });
+    document.addEventListener("visibilitychange", () => {
+      // Hidden pages get no frames; the clock must not run on meanwhile.
+      this.lastTick = this.drawBegan = this.lastShownAt = null;
+      this.resolution.forget();
+    }, { signal });
+    this.resizing = new ResizeObserver(() => {
+      this.dirty = true;
+    });
+    this.resizing.observe(canvas);
+    this.handle = requestAnimationFrame(this.tick);
+  }
+
+  private handlerTime = 0;
+
+  on<K extends keyof PlayerEvents>(event: K, handler: Handler<PlayerEvents[K]>): void {
+    let set = this.handlers.get(event);
+    if (set === undefined) this.handlers.set(event, (set = new Set()));
+    set.add(handler);
+  }
+
+  private emit<K extends keyof PlayerEvents>(event: K, value: PlayerEvents[K]): void {
+    for (const handler of this.handlers.get(event) ?? []) (handler as Handler<PlayerEvents[K]>)(value);
+  }
+
+  /** Opens a stream: the address of its folder or its manifest. */
+  open(address: string): void {
+    this.info = null;
+    this.shown = this.ready = this.requested = null;
+    this.failed = false;
+    this.position = 0;
+    this.leftOut.clear();
+    this.fetchedGroups = [];
+    this.post({
+      type: "open",
+      url: new URL(address, document.baseURI).href,
+      maxTexture: this.renderer.maxTexture,
+      path: this.options.path ?? "auto",
+      loop: this.loop_,
+    });
+  }
+
+  get playing(): boolean {
+    return this.playing_;
+  }
+
+  play(): void {
+    if (this.playing_ || this.failed) return;
+    const { info } = this;
+    // From the end it goes on at the beginning.
+    if (info !== null && !this.loop_ && this.nextPlayable(info) === null) this.seekFrame(0);
+    this.playing_ = true;
+    this.lastTick = null;
+    this.emit("play", undefined);
+  }
+
+  pause(): void {
+    if (!this.playing_) return;
+    this.playing_ = false;
+    if (this.shown !== null && this.requested?.seek !== true) this.position = this.shown.frame;
+    this.emit("pause", undefined);
+  }
+
+  get loop(): boolean {
+    return this.loop_;
+  }
+
+  set loop(loop: boolean) {
+    this.loop_ = loop;
+    this.post({ type: "loop", loop });
+  }
+
+  /** Frames per second over the stream's own, 0.1 to 4. */
+  get speed(): number {
+    return this.speed_;
+  }
+
+  set speed(speed: number) {
+    this.speed_ = Math.max(0.1, Math.min(4, speed));
+  }
+
+  get frame(): number {
+    return this.shown?.frame ?? Math.floor(this.position);
+  }
+
+  get seconds(): number {
+    return this.info === null ? 0 : this.frame / this.info.fps;
+  }
+
+  get duration(): number {
+    return this.info === null ? 0 : this.info.frameCount / this.info.fps;
+  }
+
+  /** Splats on the canvas, and of its frame. */
+  get splats(): { drawn: number; all: number } {
+    const group = this.shown?.group;
+    return { drawn: this.shown?.count ?? 0, all: group === undefined ? 0 : (this.info?.groups[group]?.splats ?? 0) };
+  }
+
+  get rendererName(): string {
+    return this.renderer.name;
+  }
+
+  get drawSize(): readonly number[] {
+    return this.size;
+  }
+
+  seek(seconds: number): void {
+    if (this.info !== null) this.seekFrame(Math.floor(seconds * this.info.fps + 1e-6));
+  }
+
+  seekFrame(frame: number): void {
+    const { info } = this;
+    if (info === null) return;
+    const inside = Math.max(0, Math.min(info.frameCount - 1, Math.round(frame)));
+    const target = this.playable(inside);
+    if (target === null) return;
+    this.position = target;
+    if (this.ready !== null) this.recycle(this.ready);
+    this.ready = null;
+    this.request(target, true);
+  }
+
+  /** Tries groups again that were left out. */
+  retry(): void {
+    this.leftOut.clear();
+    this.post({ type: "retry" });
+  }
+
+  get background(): Vector | null {
+    return this.background_;
+  }
+
+  /** RGB from 0 to 1; null for none, where the page shows through. */
+  set background(color: Vector | null) {
+    this.background_ = color;
+    this.dirty = true;
+  }
+
+  get view(): View {
+    return this.camera.view;
+  }
+
+  set view(view: View) {
+    this.fixed = null;
+    this.camera.view = view;
+    this.dirty = true;
+  }
+
+  /** Something has moved the camera. */
+  moved(): void {
+    this.fixed = null;
+    this.dirty = true;
+  }
+
+  /** Looks through a given camera instead, whose picture fills the canvas; null goes back. */
+  set fixedCamera(camera: Camera | null) {
+    this.fixed = camera === null ? null : pinholeOf(camera);
+    this.dirty = true;
+  }
+
+  /**
+   * Draws what is shown from a camera, and gives the pixels back: RGBA, rows from the top. Sorts for that camera first.
+   */
+  async snapshot(camera: Camera, background: Vector = [0, 0, 0]): Promise<ImageData> {
+    const before = this.fixed;
+    const pinhole = pinholeOf(camera);
+    this.fixed = pinhole;
+    const sorted = new Promise<void>((resolve) => {
+      this.snapshotSorted = resolve;
+    });
+    this.sorting = true;
+    this.post({ type: "sort", axis: depthAxis(pinhole) });
+    await sorted;
+    const pixels = this.renderer.snapshot(pinhole, background);
+    this.fixed = before;
+    this.sortedAxis = [0, 0, 0, 0];
+    this.dirty = true;
+    return new ImageData(pixels, camera.width, camera.height);
+  }
+
+  private snapshotSorted: (() => void) | null = null;
+
+  /** Draws what is shown now and waits for the graphics: milliseconds that took. */
+  timeDraw(): number {
+    const began = performance.now();
+    this.draw(began);
+    this.renderer.finish();
+    return performance.now() - began;
+  }
+
+  dispose(): void {
+    cancelAnimationFrame(this.handle);
+    this.stop.abort();
+    this.resizing.disconnect();
+    this.worker.terminate();
+    this.videos.dispose();
+    this.renderer.dispose();
+    this.handlers.clear();
+  }
+
+  private post(message: ToWorker, transfer: Transferable[] = []): void {
+    this.worker.postMessage(message, transfer);
+  }
+
+  private fail(message: string): void {
+    this.failed = true;
+    this.playing_ = false;
+    this.emit("failed", message);
+  }
+
+  private receive(message: FromWorker): void {
+    switch (message.type) {
+      case "opened":
+        this.opened(message.info);
+        break;
+      case "picture":
+        this.arrived(message.picture);
+        break;
+      case "order":
+        this.sorting = false;
+        if (message.frame === this.shown?.frame) {
+          this.renderer.setOrder(message.order, message.count);
+          this.shown.count = message.count;
+          this.statistics.sort.add(message.sort);
+          this.dirty = true;
+        }
+        this.post({ type: "recycle", buffers: [message.order.buffer] }, [message.order.buffer]);
+        this.snapshotSorted?.();
+        this.snapshotSorted = null;
+        break;
+      case "left-out":
+        this.left(message.group, message.message);
+        break;
+      case "fetched":
+        this.bandwidth = message.bandwidth;
+        this.receivedBytes = message.bytes;
+        this.cachedBytes = message.cached;
+        this.fetchedGroups = message.groups;
+        this.emit("fetched", { groups: message.groups });
+        break;
+      case "failed":
+        this.fail(message.message);
+        break;
+      case "trouble":
+        this.emit("notice", message.message);
+        break;
+      case "path":
+        this.path = message.path;
+        break;
+      default:
+        this.videos.receive(message);
+    }
+  }
+
+  private opened(info: StreamInfo): void {
+    this.info = info;
+    this.renderer.prepare(info.profile, info.shDegree);
+    this.camera.frame(info.box, info.camera, info.up);
+    if (info.background !== null) this.background_ = info.background;
+    this.resolution.budget = 1000 / Math.min(60, Math.max(30, info.fps));
+    this.dirty = true;
+    this.emit("opened", info);
+    if (this.requested === null) this.request(Math.floor(this.position), true);
+  }
+
+  private request(frame: number, seek: boolean, lap = 0): void {
+    // Sorted for where the camera is now: at most a frame old when it is drawn.
+    const axis = depthAxis(this.pinhole());
+    this.sortedAxis = axis;
+    this.requested = { frame, at: performance.now(), seek, lap };
+    this.post({ type: "present", frame, axis, seek });
+  }
+
+  private arrived(picture: Picture): void {
+    const { requested } = this;
+    if (picture.setup !== null) this.setups.set(picture.group, picture.setup);
+    if (requested?.frame !== picture.frame) {
+      this.recycle(picture);
+      return;
+    }
+    this.requested = null;
+    const { decode, dequantize, sort } = picture.timings;
+    this.statistics.decode.add(decode);
+    this.statistics.dequantize.add(dequantize);
+    this.statistics.sort.add(sort);
+    if (requested.seek) {
+      this.show(picture, performance.now());
+      this.emit("seeked", { frame: picture.frame });
+    } else {
+      this.ready = picture;
+      this.readyLap = requested.lap;
+    }
+  }
+
+  /** Setups that came with pictures not shown yet: one or two. */
+  private readonly setups = new Map<number, NonNullable<Picture["setup"]>>();
+
+  private show(picture: Picture, now: number): void {
+    const began = performance.now();
+    const setup = this.setups.get(picture.group);
+    if (setup !== undefined) {
+      this.renderer.setGroup(setup);
+      this.setups.clear();
+    }
+    this.renderer.setPicture(picture);
+    this.statistics.upload.add(performance.now() - began);
+    const first = this.shown === null;
+    this.shown = { frame: picture.frame, count: picture.count, group: picture.group };
+    this.statistics.shown++;
+    if (this.lastShownAt !== null && this.playing_) this.statistics.interval.add(now - this.lastShownAt);
+    this.lastShownAt = now;
+    this.recycle(picture);
+    this.dirty = true;
+    this.setWaiting(false);
+    if (first) {
+      this.draw(now);
+      this.emit("ready", undefined);
+    }
+    this.emit("frame", { frame: picture.frame, seconds: picture.frame / (this.info?.fps ?? 1) });
+  }
+
+  private recycle({ luma, order }: Picture): void {
+    this.post({ type: "recycle", buffers: [luma.buffer, order.buffer] }, [luma.buffer, order.buffer]);
+  }
+
+  private left(group: number, message: string): void {
+    const { info } = this;
+    if (info === null) return;
+    this.leftOut.set(group, message);
+    const { firstFrame, frameCount } = info.groups[group];
+    if (this.leftOut.size === info.groups.length) {
+      this.fail(message);
+      return;
+    }
+    this.emit("notice", `${message} Frames ${firstFrame} to ${firstFrame + frameCount - 1} are left out.`);
+    const { requested } = this;
+    if (requested !== null && groupOfFrame(info.groups, requested.frame) === group) {
+      const next = this.playable(requested.frame);
+      if (next === null) return;
+      const lap = next < requested.frame ? info.frameCount : requested.lap;
+      this.position = next + (requested.seek ? 0 : lap);
+      this.request(next, requested.seek, requested.seek ? 0 : lap);
+    }
+  }
+
+  /** The frame itself, or the first one after it whose group is not left out, from the beginning again where looping. */
+  private playable(frame: number): number | null {
+    const { info } = this;
+    if (info === null) return null;
+    const first = groupOfFrame(info.groups, frame);
+    if (!this.leftOut.has(first)) return frame;
+    for (let step = 1; step <= info.groups.length; step++) {
+      const group = (first + step) % info.groups.length;
+      if (!this.leftOut.has(group)) return info.groups[group].firstFrame;
+    }
+    return null;
+  }
+
+  /** The frame after the one that is shown, without looping; null at the end. */
+  private nextPlayable(info: StreamInfo): number | null {
+    if (this.shown === null) return 0;
+    const next = this.shown.frame + 1;
+    const playable = next < info.frameCount ? this.playable(next) : null;
+    return playable === null || playable < next ? null : playable;
+  }
+
+  private setWaiting(waiting: boolean): void {
+    if (waiting === this.waiting) return;
+    this.waiting = waiting;
+    if (waiting) this.statistics.stalls++;
+    this.emit("waiting", waiting);
+  }
+
+  private readonly tick = (now: number): void => {
+    this.handle = requestAnimationFrame(this.tick);
+    const began = performance.now();
+    try {
+      this.advance(now);
+      this.follow();
+      if (this.drawBegan !== null && !this.renderer.busy) this.drawn(now);
+      if (this.dirty) {
+        this.sharp = false;
+        this.draw(now);
+      } else if (!this.playing_ && !this.sharp && now - this.drawnAt > SETTLE) this.settle(now);
+    } catch (error) {
+      this.fail(messageOf(error));
+      cancelAnimationFrame(this.handle);
+    }
+    if (this.playing_) this.statistics.main.add(performance.now() - began + this.handlerTime);
+    this.handlerTime = 0;
+  };
+
+  /** Moves the clock, shows the frame that is due, asks for the next. */
+  private advance(now: number): void {
+    const { info } = this;
+    const elapsed = this.lastTick === null ? 0 : Math.min(now - this.lastTick, 250);
+    this.lastTick = now;
+    if (info === null || this.failed) return;
+    if (this.requested !== null && performance.now() - this.requested.at > TELL) this.setWaiting(true);
+    if (!this.playing_ || this.shown === null || this.requested?.seek === true || info.frameCount === 1) return;
+    const before = this.position;
+    this.position += (elapsed / 1000) * info.fps * this.speed_;
+    const next = this.ready?.frame ?? this.requested?.frame ?? null;
+    if (next !== null) {
+      // Frames count on past the end where the next frame is one of the beginning again.
+      const lap = this.ready !== null ? this.readyLap : (this.requested?.lap ?? 0);
+      const due = this.position >= next + lap;
+      if (due && this.ready !== null) {
+        const picture = this.ready;
+        this.ready = null;
+        this.position -= lap;
+        this.show(picture, now);
+        if (lap > 0) this.emit("looped", undefined);
+      } else if (due && this.requested !== null && performance.now() - this.requested.at > GRACE) {
+        // The frame is late: the clock waits for it.
+        this.position = Math.max(before, next + lap);
+      }
+    }
+    if (this.ready === null && this.requested === null) this.askNext(info);
+  }
+
+  private askNext(info: StreamInfo): void {
+    const shown = this.shown!.frame;
+    let next = shown + 1;
+    let lap = 0;
+    // What was due while the last frame was on its way is passed over.
+    const due = this.loop_ ? Math.floor(this.position) : Math.min(Math.floor(this.position), info.frameCount - 1);
+    if (due > next) {
+      this.statistics.dropped += due - next;
+      next = due;
+    }
+    if (next >= info.frameCount) {
+      if (!this.loop_) {
+        this.end();
+        return;
+      }
+      next = 0;
+      lap = info.frameCount;
+      this.position = Math.min(this.position, info.frameCount + 0.999);
+    }
+    const playable = this.playable(next);
+    if (playable === null) return;
+    if (playable !== next) {
+      // Past groups that are left out; there may be none left before the end.
+      if (playable < next) {
+        if (!this.loop_) {
+          this.end();
+          return;
+        }
+        lap = info.frameCount;
+      }
+      this.position = playable + lap;
+    }
+    this.request(playable, false, lap);
+  }
+
+  private end(): void {
+    this.pause();
+    this.emit("ended", undefined);
+  }
+
+  /** Has the frame on the canvas sorted again where the camera has turned. */
+  private follow(): void {
+    if (!this.dirty || this.sorting || this.shown === null || this.requested !== null) return;
+    const axis = depthAxis(this.pinhole());
+    const turned = Math.hypot(axis[0] - this.sortedAxis[0], axis[1] - this.sortedAxis[1], axis[2] - this.sortedAxis[2]);
+    const moved = Math.abs(axis[3] - this.sortedAxis[3]);
+    if (turned < SORT_AGAIN && moved < SORT_AGAIN * this.camera.distance) return;
+    this.sorting = true;
+    this.sortedAxis = axis;
+    this.post({ type: "sort", axis });
+  }
+
+  private pinhole(): Pinhole {
+    const [width, height] = this.targetSize();
+    if (this.fixed !== null) {
+      const scale = Math.min(width / this.fixed.width, height / this.fixed.height);
+      const { fx, fy, cx, cy } = this.fixed;
+      return {
+        ...this.fixed,
+        width,
+        height,
+        fx: fx * scale,
+        fy: fy * scale,
+        cx: (cx - this.fixed.width / 2) * scale + width / 2,
+        cy: (cy - this.fixed.height / 2) * scale + height / 2,
+      };
+    }
+    return this.camera.pinhole(width, height);
+  }
+
+  private canvasSize(): [number, number] {
+    const ratio = Math.min(window.devicePixelRatio || 1, MAX_PIXEL_RATIO);
+    const { clientWidth, clientHeight } = this.canvas;
+    return [Math.max(1, Math.round(clientWidth * ratio)), Math.max(1, Math.round(clientHeight * ratio))];
+  }
+
+  private targetSize(): [number, number] {
+    const [width, height] = this.canvasSize();
+    const scale = this.sharp ? 1 : this.resolution.scale(width, height);
+    return [Math.max(1, Math.round(width * scale)), Math.max(1, Math.round(height * scale))];
+  }
+
+  private draw(now: number): void {
+    if (this.renderer.lost || this.shown === null) return;
+    if (this.renderer.busy) return;
+    this.drawn(now);
+    this.drawnAt = now;
+    const [width, height] = this.canvasSize();
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+    const began = performance.now();
+    const pinhole = this.pinhole();
+    this.size = [pinhole.width, pinhole.height];
+    this.renderer.draw(pinhole, this.background_);
+    this.statistics.draw.add(performance.now() - began);
+    if (this.renderer.gpuMilliseconds !== null) this.statistics.gpu.add(this.renderer.gpuMilliseconds);
+    this.dirty = false;
+    this.drawBegan = now;
+    const view = this.camera.view;
+    const key = JSON.stringify(view);
+    if (key !== this.viewTold) {
+      this.viewTold = key;
+      this.emit("view", view);
+    }
+  }
+
+  /** The graphics are done with the last drawing. */
+  private drawn(now: number): void {
+    if (this.drawBegan === null) return;
+    const took = now - this.drawBegan;
+    this.drawBegan = null;
+    if (this.sharp) return;
+    if (this.drawings++ < 2) return; // the first ones compile shaders
+    this.statistics.done.add(took);
+    if (this.resolution.measured(took)) this.dirty = true;
+  }
+
+  private drawings = 0;
+
+  /** Nothing moves any more: once more, as finely as the display shows. */
+  private settle(now: number): void {
+    if (this.renderer.busy || this.shown === null || this.requested !== null) return;
+    this.sharp = true;
+    this.draw(now);
+  }
+
+  private sharp = false;
+  private drawnAt = 0;
+
+  /** The graphics came back empty. */
+  private restore(): void {
+    this.post({ type: "forget-setup" });
+    this.setups.clear();
+    const { frame } = this;
+    if (this.ready !== null) this.recycle(this.ready);
+    this.ready = null;
+    this.request(frame, true);
+  }
+}

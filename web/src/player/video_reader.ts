@@ -1,0 +1,164 @@
+/**
+ * Luma out of <video> elements, on the page's side: the worker asks for pictures by time.
+ *
+ * The luma of full-range H.264 with neutral chroma comes through texImage2D exactly; four values are packed into each
+ * pixel that is read back.
+ */
+
+import { messageOf, StreamError } from "../stream/errors.ts";
+import type { ToWorker, VideoRequest } from "../worker/messages.ts";
+
+/** Milliseconds to wait for a picture. */
+const PATIENCE = 20_000;
+
+const VERTEX = `#version 300 es
+void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
+const FRAGMENT = `#version 300 es
+precision highp float; precision highp sampler2D;
+uniform sampler2D video;
+out vec4 four;
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy) * ivec2(4, 1);
+  four = vec4(texelFetch(video, at, 0).r, texelFetch(video, at + ivec2(1, 0), 0).r,
+              texelFetch(video, at + ivec2(2, 0), 0).r, texelFetch(video, at + ivec2(3, 0), 0).r);
+}`;
+
+interface Opened {
+  readonly element: HTMLVideoElement;
+  readonly address: string;
+  readonly width: number;
+  readonly height: number;
+}
+
+export class VideoReader {
+  private readonly post: (message: ToWorker, transfer?: Transferable[]) => void;
+  private readonly open = new Map<number, Opened>();
+  private gl: WebGL2RenderingContext | null = null;
+  private target = [0, 0];
+
+  constructor(post: (message: ToWorker, transfer?: Transferable[]) => void) {
+    this.post = post;
+  }
+
+  receive(request: VideoRequest): void {
+    if (request.type === "video-close") {
+      this.close(request.source);
+      return;
+    }
+    const work = request.type === "video-open" ? this.openSource(request) : this.read(request.source, request.time);
+    work.then(
+      (luma) => {
+        this.post({ type: "video-frame", request: request.request, luma }, [luma]);
+      },
+      (error: unknown) => {
+        this.post({ type: "video-error", request: request.request, message: messageOf(error) });
+      },
+    );
+  }
+
+  dispose(): void {
+    for (const source of [...this.open.keys()]) this.close(source);
+    this.gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    this.gl = null;
+  }
+
+  private async openSource(request: Extract<VideoRequest, { type: "video-open" }>): Promise<ArrayBuffer> {
+    const element = document.createElement("video");
+    element.muted = true;
+    element.playsInline = true;
+    element.preload = "auto";
+    const address = URL.createObjectURL(request.file);
+    this.open.set(request.source, { element, address, width: request.width, height: request.height });
+    element.src = address;
+    await happened(element, "loadeddata");
+    if (element.videoWidth !== request.width || element.videoHeight !== request.height)
+      throw new StreamError(
+        `The video is ${element.videoWidth}x${element.videoHeight} here, the manifest promises ${request.width}x${request.height}.`,
+      );
+    return new ArrayBuffer(0);
+  }
+
+  private async read(source: number, time: number): Promise<ArrayBuffer> {
+    const opened = this.open.get(source);
+    if (opened === undefined) throw new StreamError("The video was closed.");
+    const { element } = opened;
+    if (Math.abs(element.currentTime - time) > 1e-4) {
+      const seeked = happened(element, "seeked");
+      element.currentTime = time;
+      await seeked;
+    }
+    return this.readBack(opened);
+  }
+
+  private readBack({ element, width, height }: Opened): ArrayBuffer {
+    const gl = (this.gl ??= this.makeContext());
+    if (this.target[0] !== width || this.target[1] !== height) {
+      gl.canvas.width = width / 4;
+      gl.canvas.height = height;
+      this.target = [width, height];
+    }
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, element);
+    gl.viewport(0, 0, width / 4, height);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    const luma = new Uint8Array(width * height);
+    gl.readPixels(0, 0, width / 4, height, gl.RGBA, gl.UNSIGNED_BYTE, luma);
+    return luma.buffer;
+  }
+
+  private makeContext(): WebGL2RenderingContext {
+    const gl = document
+      .createElement("canvas")
+      .getContext("webgl2", { alpha: true, antialias: false, depth: false, premultipliedAlpha: true, preserveDrawingBuffer: false });
+    if (gl === null) throw new StreamError("This browser has no WebGL2, which the player draws with.");
+    const program = gl.createProgram();
+    for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]] as const) {
+      const shader = gl.createShader(kind)!;
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    gl.useProgram(program);
+    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
+    gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
+    gl.pixelStorei(gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false);
+    gl.disable(gl.BLEND);
+    return gl;
+  }
+
+  private close(source: number): void {
+    const opened = this.open.get(source);
+    this.open.delete(source);
+    if (opened === undefined) return;
+    opened.element.removeAttribute("src");
+    opened.element.load();
+    URL.revokeObjectURL(opened.address);
+  }
+}
+
+/** Resolves at the event; rejects at an error or after too long. */
+function happened(element: HTMLVideoElement, event: "loadeddata" | "seeked"): Promise<void> {
+  return new Promise((resolve, reject) => {
+    const stop = new AbortController();
+    const end = (act: () => void) => (): void => {
+      stop.abort();
+      clearTimeout(timer);
+      act();
+    };
+    const timer = setTimeout(
+      end(() => {
+        reject(new StreamError("The browser's video player gives no picture."));
+      }),
+      PATIENCE,
+    );
+    element.addEventListener(event, end(resolve), { signal: stop.signal });
+    element.addEventListener(
+      "error",
+      end(() => {
+        reject(new StreamError(`This browser cannot play the video (${element.error?.message ?? "unknown reason"}).`));
+      }),
+      { signal: stop.signal },
+    );
+  });
+}

@@ -1,0 +1,433 @@
+/**
+ * The manifest: types, and the checks of docs/STREAM.md ("What a reader must refuse").
+ *
+ * Versions 1 (`planes`) and 2 are read. Everything that a later version adds is parsed here and nowhere else.
+ */
+
+import { StreamError } from "./errors.ts";
+
+export const FORMAT = "v3studio-stream";
+export const NEWEST_VERSION = 2;
+export const MANIFEST_NAME = "manifest.json";
+
+const MAX_SPLATS = 4 << 20;
+const MAX_GROUP_FRAMES = 10_000;
+const MAX_FRAMES = 100_000_000;
+const MAX_GROUPS = 1_000_000;
+const MAX_FILE_BYTES = 2 ** 30;
+export const MAX_MANIFEST_BYTES = 64 << 20;
+const MAX_SIDE_BYTES = 2 ** 28;
+const MAX_PICTURE = 16384;
+const MAX_VALUE = 1e9;
+const PATH = /^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(\/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}$/;
+const SHA256 = /^[0-9a-f]{64}$/;
+
+export type Vector = readonly [number, number, number];
+
+export interface Box {
+  readonly min: Vector;
+  readonly max: Vector;
+}
+
+/** A file of a group; `path` is relative to the manifest. */
+export interface FileEntry {
+  readonly path: string;
+  readonly bytes: number;
+  readonly sha256: string;
+}
+
+export interface SideEntry extends FileEntry {
+  /** Size once decompressed. */
+  readonly rawBytes: number;
+}
+
+interface GroupCommon {
+  readonly index: number;
+  readonly firstFrame: number;
+  readonly frameCount: number;
+  readonly splats: number;
+  readonly shDegree: number;
+  readonly boundingBox: Box;
+  readonly bytes: number;
+  /** All files, in the order in which a player needs them. */
+  readonly files: readonly FileEntry[];
+}
+
+/** A group of the profile `motion`; names as in docs/STREAM.md. */
+export interface MotionGroup extends GroupCommon {
+  readonly profile: "motion";
+  readonly tile: number;
+  readonly columns: number;
+  readonly rows: number;
+  readonly positions: { readonly bits: number; readonly min: Vector; readonly step: number };
+  readonly blocks: {
+    readonly count: number;
+    readonly radius: number;
+    readonly step: number;
+    readonly rotationStep: number;
+  };
+  readonly channels: readonly { readonly name: string; readonly offset: number; readonly step: number }[];
+  readonly side: SideEntry;
+  readonly video: FileEntry;
+}
+
+export type Part = "all" | "high" | "low" | "low_mirrored";
+
+export interface PlaneEntry extends FileEntry {
+  readonly part: Part;
+}
+
+export interface ComponentEntry {
+  readonly name: string;
+  readonly min: number;
+  readonly max: number;
+  readonly planes: readonly PlaneEntry[];
+}
+
+/** A group of the profile `planes`. */
+export interface PlanesGroup extends GroupCommon {
+  readonly profile: "planes";
+  readonly side: number;
+  readonly components: readonly ComponentEntry[];
+}
+
+export type Group = MotionGroup | PlanesGroup;
+
+export type CodecName = "h264" | "hevc" | "av1";
+
+/** A pinhole camera, OpenCV axes; pixels from the outer corner of the top-left pixel. */
+export interface Camera {
+  readonly width: number;
+  readonly height: number;
+  readonly K: readonly (readonly number[])[];
+  readonly worldToCamera: readonly (readonly number[])[];
+}
+
+export interface Manifest {
+  readonly version: number;
+  readonly profile: "motion" | "planes";
+  readonly fps: number;
+  readonly frameCount: number;
+  readonly shDegree: number;
+  readonly codec: CodecName;
+  readonly boundingBox: Box;
+  readonly groups: readonly Group[];
+  readonly totalBytes: number;
+  readonly sha256: string;
+  /** What metadata offers to a player, each where it is there and well formed. */
+  readonly camera: Camera | null;
+  readonly up: Vector | null;
+  readonly background: Vector | null;
+  readonly title: string | null;
+}
+
+type Values = Record<string, unknown>;
+
+/** Reads values out of JSON, with the place in every message. */
+class Reader {
+  private readonly values: Values;
+  private readonly place: string;
+
+  constructor(value: unknown, place: string) {
+    if (typeof value !== "object" || value === null || Array.isArray(value)) throw wrong(place, "is no object", value);
+    this.values = value as Values;
+    this.place = place;
+  }
+
+  private at(key: string): string {
+    return this.place === "" ? key : `${this.place}.${key}`;
+  }
+
+  /** A finite number within bounds. */
+  number(key: string, low: number, high: number): number {
+    const value = this.values[key];
+    if (typeof value !== "number" || !Number.isFinite(value) || value < low || value > high)
+      throw wrong(this.at(key), `must be a number from ${low} to ${high}`, value);
+    return value;
+  }
+
+  /** A number above zero. */
+  step(key: string): number {
+    const value = this.number(key, 0, MAX_VALUE);
+    if (!(value > 0)) throw wrong(this.at(key), "must be above 0", value);
+    return value;
+  }
+
+  integer(key: string, low: number, high: number): number {
+    const value = this.number(key, low, high);
+    if (!Number.isInteger(value)) throw wrong(this.at(key), "must be an integer", value);
+    return value;
+  }
+
+  text(key: string, pattern: RegExp): string {
+    const value = this.values[key];
+    if (typeof value !== "string" || !pattern.test(value)) throw wrong(this.at(key), "is not valid", value);
+    return value;
+  }
+
+  oneOf<T extends string>(key: string, choices: readonly T[]): T {
+    const value = this.values[key];
+    const found = choices.find((choice) => choice === value);
+    if (found === undefined) throw wrong(this.at(key), `must be ${choices.join(" or ")}`, value);
+    return found;
+  }
+
+  object(key: string): Reader {
+    return new Reader(this.values[key], this.at(key));
+  }
+
+  list(key: string, low: number, high: number): Reader[] {
+    const value = this.values[key];
+    if (!Array.isArray(value) || value.length < low || value.length > high)
+      throw wrong(this.at(key), `must be a list of ${low} to ${high} entries`, value);
+    return value.map((item, i) => new Reader(item, `${this.at(key)}.${i}`));
+  }
+
+  vector(key: string): Vector {
+    const value = this.values[key];
+    if (
+      !Array.isArray(value) ||
+      value.length !== 3 ||
+      !value.every((v) => typeof v === "number" && Math.abs(v) <= MAX_VALUE)
+    )
+      throw wrong(this.at(key), "must be three numbers", value);
+    return value as unknown as Vector;
+  }
+
+  box(key: string): Box {
+    const box = this.object(key);
+    const [min, max] = [box.vector("min"), box.vector("max")];
+    if (min.some((low, i) => low > max[i])) throw wrong(this.at(key), "has its minimum above its maximum", null);
+    return { min, max };
+  }
+
+  file(key: string | null): FileEntry {
+    const from = key === null ? this : this.object(key);
+    return {
+      path: from.text("path", PATH),
+      bytes: from.integer("bytes", 1, MAX_FILE_BYTES),
+      sha256: from.text("sha256", SHA256),
+    };
+  }
+}
+
+function wrong(place: string, what: string, value: unknown): StreamError {
+  const found = value === null ? "" : `; found ${(value === undefined ? "nothing" : JSON.stringify(value)).slice(0, 80)}`;
+  return new StreamError(`The stream's manifest is damaged: ${place} ${what}${found}.`);
+}
+
+/** Channels of the profile `motion`, in order: 10 + 3 (degree + 1)^2. */
+export function channelNames(shDegree: number): string[] {
+  const names = ["residual_x", "residual_y", "residual_z", "rotation_0", "rotation_1", "rotation_2"];
+  names.push("log_scale_0", "log_scale_1", "log_scale_2", "opacity");
+  for (let k = 0; k < (shDegree + 1) ** 2; k++) for (const part of ["y", "co", "cg"]) names.push(`sh_${k}_${part}`);
+  return names;
+}
+
+/** Components of the profile `planes`, in order: 11 + 3 (degree + 1)^2. */
+export function componentNames(shDegree: number): string[] {
+  const names = ["mean_x", "mean_y", "mean_z"];
+  for (let k = 0; k < (shDegree + 1) ** 2; k++) for (const color of "rgb") names.push(`sh_${k}_${color}`);
+  names.push("opacity", "log_scale_0", "log_scale_1", "log_scale_2", "quat_w", "quat_x", "quat_y", "quat_z");
+  return names;
+}
+
+/** Side of the smallest square that holds `splats`, a multiple of `multiple`. */
+export function squareSide(splats: number, multiple: number): number {
+  let side = multiple * Math.max(1, Math.floor(Math.sqrt(splats) / multiple));
+  while (side * side < splats) side += multiple;
+  return side;
+}
+
+function sameNames(found: readonly { readonly name: string }[], wanted: readonly string[]): boolean {
+  return found.length === wanted.length && found.every((entry, i) => entry.name === wanted[i]);
+}
+
+function readMotion(group: Reader, common: GroupCommon, place: string): MotionGroup {
+  const side: SideEntry = {
+    ...group.file("side"),
+    rawBytes: group.object("side").integer("raw_bytes", 1, MAX_SIDE_BYTES),
+  };
+  const video = group.file("video");
+  const positions = group.object("positions");
+  const blocks = group.object("blocks");
+  const result: MotionGroup = {
+    ...common,
+    profile: "motion",
+    tile: group.integer("tile", 16, MAX_PICTURE),
+    columns: group.integer("columns", 1, 64),
+    rows: group.integer("rows", 1, 64),
+    positions: { bits: positions.integer("bits", 1, 16), min: positions.vector("min"), step: positions.step("step") },
+    blocks: {
+      count: blocks.integer("count", 1, 32767),
+      radius: blocks.step("radius"),
+      step: blocks.step("step"),
+      rotationStep: blocks.step("rotation_step"),
+    },
+    channels: group.list("channels", 1, 64).map((entry) => ({
+      name: entry.text("name", /^[a-z0-9_]{1,20}$/),
+      offset: entry.number("offset", -MAX_VALUE, MAX_VALUE),
+      step: entry.step("step"),
+    })),
+    side,
+    video,
+    files: [side, video],
+  };
+  if (result.tile !== squareSide(result.splats, 16))
+    throw wrong(`${place}.tile`, `does not fit ${result.splats} splats`, result.tile);
+  if (!sameNames(result.channels, channelNames(result.shDegree)))
+    throw wrong(`${place}.channels`, `are not those of SH degree ${result.shDegree}`, null);
+  if (result.columns * result.rows < result.channels.length)
+    throw wrong(place, `has ${result.columns} x ${result.rows} tiles for ${result.channels.length} channels`, null);
+  if (Math.max(result.columns, result.rows) * result.tile > MAX_PICTURE)
+    throw wrong(place, `has a picture larger than ${MAX_PICTURE}`, null);
+  if (result.blocks.count > result.splats)
+    throw wrong(place, `has ${result.blocks.count} blocks for ${result.splats} splats`, null);
+  if (result.positions.step * 2 ** result.positions.bits > 2 * MAX_VALUE)
+    throw wrong(place, `has positions beyond ${MAX_VALUE}`, null);
+  return result;
+}
+
+function readPlanes(group: Reader, common: GroupCommon, place: string): PlanesGroup {
+  const components = group.list("components", 1, 64).map((entry): ComponentEntry => {
+    const component = {
+      name: entry.text("name", /^[a-z0-9_]{1,20}$/),
+      min: entry.number("min", -MAX_VALUE, MAX_VALUE),
+      max: entry.number("max", -MAX_VALUE, MAX_VALUE),
+      planes: entry.list("planes", 1, 2).map((plane) => ({
+        ...plane.file(null),
+        part: plane.oneOf("part", ["all", "high", "low", "low_mirrored"]),
+      })),
+    };
+    const parts = component.planes.map((plane) => plane.part).join(" ");
+    const allowed = component.name.startsWith("mean_") ? ["high low", "high low_mirrored"] : ["all"];
+    if (component.min > component.max || !allowed.includes(parts)) throw wrong(place, `has a wrong ${component.name}`, null);
+    return component;
+  });
+  const side = group.integer("side", 8, MAX_PICTURE);
+  if (side !== squareSide(common.splats, 8)) throw wrong(`${place}.side`, `does not fit ${common.splats} splats`, side);
+  if (!sameNames(components, componentNames(common.shDegree)))
+    throw wrong(`${place}.components`, `are not those of SH degree ${common.shDegree}`, null);
+  return { ...common, profile: "planes", side, components, files: components.flatMap((entry) => [...entry.planes]) };
+}
+
+/** Metadata is free: what is not well formed is as good as absent. */
+function optional<T>(read: () => T): T | null {
+  try {
+    return read();
+  } catch {
+    return null;
+  }
+}
+
+function readCamera(metadata: Values): Camera | null {
+  return optional(() => {
+    const camera = new Reader(metadata["suggested_camera"], "suggested_camera");
+    const values = metadata["suggested_camera"] as Values;
+    const matrix = (key: string, rows: number, columns: number): number[][] => {
+      const value = values[key] as number[][];
+      if (value.length !== rows || !value.every((row) => row.length === columns && row.every(Number.isFinite)))
+        throw new StreamError(key);
+      return value;
+    };
+    const K = matrix("K", 3, 3);
+    if (!(K[0][0] > 0 && K[1][1] > 0)) throw new StreamError("K");
+    return {
+      width: camera.integer("width", 1, 1e6),
+      height: camera.integer("height", 1, 1e6),
+      K,
+      worldToCamera: matrix("world_to_camera", 4, 4),
+    };
+  });
+}
+
+/**
+ * Reads and checks a manifest's text. The checksum is not checked here, since that takes crypto.subtle.
+ *
+ * @param text - the file
+ * @param bytes - its size in bytes
+ * @throws StreamError - not a manifest, a newer version, or a value out of bounds
+ */
+export function parseManifest(text: string, bytes: number): Manifest {
+  let head: unknown;
+  try {
+    head = JSON.parse(text);
+  } catch {
+    throw new StreamError("This address has no stream: its manifest is not readable JSON.");
+  }
+  if (typeof head !== "object" || head === null || (head as Values)["format"] !== FORMAT)
+    throw new StreamError(`This address has no stream: the file is not the manifest of a ${FORMAT}.`);
+  const values = head as Values;
+  const found = values["version"];
+  if (typeof found === "number" && found > NEWEST_VERSION)
+    throw new StreamError(`The stream has format version ${found}, this player reads up to ${NEWEST_VERSION}; update the player.`);
+  const root = new Reader(head, "");
+  const version = root.integer("version", 1, NEWEST_VERSION);
+  const profile = root.oneOf("profile", version === 1 ? ["planes"] : ["motion", "planes"]);
+  root.oneOf("scan", [profile === "motion" ? "morton" : "rows"]);
+  const codecValues = root.object("codec");
+  const codec = codecValues.oneOf("name", profile === "motion" ? ["h264", "hevc", "av1"] : ["h264"]);
+  codecValues.oneOf("pixel_format", ["yuv420p"]);
+  codecValues.oneOf("color_range", ["full"]);
+  const shDegree = root.integer("sh_degree", 0, 3);
+  const paths = new Set([MANIFEST_NAME]);
+  let frame = 0;
+  let files = 0;
+  const groups = root.list("groups", 1, MAX_GROUPS).map((entry, number): Group => {
+    const place = `groups.${number}`;
+    const common: GroupCommon = {
+      index: entry.integer("index", number, number),
+      firstFrame: entry.integer("first_frame", frame, frame),
+      frameCount: entry.integer("frame_count", 1, MAX_GROUP_FRAMES),
+      splats: entry.integer("splats", 1, MAX_SPLATS),
+      shDegree: entry.integer("sh_degree", shDegree, shDegree),
+      boundingBox: entry.box("bounding_box"),
+      bytes: entry.integer("bytes", 1, Number.MAX_SAFE_INTEGER),
+      files: [],
+    };
+    const group = profile === "motion" ? readMotion(entry, common, place) : readPlanes(entry, common, place);
+    if (group.files.reduce((sum, file) => sum + file.bytes, 0) !== group.bytes)
+      throw wrong(`${place}.bytes`, "is not the sum over its files", group.bytes);
+    for (const file of group.files) {
+      if (paths.has(file.path)) throw wrong(place, "uses a path twice", file.path);
+      paths.add(file.path);
+    }
+    frame += group.frameCount;
+    files += group.bytes;
+    return group;
+  });
+  const fps = root.number("fps", 0, 1000);
+  if (!(fps > 0)) throw wrong("fps", "must be above 0", fps);
+  const metadata = (typeof values["metadata"] === "object" && values["metadata"] !== null ? values["metadata"] : {}) as Values;
+  const extras = new Reader(metadata, "metadata");
+  const background = optional(() => extras.vector("background"));
+  const up = optional(() => extras.vector("up"));
+  return {
+    version,
+    profile,
+    fps,
+    frameCount: root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES)),
+    shDegree,
+    codec,
+    boundingBox: root.box("bounding_box"),
+    groups,
+    totalBytes: root.integer("total_bytes", files + bytes, files + bytes),
+    sha256: root.text("manifest_sha256", SHA256),
+    camera: readCamera(metadata),
+    up: up !== null && up.some((value) => value !== 0) ? up : null,
+    background: background?.every((value) => value >= 0 && value <= 1) === true ? background : null,
+    title: typeof metadata["title"] === "string" ? metadata["title"].slice(0, 200) : null,
+  };
+}
+
+/** The group that holds a frame, by bisection; `frame` is within the stream. */
+export function groupOfFrame(groups: readonly { readonly firstFrame: number }[], frame: number): number {
+  let low = 0;
+  let high = groups.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (groups[middle].firstFrame <= frame) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}

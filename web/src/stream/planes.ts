@@ -1,0 +1,49 @@
+/** The profile `planes`: its planes as tiles of one picture, so that both profiles are drawn alike. */
+
+import type { PlanesGroup } from "./manifest.ts";
+
+/** Tiles per row of the picture that a frame's planes are put together in. */
+const COLUMNS = 8;
+
+/** Where plane p lies: tile p % columns, p / columns. */
+export function planesLayout(group: PlanesGroup): { tile: number; columns: number; rows: number } {
+  const planes = group.files.length;
+  const columns = Math.min(COLUMNS, planes);
+  return { tile: group.side, columns, rows: Math.ceil(planes / columns) };
+}
+
+/**
+ * (planes, 2) float32 offset and step of each plane, in order, with value = offset + code * step. Of a position's two
+ * planes the high one has the offset and 256 steps of the low one.
+ */
+export function planeUnits(group: PlanesGroup): Float32Array<ArrayBuffer> {
+  const units: number[] = [];
+  for (const { min, max, planes } of group.components) {
+    if (planes.length === 1) units.push(min, (max - min) / 255);
+    else units.push(min, (256 * (max - min)) / 65535, 0, (max - min) / 65535);
+  }
+  return Float32Array.from(units);
+}
+
+/** Centers of all splats, (N, 3) float32 into `out`; `picture` is laid out as `planesLayout` says. */
+export function planePositions(group: PlanesGroup, picture: Uint8Array, out: Float32Array): void {
+  const { tile, columns } = planesLayout(group);
+  const width = tile * columns;
+  group.components.slice(0, 3).forEach((component, axis) => {
+    const scale = (component.max - component.min) / 65535;
+    const mirrored = component.planes[1].part === "low_mirrored";
+    const [high, low] = [2 * axis, 2 * axis + 1].map(
+      (plane) => Math.floor(plane / columns) * tile * width + (plane % columns) * tile,
+    ) as [number, number];
+    for (let i = 0, row = 0, column = 0; i < group.splats; i++) {
+      const at = row * width + column;
+      const h = picture[high + at];
+      const l = picture[low + at];
+      out[3 * i + axis] = component.min + (256 * h + (mirrored && h & 1 ? 255 - l : l)) * scale;
+      if (++column === tile) {
+        column = 0;
+        row++;
+      }
+    }
+  });
+}

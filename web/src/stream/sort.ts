@@ -1,0 +1,63 @@
+/** Back to front: a counting sort of 16-bit depths. */
+
+const BINS = 1 << 16;
+
+/** Sorts splats by depth; keeps its memory from call to call. */
+export class DepthSorter {
+  private depths = new Float32Array(0);
+  private keys = new Uint16Array(0);
+  private readonly starts = new Uint32Array(BINS + 1);
+
+  /**
+   * The tile pixels of the splats in front of the camera, the farthest first. At equal depth the splat of the higher
+   * number counts as farther: the rasterizer draws from front to back and keeps the given order there.
+   *
+   * @param positions - (N, 3) centers
+   * @param pixels - (N) what to give back for each splat; null for the splat's number itself
+   * @param axis - (4) a splat's depth is axis · (x, y, z, 1)
+   * @param near - splats nearer than this are left out
+   * @param out - (N) filled from its beginning
+   * @returns how many there are
+   */
+  sort(
+    positions: Float32Array,
+    pixels: Uint32Array | null,
+    axis: readonly [number, number, number, number],
+    near: number,
+    out: Uint32Array,
+  ): number {
+    const count = out.length;
+    if (this.depths.length < count) {
+      this.depths = new Float32Array(count);
+      this.keys = new Uint16Array(count);
+    }
+    const { depths, keys, starts } = this;
+    const [ax, ay, az, aw] = axis;
+    let nearest = Infinity;
+    let farthest = -Infinity;
+    for (let i = 0, p = 0; i < count; i++, p += 3) {
+      const depth = ax * positions[p] + ay * positions[p + 1] + az * positions[p + 2] + aw;
+      depths[i] = depth;
+      if (depth >= near) {
+        if (depth < nearest) nearest = depth;
+        if (depth > farthest) farthest = depth;
+      }
+    }
+    if (farthest === -Infinity) return 0;
+    starts.fill(0);
+    const scale = farthest > nearest ? (BINS - 1) / (farthest - nearest) : 0;
+    for (let i = 0; i < count; i++) {
+      const depth = depths[i];
+      if (depth >= near) {
+        const key = Math.min(BINS - 1, Math.max(0, ((farthest - depth) * scale) | 0));
+        keys[i] = key;
+        starts[key + 1]++;
+      }
+    }
+    for (let key = 1; key <= BINS; key++) starts[key] += starts[key - 1];
+    const total = starts[BINS];
+    for (let i = count - 1; i >= 0; i--)
+      if (depths[i] >= near) out[starts[keys[i]]++] = pixels === null ? i : pixels[i];
+    return total;
+  }
+}

@@ -1,0 +1,51 @@
+/** What `?benchmark` shows: progress, then the table, and a button that saves it. */
+
+import { benchmark, type BenchmarkResult } from "./benchmark.ts";
+import type { V3PlayerElement } from "./element.ts";
+
+export function runBenchmark(element: V3PlayerElement): void {
+  element.addEventListener("v3-ready", () => {
+    const player = element.engine!;
+    const sheet = document.createElement("section");
+    sheet.className = "sheet bench";
+    sheet.setAttribute("aria-label", "Benchmark");
+    sheet.innerHTML = `<h2>Benchmark</h2><p>Playing 300 frames while the camera turns.</p><progress max="1" value="0"></progress>`;
+    element.shadowRoot!.append(sheet);
+    const bar = sheet.querySelector("progress")!;
+    void benchmark(player, (part) => {
+      bar.value = part;
+    }).then((result) => {
+      show(sheet, result);
+      (window as unknown as Record<string, unknown>)["v3benchmark"] = result;
+    });
+  }, { once: true });
+}
+
+function show(sheet: HTMLElement, result: BenchmarkResult): void {
+  const { frames, milliseconds, stream, picture, device } = result;
+  sheet.innerHTML = `<h2>Benchmark</h2><p></p><table><thead><tr><th scope="col">Milliseconds</th><td>median</td><td>95 %</td></tr></thead><tbody></tbody></table>
+<div class="actions choices"><button type="button" data-save>Save as JSON</button></div>`;
+  sheet.querySelector("p")!.textContent =
+    `${frames.rate} frames a second of ${frames.wanted}; ${frames.dropped} dropped, ${frames.stalls} stalls. ` +
+    `${stream["splats"]} splats, SH ${stream["shDegree"]}, ${picture.width} × ${picture.height}, ${device["renderer"]}.`;
+  const body = sheet.querySelector("tbody")!;
+  for (const [name, { median, p95 }] of Object.entries(milliseconds)) {
+    const row = body.insertRow();
+    const head = document.createElement("th");
+    head.scope = "row";
+    head.textContent = name;
+    row.append(head);
+    row.insertCell().textContent = median.toFixed(2);
+    row.insertCell().textContent = p95.toFixed(2);
+  }
+  sheet.querySelector("[data-save]")!.addEventListener("click", () => {
+    const address = URL.createObjectURL(new Blob([JSON.stringify(result, null, 1)], { type: "application/json" }));
+    const link = document.createElement("a");
+    link.href = address;
+    link.download = "v3player-benchmark.json";
+    link.click();
+    setTimeout(() => {
+      URL.revokeObjectURL(address);
+    }, 1000);
+  });
+}

@@ -1,0 +1,482 @@
+/**
+ * `<v3-player src="...">`: the player with its controls. docs/WEB.md lists its attributes, methods and events.
+ */
+
+import type { View } from "../draw/camera.ts";
+import { Player } from "../player/player.ts";
+import { messageOf } from "../stream/errors.ts";
+import type { Vector } from "../stream/manifest.ts";
+import type { DecodePath } from "../worker/messages.ts";
+import { clock } from "./format.ts";
+import { ICONS } from "./icons.ts";
+import { Motion } from "./motion.ts";
+import { linkTo } from "./link.ts";
+import { Panel } from "./panel.ts";
+import css from "./style.css";
+import { type BackgroundName, BACKGROUNDS, isBackground, TEMPLATE } from "./template.ts";
+import { Timeline } from "./timeline.ts";
+
+/** Milliseconds without a sign of the person until the controls hide. */
+const IDLE = 3000;
+const NOTICE = 5000;
+
+/** What `state` tells, and what an iframe's page is told. */
+export interface PlayerState {
+  readonly ready: boolean;
+  readonly playing: boolean;
+  readonly seconds: number;
+  readonly duration: number;
+  readonly frame: number;
+  readonly frameCount: number;
+  readonly speed: number;
+  readonly loop: boolean;
+  readonly view: View | null;
+}
+
+export class V3PlayerElement extends HTMLElement {
+  static readonly observedAttributes = ["src", "poster", "background", "loop", "controls"];
+
+  private player: Player | null = null;
+  private motion: Motion | null = null;
+  private timeline: Timeline | null = null;
+  private panel: Panel | null = null;
+  private readonly root: ShadowRoot;
+  private lifetime: AbortController | null = null;
+  private idleTimer = 0;
+  private noticeTimer = 0;
+  private isReady = false;
+  /** What to do once the stream is known: go to a link's moment and view. */
+  private startAt: number | null = null;
+  private startView: View | null = null;
+  private wantsToPlay = false;
+  private suggested: Vector | null = null;
+  private backgroundName: BackgroundName = "stream";
+
+  constructor() {
+    super();
+    this.root = this.attachShadow({ mode: "open" });
+  }
+
+  connectedCallback(): void {
+    this.root.innerHTML = `<style>${css}</style>${TEMPLATE}`;
+    this.lifetime = new AbortController();
+    this.isReady = false;
+    const path = this.getAttribute("decoder") as DecodePath | "auto" | null;
+    try {
+      this.player = new Player(this.part_("canvas"), { loop: this.hasAttribute("loop"), path: path ?? "auto" });
+    } catch (error) {
+      this.showFailure(messageOf(error));
+      return;
+    }
+    this.wire(this.player, this.lifetime.signal);
+    const background = this.getAttribute("background");
+    this.setBackground(isBackground(background) ? background : "stream");
+    this.applyAttributes();
+    this.open();
+  }
+
+  disconnectedCallback(): void {
+    this.lifetime?.abort();
+    clearTimeout(this.idleTimer);
+    clearTimeout(this.noticeTimer);
+    this.panel?.toggle(false);
+    this.motion?.dispose();
+    this.player?.dispose();
+    this.player = null;
+    this.motion = null;
+    this.root.replaceChildren();
+  }
+
+  attributeChangedCallback(name: string, before: string | null, now: string | null): void {
+    if (this.player === null || before === now) return;
+    if (name === "src") this.open();
+    else this.applyAttributes();
+    if (name === "background" && isBackground(now)) this.setBackground(now);
+    if (name === "loop") this.setLoop(now !== null);
+  }
+
+  // What pages may call ------------------------------------------------------------------------------------------------
+
+  play(): void {
+    this.wantsToPlay = true;
+    this.player?.play();
+  }
+
+  pause(): void {
+    this.wantsToPlay = false;
+    this.player?.pause();
+  }
+
+  /** Goes to a time in seconds. */
+  seek(seconds: number): void {
+    if (!this.player?.info) this.startAt = seconds;
+    else this.timeline?.seek(Math.floor(seconds * this.player.info.fps + 1e-6));
+  }
+
+  /** Looks from a view; see `state.view`. */
+  setView(view: View): void {
+    if (!this.player?.info) this.startView = view;
+    else this.player.view = view;
+  }
+
+  /** Speed over the recording's, 0.1 to 4. */
+  setSpeed(speed: number): void {
+    if (this.player === null) return;
+    this.player.speed = speed;
+    this.check("speed", String(this.player.speed));
+  }
+
+  get state(): PlayerState {
+    const { player } = this;
+    return {
+      ready: this.isReady,
+      playing: player?.playing ?? false,
+      seconds: player?.seconds ?? 0,
+      duration: player?.duration ?? 0,
+      frame: player?.frame ?? 0,
+      frameCount: player?.info?.frameCount ?? 0,
+      speed: player?.speed ?? 1,
+      loop: player?.loop ?? false,
+      view: !player?.info ? null : player.view,
+    };
+  }
+
+  /** The engine, for the benchmark and for tests; not part of the interface that is kept stable. */
+  get engine(): Player | null {
+    return this.player;
+  }
+
+  // The rest ------------------------------------------------------------------------------------------------------------
+
+  // The type is the caller's knowledge of the template.
+  // eslint-disable-next-line @typescript-eslint/no-unnecessary-type-parameters
+  private part_<T extends Element = Element>(selector: string): T {
+    return this.root.querySelector<T>(selector)!;
+  }
+
+  private tell(event: string, detail: unknown = null): void {
+    this.dispatchEvent(new CustomEvent(`v3-${event}`, { detail, bubbles: true, composed: true }));
+  }
+
+  private open(): void {
+    const source = this.getAttribute("src");
+    this.part_<HTMLElement>(".failure").hidden = true;
+    if (source === null || source === "" || this.player === null) return;
+    this.isReady = false;
+    this.busy(true);
+    const poster = this.part_<HTMLElement>(".poster");
+    poster.classList.remove("gone");
+    const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.wantsToPlay ||= this.hasAttribute("autoplay") && !calm;
+    try {
+      this.player.open(source);
+    } catch (error) {
+      this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error)}.`);
+    }
+  }
+
+  private applyAttributes(): void {
+    const poster = this.part_<HTMLImageElement>(".poster");
+    const address = this.getAttribute("poster");
+    poster.hidden = address === null;
+    if (address !== null) poster.src = address;
+    this.part_<HTMLElement>(".bar").hidden = this.getAttribute("controls") === "none";
+  }
+
+  private wire(player: Player, signal: AbortSignal): void {
+    const stage = this.part_<HTMLElement>(".stage");
+    this.timeline = new Timeline(this.part_(".timeline"), player);
+    this.panel = new Panel(this.part_(".info"), player);
+    const motion = (this.motion = new Motion(stage, player, {
+      tap: (pointer) => {
+        this.tapped(pointer);
+      },
+      touched: () => {
+        this.awake();
+      },
+    }));
+    motion.ownsWheel = () => this.hasAttribute("page") || document.fullscreenElement === this || this.root.activeElement === stage;
+
+    for (const element of this.root.querySelectorAll<HTMLElement>("[data-act='link']"))
+      element.hidden = !this.hasAttribute("page");
+    this.part_<HTMLElement>("[data-act='full']").hidden = !document.fullscreenEnabled;
+
+    player.on("opened", (info) => {
+      this.suggested = info.background;
+      this.setBackground(this.backgroundName);
+      const title = this.getAttribute("data-title") ?? info.title;
+      const heading = this.part_<HTMLElement>(".title");
+      heading.hidden = title === null || !this.hasAttribute("page");
+      heading.textContent = title;
+      if (title !== null && this.hasAttribute("page")) document.title = title;
+      this.part_(".total").textContent = `/ ${clock(player.duration)}`;
+      if (this.startView !== null) player.view = this.startView;
+      if (this.startAt !== null) player.seek(this.startAt);
+      this.startView = this.startAt = null;
+      this.tell("opened", { frameCount: info.frameCount, fps: info.fps, duration: player.duration, title: info.title });
+    });
+    player.on("ready", () => {
+      this.isReady = true;
+      this.busy(false);
+      this.part_(".poster").classList.add("gone");
+      this.timeline?.updateBuffered();
+      if (this.wantsToPlay) player.play();
+      else this.showPlaying(false);
+      this.awake();
+      this.tell("ready", this.state);
+    });
+    player.on("play", () => {
+      this.showPlaying(true);
+      this.awake();
+      this.tell("play");
+    });
+    player.on("pause", () => {
+      this.showPlaying(false);
+      this.awake();
+      this.tell("pause");
+    });
+    player.on("frame", ({ frame, seconds }) => {
+      this.timeline?.update(frame);
+      this.part_(".now").textContent = clock(seconds);
+      this.tell("time", { frame, seconds });
+    });
+    player.on("fetched", () => {
+      this.timeline?.updateBuffered();
+    });
+    player.on("view", (view) => {
+      this.tell("view", view);
+    });
+    player.on("waiting", (waiting) => {
+      this.busy(waiting);
+      this.tell("waiting", waiting);
+    });
+    player.on("ended", () => {
+      this.tell("ended");
+    });
+    player.on("looped", () => {
+      this.tell("looped");
+    });
+    player.on("notice", (message) => {
+      this.timeline?.updateBuffered();
+      this.notice(message);
+      this.tell("notice", message);
+    });
+    player.on("failed", (message) => {
+      this.showFailure(message);
+      this.tell("error", message);
+    });
+
+    this.root.addEventListener("click", (event) => {
+      this.clicked(event);
+    }, { signal });
+    this.addEventListener("keydown", (event) => {
+      this.keyDown(event);
+    }, { signal });
+    this.addEventListener("keyup", (event) => {
+      motion.shift = event.shiftKey;
+      motion.key(event.key, false);
+    }, { signal });
+    this.addEventListener("pointermove", (event) => {
+      if (event.pointerType === "mouse") this.awake();
+    }, { signal });
+    document.addEventListener("fullscreenchange", () => {
+      const full = document.fullscreenElement === this;
+      const button = this.part_<HTMLElement>("[data-act='full']");
+      button.innerHTML = full ? ICONS.small : ICONS.full;
+      button.title = full ? "Leave full screen" : "Full screen";
+      button.setAttribute("aria-label", button.title);
+    }, { signal });
+    this.setLoop(this.hasAttribute("loop"));
+    this.check("speed", "1");
+  }
+
+  private clicked(event: Event): void {
+    const target = (event.target as Element).closest<HTMLElement>("button");
+    if (target === null) return;
+    const { act, speed, background, loop } = target.dataset;
+    if (speed !== undefined) this.setSpeed(Number(speed));
+    if (loop !== undefined) this.setLoop(loop === "true");
+    if (background !== undefined && isBackground(background)) this.setBackground(background);
+    if (act === "play") this.togglePlay();
+    if (act === "reset") this.motion?.reset();
+    if (act === "settings") this.toggleSettings();
+    if (act === "info") this.toggleInfo();
+    if (act === "link") void this.copyLink();
+    if (act === "full") void this.toggleFull();
+    if (act === "again") {
+      this.part_<HTMLElement>(".failure").hidden = true;
+      this.open();
+    }
+    this.awake();
+  }
+
+  private keyDown(event: KeyboardEvent): void {
+    const { motion, player } = this;
+    if (motion === null || player === null || event.altKey || event.metaKey || event.ctrlKey) return;
+    const from = event.composedPath()[0] as Element;
+    motion.shift = event.shiftKey;
+    // Buttons are pressed with Space, too.
+    const onButton = from.tagName === "BUTTON";
+    const actions: Record<string, () => void> = {
+      " ": () => {
+        this.togglePlay();
+      },
+      k: () => {
+        this.togglePlay();
+      },
+      j: () => {
+        this.seek(Math.max(0, player.seconds - 1));
+      },
+      l: () => {
+        this.seek(player.seconds + 1);
+      },
+      ",": () => {
+        player.pause();
+        this.timeline?.seek(player.frame - 1);
+      },
+      ".": () => {
+        player.pause();
+        this.timeline?.seek(player.frame + 1);
+      },
+      r: () => {
+        motion.reset();
+      },
+      f: () => {
+        void this.toggleFull();
+      },
+      i: () => {
+        this.toggleInfo();
+      },
+      c: () => {
+        if (this.hasAttribute("page")) void this.copyLink();
+      },
+      Escape: () => {
+        this.toggleSettings(false);
+        this.panel?.toggle(false);
+      },
+    };
+    const action = onButton && event.key === " " ? undefined : actions[event.key];
+    if (action !== undefined) action();
+    else if (onButton || !motion.key(event.key, true)) return;
+    event.preventDefault();
+    this.awake();
+  }
+
+  private tapped(pointer: string): void {
+    this.part_<HTMLElement>(".stage").focus({ preventScroll: true });
+    if (!this.part_<HTMLElement>(".settings").hidden) {
+      this.toggleSettings(false);
+      return;
+    }
+    if (pointer === "mouse") return;
+    // A tap shows the controls, another one hides them.
+    if (this.classList.contains("idle")) this.awake();
+    else this.classList.add("idle");
+  }
+
+  private togglePlay(): void {
+    if (this.player?.playing === true) this.pause();
+    else this.play();
+  }
+
+  private showPlaying(playing: boolean): void {
+    const button = this.part_<HTMLElement>(".bar [data-act='play']");
+    button.innerHTML = playing ? ICONS.pause : ICONS.play;
+    button.title = playing ? "Pause" : "Play";
+    button.setAttribute("aria-label", button.title);
+    // The large button only before the first play.
+    const start = this.part_<HTMLElement>(".start");
+    start.hidden = playing || this.played;
+    this.played ||= playing;
+  }
+
+  private played = false;
+
+  private toggleSettings(open = this.part_<HTMLElement>(".settings").hidden): void {
+    this.part_<HTMLElement>(".settings").hidden = !open;
+    this.part_("[data-act='settings']").setAttribute("aria-expanded", String(open));
+  }
+
+  private toggleInfo(): void {
+    this.toggleSettings(false);
+    this.panel?.toggle();
+    this.part_(".bar [data-act='info']").setAttribute("aria-pressed", String(this.panel?.open ?? false));
+  }
+
+  private async toggleFull(): Promise<void> {
+    try {
+      if (document.fullscreenElement === this) await document.exitFullscreen();
+      else await this.requestFullscreen();
+    } catch (error) {
+      this.notice(`Full screen is not possible here: ${messageOf(error)}.`);
+    }
+  }
+
+  private async copyLink(): Promise<void> {
+    const { player } = this;
+    if (!player?.info) return;
+    const address = linkTo(location.href, player.seconds, player.view);
+    history.replaceState(null, "", address);
+    this.toggleSettings(false);
+    try {
+      await navigator.clipboard.writeText(address);
+      this.notice("The link to this moment and view is copied.");
+    } catch {
+      this.notice("The link to this moment and view is in the address bar; copy it from there.");
+    }
+  }
+
+  private setLoop(loop: boolean): void {
+    if (this.player !== null && this.player.loop !== loop) this.player.loop = loop;
+    this.check("loop", String(loop));
+  }
+
+  private setBackground(name: BackgroundName): void {
+    this.backgroundName = name;
+    const color = name === "stream" ? (this.suggested ?? BACKGROUNDS.black.color) : BACKGROUNDS[name].color;
+    if (this.player !== null) this.player.background = color;
+    const paint = color === null ? "" : `rgb(${color.map((value) => Math.round(255 * value)).join(" ")})`;
+    this.style.backgroundColor = color === null ? "transparent" : paint;
+    const suggested = this.suggested ?? [0, 0, 0];
+    this.part_<HTMLElement>(".swatch.stream").style.setProperty(
+      "--color",
+      `rgb(${suggested.map((value) => Math.round(255 * value)).join(" ")})`,
+    );
+    this.check("background", name);
+  }
+
+  private check(group: "speed" | "loop" | "background", value: string): void {
+    for (const element of this.root.querySelectorAll<HTMLElement>(`[data-${group}]`))
+      element.setAttribute("aria-checked", String(element.dataset[group] === value));
+  }
+
+  private busy(busy: boolean): void {
+    this.part_(".veil").classList.toggle("busy", busy);
+  }
+
+  /** Shows the controls for a while. */
+  private awake(): void {
+    this.classList.remove("idle");
+    clearTimeout(this.idleTimer);
+    this.idleTimer = setTimeout(() => {
+      const open = !this.part_<HTMLElement>(".settings").hidden;
+      if (this.player?.playing === true && !open) this.classList.add("idle");
+    }, IDLE);
+  }
+
+  notice(message: string): void {
+    const element = this.part_<HTMLElement>(".notice");
+    element.textContent = message;
+    element.classList.add("shown");
+    clearTimeout(this.noticeTimer);
+    this.noticeTimer = setTimeout(() => {
+      element.classList.remove("shown");
+    }, NOTICE);
+  }
+
+  private showFailure(message: string): void {
+    this.busy(false);
+    this.part_(".why").textContent = message;
+    this.part_<HTMLElement>(".failure").hidden = false;
+  }
+}

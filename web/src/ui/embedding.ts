@@ -1,0 +1,45 @@
+/**
+ * The message interface of a page in an iframe, version 1 (docs/WEB.md). Commands are harmless, so that any page may
+ * send them; answers go to the page that embeds.
+ */
+
+import type { View } from "../draw/camera.ts";
+import { parseView } from "./link.ts";
+import type { V3PlayerElement } from "./element.ts";
+
+const VERSION = 1;
+const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "notice", "error"];
+
+function readView(value: unknown): View | null {
+  if (typeof value === "string") return parseView(value);
+  const view = value as Partial<View> | null | undefined;
+  if (typeof view !== "object" || view === null || !Array.isArray(view.target)) return null;
+  return parseView([view.azimuth, view.elevation, view.distance, ...view.target].join(","));
+}
+
+export function listen(element: V3PlayerElement): void {
+  if (window.parent === window) return;
+  const post = (event: string, detail: unknown): void => {
+    window.parent.postMessage({ v3player: VERSION, event, detail }, "*");
+  };
+  for (const event of EVENTS)
+    element.addEventListener(`v3-${event}`, (sent) => {
+      post(event, (sent as CustomEvent).detail);
+    });
+  window.addEventListener("message", ({ data, source }: MessageEvent<unknown>) => {
+    if (source !== window.parent || typeof data !== "object" || data === null) return;
+    const message = data as Record<string, unknown>;
+    if (message["v3player"] !== VERSION) return;
+    const { command, value } = message as { command?: unknown; value?: unknown };
+    if (command === "play") element.play();
+    else if (command === "pause") element.pause();
+    else if (command === "seek" && typeof value === "number" && Number.isFinite(value)) element.seek(value);
+    else if (command === "setSpeed" && typeof value === "number" && Number.isFinite(value)) element.setSpeed(value);
+    else if (command === "setView") {
+      const view = readView(value);
+      if (view !== null) element.setView(view);
+      else post("error", "setView needs a view: azimuth, elevation, distance and target.");
+    } else if (command === "getState") post("state", element.state);
+    else post("error", `Command ${String(command).slice(0, 40)} is not known, or its value is missing.`);
+  });
+}

@@ -1,0 +1,33 @@
+/** Links to a moment and a view: `?t=3.2&view=30,10,2.5,0,0,0` (angles in degrees, then distance and target). */
+
+import type { View } from "../draw/camera.ts";
+
+const short = (value: number, digits = 4): string => String(Number(value.toPrecision(digits)));
+
+export function formatView(view: View): string {
+  const { azimuth, elevation, distance, target } = view;
+  return [azimuth, elevation, distance, ...target].map((value) => short(value)).join(",");
+}
+
+/** The view of a link; null where it is not well formed. */
+export function parseView(text: string | null): View | null {
+  const values = (text ?? "").split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
+  if (values.length !== 6 || !values.every(Number.isFinite) || !(values[2] > 0)) return null;
+  const [azimuth, elevation, distance, x, y, z] = values as [number, number, number, number, number, number];
+  return { azimuth, elevation, distance, target: [x, y, z] };
+}
+
+/** The time of a link in seconds; null where it is not well formed. */
+export function parseTime(text: string | null): number | null {
+  const value = text === null || text.trim() === "" ? NaN : Number(text);
+  return Number.isFinite(value) && value >= 0 ? value : null;
+}
+
+/** The page's address with a moment and a view in it; all else of it stays. */
+export function linkTo(address: string, seconds: number, view: View): string {
+  const url = new URL(address);
+  url.searchParams.delete("benchmark");
+  url.searchParams.set("t", short(seconds, 5));
+  url.searchParams.set("view", formatView(view));
+  return url.href.replaceAll("%2C", ",");
+}

@@ -1,0 +1,300 @@
+/** Moves the camera: by fingers, mouse, trackpad, keys and gamepad, with inertia. */
+
+import type { View } from "../draw/camera.ts";
+import type { Player } from "../player/player.ts";
+
+/** Degrees per pixel that a finger moves, on a picture of 500 pixels. */
+const TURN = 0.42;
+/** Seconds in which inertia falls to a third. */
+const GLIDE = 0.28;
+/** Milliseconds and pixels within which two taps are one double tap, and a touch is a tap. */
+const DOUBLE = 320;
+const NEAR = 32;
+const TAP = 250;
+const FLY = 420;
+
+export interface MotionEvents {
+  /** A tap or click that moved nothing. */
+  tap(pointer: string): void;
+  /** The person has moved the camera. */
+  touched(): void;
+}
+
+interface Finger {
+  x: number;
+  y: number;
+}
+
+export class Motion {
+  private readonly surface: HTMLElement;
+  private readonly player: Player;
+  private readonly events: MotionEvents;
+  private readonly fingers = new Map<number, Finger>();
+  private readonly stop = new AbortController();
+  private readonly calm: MediaQueryList;
+  private began = { x: 0, y: 0, at: 0, moved: false };
+  private lastTap = { x: 0, y: 0, at: -Infinity };
+  private velocity = { x: 0, y: 0, at: 0 };
+  private readonly keys = new Set<string>();
+  private flight: { from: View; to: View; began: number } | null = null;
+  private handle = 0;
+  private last = 0;
+  private pressed: readonly boolean[] = [];
+  /** Whether the wheel is the player's, or may scroll the page that it is in. */
+  ownsWheel: () => boolean = () => true;
+
+  constructor(surface: HTMLElement, player: Player, events: MotionEvents) {
+    this.surface = surface;
+    this.player = player;
+    this.events = events;
+    this.calm = matchMedia("(prefers-reduced-motion: reduce)");
+    const { signal } = this.stop;
+    const on = <K extends keyof HTMLElementEventMap>(kind: K, handler: (event: HTMLElementEventMap[K]) => void): void => {
+      surface.addEventListener(kind, handler, { signal, passive: false });
+    };
+    on("pointerdown", (event) => {
+      this.down(event);
+    });
+    on("pointermove", (event) => {
+      this.move(event);
+    });
+    on("pointerup", (event) => {
+      this.up(event, true);
+    });
+    on("pointercancel", (event) => {
+      this.up(event, false);
+    });
+    on("wheel", (event) => {
+      this.wheel(event);
+    });
+    on("contextmenu", (event) => {
+      event.preventDefault();
+    });
+    on("blur", () => {
+      this.keys.clear();
+    });
+    window.addEventListener("gamepadconnected", () => {
+      this.run();
+    }, { signal });
+  }
+
+  dispose(): void {
+    this.stop.abort();
+    cancelAnimationFrame(this.handle);
+  }
+
+  /** Goes to a view, in a short flight unless motion is to be reduced. */
+  flyTo(to: View): void {
+    this.velocity = { x: 0, y: 0, at: 0 };
+    if (this.calm.matches) {
+      this.player.view = to;
+      return;
+    }
+    const from = this.player.view;
+    // The short way round.
+    const azimuth = from.azimuth + (((to.azimuth - from.azimuth + 540) % 360) - 180);
+    this.flight = { from, to: { ...to, azimuth }, began: performance.now() };
+    this.run();
+  }
+
+  reset(): void {
+    const { camera } = this.player;
+    const now = camera.view;
+    camera.reset();
+    const home = camera.view;
+    camera.view = now;
+    this.flyTo(home);
+  }
+
+  /** A key went down or up; true where it moves the camera. */
+  key(name: string, down: boolean): boolean {
+    if (!/^(Arrow(Left|Right|Up|Down)|\+|-|=)$/.test(name)) return false;
+    if (down) this.keys.add(name);
+    else this.keys.delete(name);
+    this.flight = null;
+    this.run();
+    return true;
+  }
+
+  shift = false;
+
+  private touched(): void {
+    this.flight = null;
+    this.player.moved();
+    this.events.touched();
+  }
+
+  private get height(): number {
+    return this.surface.clientHeight || 1;
+  }
+
+  private turn(dx: number, dy: number): void {
+    const scale = TURN * (500 / Math.max(300, Math.min(this.height, this.surface.clientWidth)));
+    this.player.camera.orbit(dx * scale, dy * scale);
+    this.touched();
+  }
+
+  private pan(dx: number, dy: number): void {
+    this.player.camera.pan(dx / this.height, dy / this.height, this.surface.clientWidth / this.height);
+    this.touched();
+  }
+
+  private zoom(factor: number): void {
+    this.player.camera.zoom(factor);
+    this.touched();
+  }
+
+  private down(event: PointerEvent): void {
+    // Events made by scripts have no pointer that could be captured.
+    if (event.isTrusted) this.surface.setPointerCapture(event.pointerId);
+    this.fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    this.velocity = { x: 0, y: 0, at: 0 };
+    this.flight = null;
+    if (this.fingers.size === 1)
+      this.began = { x: event.clientX, y: event.clientY, at: event.timeStamp, moved: false };
+    else this.began.moved = true;
+  }
+
+  private move(event: PointerEvent): void {
+    const finger = this.fingers.get(event.pointerId);
+    if (finger === undefined) return;
+    const [dx, dy] = [event.clientX - finger.x, event.clientY - finger.y];
+    if (Math.hypot(event.clientX - this.began.x, event.clientY - this.began.y) > 4) this.began.moved = true;
+    if (!this.began.moved) return;
+    if (this.fingers.size === 2) {
+      const other = [...this.fingers.values()].find((one) => one !== finger)!;
+      const before = Math.hypot(finger.x - other.x, finger.y - other.y);
+      const after = Math.hypot(event.clientX - other.x, event.clientY - other.y);
+      if (before > 10 && after > 10) this.zoom(before / after);
+      this.pan(dx / 2, dy / 2);
+    } else if (this.fingers.size === 1) {
+      if ((event.buttons & 6) !== 0 || event.shiftKey) this.pan(dx, dy);
+      else {
+        this.turn(dx, dy);
+        const seconds = Math.max((event.timeStamp - this.velocity.at) / 1000, 0.004);
+        const blend = this.velocity.at === 0 ? 1 : 0.6;
+        this.velocity = {
+          x: (1 - blend) * this.velocity.x + (blend * dx) / (this.velocity.at === 0 ? 0.016 : seconds),
+          y: (1 - blend) * this.velocity.y + (blend * dy) / (this.velocity.at === 0 ? 0.016 : seconds),
+          at: event.timeStamp,
+        };
+      }
+    }
+    finger.x = event.clientX;
+    finger.y = event.clientY;
+  }
+
+  private up(event: PointerEvent, done: boolean): void {
+    if (!this.fingers.delete(event.pointerId)) return;
+    if (this.fingers.size > 0) {
+      this.velocity = { x: 0, y: 0, at: 0 };
+      return;
+    }
+    if (done && !this.began.moved && event.timeStamp - this.began.at < TAP && event.button === 0) {
+      const { clientX: x, clientY: y, timeStamp: at } = event;
+      if (at - this.lastTap.at < DOUBLE && Math.hypot(x - this.lastTap.x, y - this.lastTap.y) < NEAR) {
+        this.lastTap.at = -Infinity;
+        this.reset();
+      } else {
+        this.lastTap = { x, y, at };
+        this.events.tap(event.pointerType);
+      }
+      return;
+    }
+    const gliding = !this.calm.matches && event.timeStamp - this.velocity.at < 60;
+    if (gliding && Math.hypot(this.velocity.x, this.velocity.y) > 60) this.run();
+    else this.velocity = { x: 0, y: 0, at: 0 };
+  }
+
+  private wheel(event: WheelEvent): void {
+    if (!this.ownsWheel() && !event.ctrlKey) return;
+    event.preventDefault();
+    const unit = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? this.height : 1;
+    const [dx, dy] = [event.deltaX * unit, event.deltaY * unit];
+    // Pinching on a trackpad arrives as a wheel with Ctrl; two fingers move in both directions and in small steps.
+    if (event.ctrlKey) this.zoom(Math.exp(dy * 0.01));
+    else if (dx !== 0 || Math.abs(dy) < 40) this.turn(-dx, -dy);
+    else this.zoom(Math.exp(Math.sign(dy) * Math.min(Math.abs(dy), 200) * 0.0015));
+  }
+
+  private run(): void {
+    if (this.handle !== 0) return;
+    this.last = performance.now();
+    this.handle = requestAnimationFrame(this.tick);
+  }
+
+  private readonly tick = (now: number): void => {
+    const seconds = Math.min(Math.max((now - this.last) / 1000, 0), 0.1);
+    this.last = now;
+    const glide = this.fingers.size === 0 && this.glide(seconds);
+    const busy = [glide, this.fly(now), this.keysHeld(seconds), this.gamepad(seconds)].some(Boolean);
+    this.handle = busy ? requestAnimationFrame(this.tick) : 0;
+  };
+
+  private glide(seconds: number): boolean {
+    const { velocity } = this;
+    if (velocity.x === 0 && velocity.y === 0) return false;
+    this.turn(velocity.x * seconds, velocity.y * seconds);
+    const left = Math.exp(-seconds / GLIDE);
+    velocity.x *= left;
+    velocity.y *= left;
+    if (Math.hypot(velocity.x, velocity.y) > 8) return true;
+    velocity.x = velocity.y = 0;
+    return false;
+  }
+
+  private fly(now: number): boolean {
+    const { flight } = this;
+    if (flight === null) return false;
+    const part = Math.min(1, (now - flight.began) / FLY);
+    const eased = 1 - (1 - part) ** 3;
+    const mix = (a: number, b: number): number => a + (b - a) * eased;
+    const { from, to } = flight;
+    this.player.view = {
+      azimuth: mix(from.azimuth, to.azimuth),
+      elevation: mix(from.elevation, to.elevation),
+      distance: mix(from.distance, to.distance),
+      target: [0, 1, 2].map((k) => mix(from.target[k], to.target[k])) as [number, number, number],
+    };
+    if (part === 1) this.flight = null;
+    return this.flight !== null;
+  }
+
+  private keysHeld(seconds: number): boolean {
+    const held = (name: string): number => (this.keys.has(name) ? 1 : 0);
+    const x = held("ArrowRight") - held("ArrowLeft");
+    const y = held("ArrowDown") - held("ArrowUp");
+    const z = held("-") - Math.max(held("+"), held("="));
+    if (x !== 0 || y !== 0) {
+      if (this.shift) this.pan(-x * 300 * seconds, -y * 300 * seconds);
+      else this.turn(-x * 220 * seconds, -y * 160 * seconds);
+    }
+    if (z !== 0) this.zoom(Math.exp(z * 1.4 * seconds));
+    return this.keys.size > 0;
+  }
+
+  /** Left stick turns, right stick moves, triggers zoom, the first button plays, the second resets. */
+  private gamepad(seconds: number): boolean {
+    // Absent on pages that are not secure, and then null entries.
+    const pads = (navigator.getGamepads as (() => (Gamepad | null)[]) | undefined)?.call(navigator) ?? [];
+    const pad = pads.find((one) => one !== null) ?? null;
+    if (pad === null) return false;
+    const axis = (index: number): number => {
+      const value = pad.axes[index] ?? 0;
+      return Math.abs(value) < 0.15 ? 0 : value;
+    };
+    const [lx, ly, rx, ry] = [axis(0), axis(1), axis(2), axis(3)];
+    if (lx !== 0 || ly !== 0) this.turn(-lx * 320 * seconds, -ly * 220 * seconds);
+    if (rx !== 0 || ry !== 0) this.pan(-rx * 300 * seconds, -ry * 300 * seconds);
+    const zoom = (pad.buttons[6]?.value ?? 0) - (pad.buttons[7]?.value ?? 0);
+    if (Math.abs(zoom) > 0.05) this.zoom(Math.exp(zoom * 1.6 * seconds));
+    const pressed = pad.buttons.slice(0, 2).map((button) => button.pressed);
+    if (pressed[0] && !this.pressed[0]) {
+      if (this.player.playing) this.player.pause();
+      else this.player.play();
+    }
+    if (pressed[1] && !this.pressed[1]) this.reset();
+    this.pressed = pressed;
+    return true;
+  }
+}

@@ -1,0 +1,75 @@
+/** The controls' elements. */
+
+import { ICONS } from "./icons.ts";
+
+const button = (name: string, label: string, picture: string, more = ""): string =>
+  `<button type="button" data-act="${name}" aria-label="${label}" title="${label}" ${more}>${picture}</button>`;
+
+export const SPEEDS = [0.25, 0.5, 1, 1.5, 2] as const;
+
+/** Backgrounds to choose from; null lets the page shine through. "stream" is the one that the stream suggests. */
+export const BACKGROUNDS = {
+  stream: { label: "As recorded", color: null },
+  black: { label: "Black", color: [0, 0, 0] },
+  gray: { label: "Gray", color: [0.22, 0.24, 0.27] },
+  white: { label: "White", color: [1, 1, 1] },
+  green: { label: "Green", color: [0, 0.69, 0.25] },
+  none: { label: "Transparent", color: null },
+} as const;
+
+export type BackgroundName = keyof typeof BACKGROUNDS;
+
+export const isBackground = (name: string | null): name is BackgroundName => name !== null && name in BACKGROUNDS;
+
+const swatches = Object.entries(BACKGROUNDS)
+  .map(([name, { label, color }]) => {
+    const paint = color === null ? "transparent" : `rgb(${color.map((value) => Math.round(255 * value)).join(" ")})`;
+    return `<button type="button" role="radio" class="swatch ${name}" data-background="${name}" style="--color:${paint}" aria-label="${label}" title="${label}"></button>`;
+  })
+  .join("");
+
+export const TEMPLATE = `
+<div class="stage" tabindex="0" role="application" aria-roledescription="3D video"
+  aria-label="Volumetric video. Arrow keys turn, Shift and arrow keys move, plus and minus zoom, R resets the view, Space plays and pauses.">
+  <canvas></canvas>
+</div>
+<img class="poster" alt="" hidden>
+<div class="veil"><div class="spinner" role="status" aria-label="Loading"></div></div>
+<h1 class="title" hidden></h1>
+<button type="button" class="start" data-act="play" aria-label="Play" hidden>${ICONS.play}</button>
+<div class="bar" part="controls">
+  <div class="timeline" role="slider" tabindex="0" aria-label="Time" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
+  <div class="buttons">
+    ${button("play", "Play", ICONS.play)}
+    <div class="time"><b class="now">0:00.0</b> <span class="total"></span></div>
+    <div class="gap"></div>
+    ${button("reset", "Reset view", ICONS.reset)}
+    ${button("link", "Copy link to this view", ICONS.link, 'class="wide" hidden')}
+    ${button("info", "Statistics", ICONS.info, 'class="wide" aria-pressed="false"')}
+    ${button("settings", "Settings", ICONS.settings, 'aria-expanded="false"')}
+    ${button("full", "Full screen", ICONS.full)}
+  </div>
+</div>
+<div class="sheet settings" role="dialog" aria-label="Settings" hidden>
+  <h3 id="speed">Speed</h3>
+  <div class="choices" role="radiogroup" aria-labelledby="speed">
+    ${SPEEDS.map((speed) => `<button type="button" role="radio" data-speed="${speed}">${speed}×</button>`).join("")}
+  </div>
+  <h3 id="loop">At the end</h3>
+  <div class="choices" role="radiogroup" aria-labelledby="loop">
+    <button type="button" role="radio" data-loop="true">Loop</button><button type="button" role="radio" data-loop="false">Stop</button>
+  </div>
+  <h3 id="background">Background</h3>
+  <div class="choices" role="radiogroup" aria-labelledby="background">${swatches}</div>
+  <h3>More</h3>
+  <div class="choices">
+    <button type="button" data-act="info">Statistics</button><button type="button" data-act="link" hidden>Copy link</button>
+  </div>
+</div>
+<section class="sheet info" aria-label="Statistics" hidden>
+  <h2>Statistics <button type="button" class="close" data-act="info" aria-label="Close statistics">${ICONS.close}</button></h2>
+  <table><tbody></tbody></table>
+</section>
+<div class="notice" role="status" aria-live="polite"></div>
+<div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">Try again</button></p></div></div>
+`;

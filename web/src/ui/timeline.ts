@@ -1,0 +1,143 @@
+/** The timeline: played, buffered and left-out parts; dragging seeks. */
+
+import type { Player } from "../player/player.ts";
+import { clock } from "./format.ts";
+
+export class Timeline {
+  readonly element: HTMLElement;
+  private readonly player: Player;
+  private readonly track: HTMLElement;
+  private readonly buffered: HTMLElement;
+  private readonly bubble: HTMLElement;
+  private dragging = false;
+  private resume = false;
+  private next: number | null = null;
+  private seeking = false;
+
+  constructor(element: HTMLElement, player: Player) {
+    this.element = element;
+    this.player = player;
+    element.innerHTML = `<div class="track"><div class="buffered"></div><div class="played"></div></div><div class="knob"></div><div class="bubble"></div>`;
+    this.track = element.querySelector<HTMLElement>(".track")!;
+    this.buffered = element.querySelector<HTMLElement>(".buffered")!;
+    this.bubble = element.querySelector<HTMLElement>(".bubble")!;
+    element.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0 || player.info === null) return;
+      element.setPointerCapture(event.pointerId);
+      this.dragging = true;
+      this.resume = player.playing;
+      player.pause();
+      element.classList.add("dragging");
+      this.seek(this.frameAt(event.clientX));
+    });
+    element.addEventListener("pointermove", (event) => {
+      this.hint(event.clientX);
+      if (this.dragging) this.seek(this.frameAt(event.clientX));
+    });
+    const end = (): void => {
+      if (!this.dragging) return;
+      this.dragging = false;
+      element.classList.remove("dragging");
+      if (this.resume) player.play();
+    };
+    element.addEventListener("pointerup", end);
+    element.addEventListener("pointercancel", end);
+    element.addEventListener("keydown", (event) => {
+      const { info } = player;
+      if (info === null) return;
+      const steps: Partial<Record<string, number>> = {
+        ArrowLeft: -1,
+        ArrowRight: 1,
+        ArrowDown: -1,
+        ArrowUp: 1,
+        PageDown: -Math.round(info.fps),
+        PageUp: Math.round(info.fps),
+        Home: -info.frameCount,
+        End: info.frameCount,
+      };
+      const step = steps[event.key];
+      if (step === undefined) return;
+      event.preventDefault();
+      event.stopPropagation();
+      player.pause();
+      this.seek(player.frame + step);
+    });
+    player.on("seeked", () => {
+      this.seeking = false;
+      if (this.next !== null) {
+        const next = this.next;
+        this.next = null;
+        this.seek(next);
+      }
+    });
+    player.on("failed", () => {
+      this.seeking = false;
+    });
+  }
+
+  /** Seeks; while one seek is under way only the latest wish is kept. */
+  seek(frame: number): void {
+    const { info } = this.player;
+    if (info === null) return;
+    const inside = Math.max(0, Math.min(info.frameCount - 1, frame));
+    this.show(inside);
+    if (this.seeking) {
+      this.next = inside;
+      // A seek may be answered by nothing, where its group turns out to be damaged.
+      if (performance.now() - this.seekAt < 1500) return;
+    }
+    this.seeking = true;
+    this.seekAt = performance.now();
+    this.player.seekFrame(inside);
+  }
+
+  private seekAt = 0;
+
+  /** The frame on the canvas. */
+  update(frame: number): void {
+    if (!this.dragging) this.show(frame);
+  }
+
+  /** Which groups are in memory, and which are left out. */
+  updateBuffered(): void {
+    const { info, fetchedGroups, leftOut } = this.player;
+    if (info === null) return;
+    const stops: string[] = [];
+    const fetched = new Set(fetchedGroups);
+    info.groups.forEach((group, index) => {
+      const color = leftOut.has(index) ? "var(--bad)" : fetched.has(index) ? "var(--buffered)" : "transparent";
+      const [from, to] = [group.firstFrame, group.firstFrame + group.frameCount].map(
+        (frame) => `${((100 * frame) / info.frameCount).toFixed(2)}%`,
+      ) as [string, string];
+      stops.push(`${color} ${from} ${to}`);
+    });
+    this.buffered.style.background = `linear-gradient(90deg, ${stops.join(", ")})`;
+  }
+
+  private show(frame: number): void {
+    const { info } = this.player;
+    if (info === null) return;
+    const part = info.frameCount > 1 ? frame / (info.frameCount - 1) : 0;
+    this.element.style.setProperty("--at", String(part));
+    this.element.setAttribute("aria-valuemax", String(info.frameCount - 1));
+    this.element.setAttribute("aria-valuenow", String(frame));
+    this.element.setAttribute(
+      "aria-valuetext",
+      `${(frame / info.fps).toFixed(1)} of ${(info.frameCount / info.fps).toFixed(1)} seconds, frame ${frame}`,
+    );
+  }
+
+  private frameAt(x: number): number {
+    const box = this.track.getBoundingClientRect();
+    const part = Math.max(0, Math.min(1, (x - box.left) / (box.width || 1)));
+    return Math.round(part * ((this.player.info?.frameCount ?? 1) - 1));
+  }
+
+  private hint(x: number): void {
+    const { info } = this.player;
+    if (info === null) return;
+    const frame = this.frameAt(x);
+    this.bubble.textContent = `${clock(frame / info.fps)} · ${frame}`;
+    this.bubble.style.left = `${(100 * frame) / Math.max(1, info.frameCount - 1)}%`;
+  }
+}

@@ -1,0 +1,64 @@
+/** Packets of an MP4 in memory. */
+
+import { BufferSource, EncodedPacketSink, Input, MP4 } from "mediabunny";
+import { messageOf, StreamError } from "../stream/errors.ts";
+
+export interface Packet {
+  readonly key: boolean;
+  readonly data: Uint8Array;
+  /** Seconds. */
+  readonly timestamp: number;
+  readonly duration: number;
+}
+
+export interface Demuxed {
+  readonly config: VideoDecoderConfig;
+  /** In order of decoding, which is the order of the frames: streams have no B pictures. */
+  readonly packets: readonly Packet[];
+}
+
+const CODECS = { h264: "avc", hevc: "hevc", av1: "av1" } as const;
+
+/**
+ * Reads the packets of a video file.
+ *
+ * @param name - for messages
+ * @throws StreamError - no MP4 with one video of that codec, size and length
+ */
+export async function demux(
+  data: Uint8Array<ArrayBuffer>,
+  name: string,
+  codec: keyof typeof CODECS,
+  size: readonly [number, number],
+  frames: number,
+): Promise<Demuxed> {
+  const input = new Input({ formats: [MP4], source: new BufferSource(data) });
+  try {
+    const track = await input.getPrimaryVideoTrack();
+    if (track === null) throw new StreamError("it has no video track");
+    const found = [await track.getCodedWidth(), await track.getCodedHeight()] as const;
+    const foundCodec = await track.getCodec();
+    if (foundCodec !== CODECS[codec] || found[0] !== size[0] || found[1] !== size[1])
+      throw new StreamError(
+        `it holds ${foundCodec ?? "unknown"} video of ${found[0]}x${found[1]}, the manifest promises ${codec} of ${size[0]}x${size[1]}`,
+      );
+    const config = await track.getDecoderConfig();
+    if (config === null) throw new StreamError("its decoder settings are missing");
+    const packets: Packet[] = [];
+    for await (const packet of new EncodedPacketSink(track).packets()) {
+      if (packets.length === frames) throw new StreamError(`it has more than ${frames} pictures`);
+      packets.push({
+        key: packet.type === "key",
+        data: packet.data,
+        timestamp: packet.timestamp,
+        duration: packet.duration,
+      });
+    }
+    if (packets.length < frames) throw new StreamError(`it has ${packets.length} pictures, the manifest says ${frames}`);
+    return { config, packets };
+  } catch (error) {
+    throw new StreamError(`${name} cannot be read: ${messageOf(error)}.`);
+  } finally {
+    input.dispose();
+  }
+}

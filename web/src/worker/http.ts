@@ -1,0 +1,176 @@
+/** Files over HTTP: whole, of the promised size, tried again where the network fails. */
+
+import { messageOf, StreamError } from "../stream/errors.ts";
+
+const ATTEMPTS = 10;
+const FIRST_WAIT = 400;
+const LONGEST_WAIT = 4000;
+/** Milliseconds without a byte after which a request is given up. */
+const STALL = 15_000;
+
+/** Where a stream's files come from. */
+export interface Source {
+  /** A file of exactly `bytes` bytes. */
+  read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
+}
+
+/** Bytes and milliseconds of what was received, for the bandwidth. */
+export type Received = (bytes: number, milliseconds: number) => void;
+
+export class HttpSource implements Source {
+  private readonly base: string;
+  private readonly received: Received;
+  private readonly trouble: (message: string) => void;
+
+  constructor(base: string, received: Received, trouble: (message: string) => void) {
+    this.base = base;
+    this.received = received;
+    this.trouble = trouble;
+  }
+
+  async read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
+    const out = new Uint8Array(bytes);
+    const state = { filled: 0, tag: null as string | null };
+    return this.tryAgain(path, signal, async () => {
+      await this.fill(path, out, state, signal);
+      return out;
+    });
+  }
+
+  /** A file whose size is not known, of at most `limit` bytes. */
+  async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
+    return this.tryAgain(path, signal, async () => {
+      const parts: Uint8Array[] = [];
+      let size = 0;
+      await this.request(path, {}, signal, async (response) => {
+        await consume(response, (chunk) => {
+          parts.push(chunk);
+          size += chunk.length;
+          if (size > limit) throw new StreamError(`${path} is larger than ${limit} bytes.`);
+        });
+      });
+      const all = new Uint8Array(size);
+      let at = 0;
+      for (const part of parts) {
+        all.set(part, at);
+        at += part.length;
+      }
+      return all;
+    });
+  }
+
+  private async tryAgain<T>(path: string, signal: AbortSignal, attempt: () => Promise<T>): Promise<T> {
+    for (let n = 1; ; n++) {
+      try {
+        return await attempt();
+      } catch (error) {
+        if (signal.aborted) throw error;
+        const transient = error instanceof StreamError ? error.transient : true;
+        if (!transient || n === ATTEMPTS)
+          throw error instanceof StreamError ? error : new StreamError(`${path} cannot be fetched: ${messageOf(error)}.`, true);
+        this.trouble(`The connection was interrupted (${messageOf(error)}); trying again.`);
+        await new Promise((resolve) => setTimeout(resolve, Math.min(FIRST_WAIT * 2 ** (n - 1), LONGEST_WAIT)));
+      }
+    }
+  }
+
+  /** Fills `out` from where an earlier attempt ended, by a range request where there is something to resume. */
+  private async fill(
+    path: string,
+    out: Uint8Array,
+    state: { filled: number; tag: string | null },
+    signal: AbortSignal,
+  ): Promise<void> {
+    const headers: Record<string, string> = {};
+    if (state.filled > 0 && state.tag !== null) {
+      headers["Range"] = `bytes=${state.filled}-`;
+      headers["If-Range"] = state.tag;
+    } else state.filled = 0;
+    await this.request(path, headers, signal, async (response) => {
+      if (response.status !== 206) state.filled = 0;
+      const tag = response.headers.get("ETag");
+      state.tag = tag?.startsWith("W/") === true ? null : tag;
+      const began = performance.now();
+      let count = 0;
+      await consume(response, (chunk) => {
+        if (state.filled + chunk.length > out.length)
+          throw new StreamError(`${path} is larger than the manifest promises (${out.length} bytes).`);
+        out.set(chunk, state.filled);
+        state.filled += chunk.length;
+        count += chunk.length;
+      });
+      this.received(count, performance.now() - began);
+    });
+    // A connection that breaks is an error of the reader's; a body that ends as it should is all there is.
+    if (state.filled !== out.length)
+      throw new StreamError(`${path} has ${state.filled} bytes, the manifest says ${out.length}.`);
+  }
+
+  private async request(
+    path: string,
+    headers: Record<string, string>,
+    signal: AbortSignal,
+    use: (response: Response) => Promise<void>,
+  ): Promise<void> {
+    const stop = new AbortController();
+    const abort = (): void => {
+      stop.abort();
+    };
+    signal.addEventListener("abort", abort);
+    try {
+      const url = new URL(path, this.base).href;
+      const waiting = setTimeout(abort, STALL);
+      let response: Response;
+      try {
+        // A browser's cache that holds the first part would ask for other ranges than these.
+        const cache = "Range" in headers ? "no-store" : "no-cache";
+        response = await fetch(url, { headers, signal: stop.signal, cache });
+      } catch (error) {
+        throw new StreamError(stop.signal.aborted ? "the server does not answer" : messageOf(error), true);
+      } finally {
+        clearTimeout(waiting);
+      }
+      if (!response.ok) {
+        const again = response.status >= 500 || response.status === 429 || response.status === 408;
+        throw new StreamError(`${path} cannot be fetched: the server answers ${response.status}.`, again);
+      }
+      await use(response);
+    } finally {
+      signal.removeEventListener("abort", abort);
+      stop.abort();
+    }
+  }
+}
+
+/** Hands over a body chunk by chunk; an error where none comes for too long. */
+async function consume(response: Response, take: (chunk: Uint8Array) => void): Promise<void> {
+  const reader = response.body?.getReader();
+  if (reader === undefined) return;
+  try {
+    for (;;) {
+      let timer = 0;
+      const stalled = new Promise<never>((_, reject) => {
+        timer = setTimeout(() => {
+          reject(new StreamError("no data arrived for a while", true));
+        }, STALL);
+      });
+      const { done, value } = await Promise.race([reader.read(), stalled]).finally(() => {
+        clearTimeout(timer);
+      });
+      if (done) return;
+      take(value);
+    }
+  } catch (error) {
+    reader.cancel().catch(() => undefined);
+    throw error instanceof StreamError ? error : new StreamError(messageOf(error), true);
+  }
+}
+
+/** SHA-256 in small hexadecimal letters; null where the page is not secure and the browser offers none. */
+export async function sha256(data: Uint8Array<ArrayBuffer>): Promise<string | null> {
+  // In an insecure context `subtle` is undefined, whatever its type says.
+  const subtle = crypto.subtle as SubtleCrypto | undefined;
+  if (subtle === undefined) return null;
+  const digest = new Uint8Array(await subtle.digest("SHA-256", data));
+  return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}

@@ -1,0 +1,116 @@
+/** What the page and the worker tell each other. */
+
+import type { Camera, Vector } from "../stream/manifest.ts";
+
+/** A splat's depth is axis · (x, y, z, 1). */
+export type DepthAxis = readonly [number, number, number, number];
+
+/** Which way pictures are decoded. */
+export type DecodePath = "webcodecs" | "webcodecs-software" | "video";
+
+export type ToWorker =
+  | { readonly type: "open"; readonly url: string; readonly maxTexture: number; readonly path: DecodePath | "auto"; readonly loop: boolean }
+  /** Bring a frame: decode it, sort it along the axis. The latest request wins. */
+  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
+  /** Sort the frame that was brought last along another axis. */
+  | { readonly type: "sort"; readonly axis: DepthAxis }
+  | { readonly type: "loop"; readonly loop: boolean }
+  /** Buffers whose content is no longer needed. */
+  | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }
+  /** Groups that could not be fetched are to be tried again. */
+  | { readonly type: "retry" }
+  /** The graphics' memory was lost: the next picture is to come with its group's setup. */
+  | { readonly type: "forget-setup" }
+  | VideoReply;
+
+/** Answers of the page, which alone has <video> elements. */
+export type VideoReply =
+  | { readonly type: "video-frame"; readonly request: number; readonly luma: ArrayBuffer }
+  | { readonly type: "video-error"; readonly request: number; readonly message: string };
+
+export type VideoRequest =
+  | {
+      readonly type: "video-open";
+      readonly request: number;
+      readonly source: number;
+      readonly file: Blob;
+      readonly width: number;
+      readonly height: number;
+    }
+  /** `time` lies in the middle of the wanted picture, seconds. */
+  | { readonly type: "video-read"; readonly request: number; readonly source: number; readonly time: number }
+  | { readonly type: "video-close"; readonly source: number };
+
+/** What a player needs to know of a stream. */
+export interface StreamInfo {
+  readonly url: string;
+  readonly version: number;
+  readonly profile: "motion" | "planes";
+  readonly codec: string;
+  readonly fps: number;
+  readonly frameCount: number;
+  readonly shDegree: number;
+  readonly totalBytes: number;
+  readonly groups: readonly { readonly firstFrame: number; readonly frameCount: number; readonly bytes: number; readonly splats: number }[];
+  readonly box: { readonly min: Vector; readonly max: Vector };
+  readonly camera: Camera | null;
+  readonly up: Vector | null;
+  readonly background: Vector | null;
+  readonly title: string | null;
+  /** Whether files' SHA-256 are checked; browsers offer that on secure pages only. */
+  readonly checksums: boolean;
+}
+
+/** What all frames of a group share, for the renderer. */
+export interface GroupSetup {
+  readonly group: number;
+  readonly profile: "motion" | "planes";
+  readonly splats: number;
+  readonly shDegree: number;
+  readonly tile: number;
+  readonly columns: number;
+  readonly rows: number;
+  /** (C, 2) base and step of each channel or plane: value = base + code * step. */
+  readonly units: Float32Array<ArrayBuffer>;
+  /** (tile, tile, 4), see MotionTables.statics; null in `planes`. */
+  readonly statics: Uint32Array<ArrayBuffer> | null;
+  readonly blocks: number;
+  readonly lattice: { readonly min: Vector; readonly step: number; readonly ratio: number } | null;
+  /** `planes`: whether each position's low byte is mirrored. */
+  readonly mirrored: readonly boolean[];
+}
+
+export interface Timings {
+  /** Milliseconds of this frame: video decoding (by the clock, service time of one picture), dequantizing positions, sorting. */
+  readonly decode: number;
+  readonly dequantize: number;
+  readonly sort: number;
+}
+
+export interface Picture {
+  readonly frame: number;
+  readonly group: number;
+  /** There with the first picture of a group that the page has not got, or no longer. */
+  readonly setup: GroupSetup | null;
+  readonly luma: Uint8Array<ArrayBuffer>;
+  readonly blocks: Float32Array<ArrayBuffer> | null;
+  readonly escapes: Int32Array<ArrayBuffer> | null;
+  readonly order: Uint32Array<ArrayBuffer>;
+  /** How many of `order` are to be drawn. */
+  readonly count: number;
+  readonly timings: Timings;
+}
+
+export type FromWorker =
+  | { readonly type: "opened"; readonly info: StreamInfo }
+  | { readonly type: "picture"; readonly picture: Picture }
+  | { readonly type: "order"; readonly frame: number; readonly order: Uint32Array<ArrayBuffer>; readonly count: number; readonly sort: number }
+  /** A group that cannot be played; it is left out. */
+  | { readonly type: "left-out"; readonly group: number; readonly message: string }
+  | { readonly type: "fetched"; readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number; readonly cached: number }
+  /** Nothing can be played. */
+  | { readonly type: "failed"; readonly message: string }
+  | { readonly type: "path"; readonly path: DecodePath }
+  /** The network does not answer; it is being tried again. */
+  | { readonly type: "trouble"; readonly message: string }
+  | VideoRequest;

@@ -1,0 +1,241 @@
+/** Decoded luma of one group, frame by frame. */
+
+import type { Packet } from "./demux.ts";
+import { messageOf, StreamError } from "../stream/errors.ts";
+import type { Pool } from "./pool.ts";
+
+/** A decoded picture: luma, and how long decoding it took by the clock, milliseconds. */
+export interface Luma {
+  readonly data: Uint8Array<ArrayBuffer>;
+  readonly decode: number;
+}
+
+export interface PictureSource {
+  /** Picture `index` of the group, given away: the caller owns it. Going forward is cheap, going back starts over. */
+  get(index: number): Promise<Luma>;
+  /** Decodes the first pictures ahead. */
+  warm(): void;
+  close(): void;
+}
+
+/** Thrown where a group is closed while it is being read; nobody needs to hear of it. */
+export class Closed extends Error {}
+
+/** WebCodecs gives frames without planes here (w3c/webcodecs#920), or refuses the video; another path may do. */
+export class PathFailed extends StreamError {}
+
+/** Pictures that are decoded ahead of the one asked for last. */
+const AHEAD = 4;
+/** Microseconds per picture, by which a decoder's output is recognized; the manifest has the true rate. */
+const TICK = 33_333;
+/** Milliseconds without any picture after which the decoder is given up. */
+const PATIENCE = 20_000;
+
+/** One video through WebCodecs. */
+export class WebCodecsPictures implements PictureSource {
+  private readonly config: VideoDecoderConfig;
+  private readonly packets: readonly Packet[];
+  private readonly size: readonly [number, number];
+  private readonly name: string;
+  private readonly pool: Pool;
+  private decoder: VideoDecoder | null = null;
+  /** Next packet to hand to the decoder, next picture that comes out of it, first one that is wanted. */
+  private fed = 0;
+  private out = 0;
+  private wanted = 0;
+  private readonly ready = new Map<number, Luma>();
+  private waiting: { index: number; resolve: (luma: Luma) => void; reject: (error: unknown) => void } | null = null;
+  private error: Error | null = null;
+  private copying: Promise<void> = Promise.resolve();
+  private readonly submitted: number[] = [];
+  private lastOut = 0;
+  private run = 0;
+  private watchdog = 0;
+
+  constructor(
+    config: VideoDecoderConfig,
+    packets: readonly Packet[],
+    size: readonly [number, number],
+    name: string,
+    pool: Pool,
+  ) {
+    this.config = config;
+    this.packets = packets;
+    this.size = size;
+    this.name = name;
+    this.pool = pool;
+  }
+
+  get(index: number): Promise<Luma> {
+    if (this.error !== null) return Promise.reject(this.error);
+    this.waiting?.reject(new Closed());
+    this.waiting = null;
+    const ready = this.ready.get(index);
+    this.drop(index);
+    if (ready === undefined && index < this.out) this.restart();
+    this.wanted = ready === undefined ? index : index + 1;
+    const result =
+      ready === undefined
+        ? new Promise<Luma>((resolve, reject) => {
+            this.waiting = { index, resolve, reject };
+          })
+        : Promise.resolve(ready);
+    this.feed();
+    return result;
+  }
+
+  warm(): void {
+    if (this.fed === 0) this.feed();
+  }
+
+  close(): void {
+    this.fail(new Closed());
+  }
+
+  /** Forgets pictures before `index`, and `index` itself, which is given away. */
+  private drop(index: number): void {
+    for (const [at, luma] of this.ready) {
+      if (at < index) this.pool.give(luma.data);
+      if (at <= index) this.ready.delete(at);
+    }
+  }
+
+  private restart(): void {
+    this.stopDecoder();
+    for (const luma of this.ready.values()) this.pool.give(luma.data);
+    this.ready.clear();
+    this.fed = this.out = 0;
+  }
+
+  private stopDecoder(): void {
+    this.run++;
+    this.submitted.length = 0;
+    if (this.decoder !== null && this.decoder.state !== "closed") this.decoder.close();
+    this.decoder = null;
+  }
+
+  private start(): VideoDecoder {
+    const run = this.run;
+    const decoder = new VideoDecoder({
+      output: (frame) => {
+        if (run !== this.run) {
+          frame.close();
+          return;
+        }
+        const index = Math.round(frame.timestamp / TICK);
+        if (index !== this.out) {
+          frame.close();
+          this.fail(new StreamError(`${this.name}: picture ${this.out} is damaged.`));
+          return;
+        }
+        this.out++;
+        const now = performance.now();
+        const decode = now - Math.max(this.submitted.shift() ?? now, this.lastOut);
+        this.lastOut = now;
+        this.copying = this.copying.then(() => this.take(frame, index, decode, run));
+      },
+      error: (error) => {
+        if (run === this.run) this.fail(new PathFailed(`${this.name} cannot be decoded: ${error.message}.`));
+      },
+    });
+    decoder.configure(this.config);
+    this.decoder = decoder;
+    return decoder;
+  }
+
+  private async take(frame: VideoFrame, index: number, decode: number, run: number): Promise<void> {
+    try {
+      if (run !== this.run || index < this.wanted) return;
+      const data = await this.copy(frame);
+      if (run !== this.run) {
+        this.pool.give(data);
+        return;
+      }
+      if (this.waiting?.index === index) {
+        this.waiting.resolve({ data, decode });
+        this.waiting = null;
+        this.wanted = index + 1;
+      } else this.ready.set(index, { data, decode });
+    } catch (error) {
+      if (run === this.run) this.fail(error instanceof Error ? error : new Error(messageOf(error)));
+    } finally {
+      frame.close();
+      if (run === this.run) this.feed();
+    }
+  }
+
+  /** The visible luma of a frame, rows without gaps. */
+  private async copy(frame: VideoFrame): Promise<Uint8Array<ArrayBuffer>> {
+    const [width, height] = this.size;
+    const rect = frame.visibleRect;
+    if (rect === null || rect.width !== width || rect.height !== height)
+      throw new StreamError(
+        `${this.name}: a picture is ${rect?.width ?? 0}x${rect?.height ?? 0}, expected ${width}x${height}.`,
+      );
+    if (frame.format === null || !/^(I4|NV12|NV21)/.test(frame.format))
+      throw new PathFailed(`${this.name}: the decoder gives no luma (format ${frame.format ?? "unknown"}).`);
+    const all = this.pool.take(frame.allocationSize());
+    // Many decoders' rows are as long as the picture's: then the luma is what the copy begins with.
+    const planes = await frame.copyTo(all);
+    const { offset, stride } = planes[0];
+    if (offset === 0 && stride === width) return all.subarray(0, width * height);
+    const luma = this.pool.take(width * height);
+    for (let row = 0; row < height; row++)
+      luma.set(all.subarray(offset + row * stride, offset + row * stride + width), row * width);
+    this.pool.give(all);
+    return luma;
+  }
+
+  private feed(): void {
+    if (this.error !== null) return;
+    const { packets } = this;
+    try {
+      const decoder = this.decoder ?? this.start();
+      const until = Math.min(packets.length, this.wanted + AHEAD);
+      // Ahead of the wanted picture slowly, up to it at once.
+      while (this.fed < until && (this.fed < this.wanted + 1 || this.fed - this.out < AHEAD)) {
+        const packet = packets[this.fed];
+        this.submitted.push(performance.now());
+        decoder.decode(
+          new EncodedVideoChunk({
+            type: packet.key ? "key" : "delta",
+            timestamp: this.fed * TICK,
+            data: packet.data,
+          }),
+        );
+        this.fed++;
+        // Decoders may hold back pictures until they are flushed.
+        if (this.fed === packets.length) void this.flush(decoder, this.run);
+      }
+    } catch (error) {
+      this.fail(new PathFailed(`${this.name} cannot be decoded: ${messageOf(error)}.`));
+    }
+    clearTimeout(this.watchdog);
+    if (this.waiting !== null)
+      this.watchdog = setTimeout(() => {
+        this.fail(new PathFailed(`${this.name}: the decoder gives no picture.`));
+      }, PATIENCE);
+  }
+
+  private async flush(decoder: VideoDecoder, run: number): Promise<void> {
+    try {
+      await decoder.flush();
+      await this.copying;
+      if (run === this.run && this.out < this.packets.length)
+        this.fail(new StreamError(`${this.name}: the video ends after ${this.out} of ${this.packets.length} pictures.`));
+    } catch {
+      // Closed or failed; `error` has told.
+    }
+  }
+
+  private fail(error: Error): void {
+    if (this.error !== null) return;
+    this.error = error;
+    clearTimeout(this.watchdog);
+    this.stopDecoder();
+    for (const luma of this.ready.values()) this.pool.give(luma.data);
+    this.ready.clear();
+    this.waiting?.reject(error);
+    this.waiting = null;
+  }
+}

@@ -1,0 +1,78 @@
+/**
+ * Luma of the profile `planes`: a group's many small videos, decoded one after the other and put together as tiles of
+ * one picture per frame. One decoder at a time, since devices have few; so a group is decoded as a whole before it plays.
+ */
+
+import { StreamError } from "../stream/errors.ts";
+import type { PlanesGroup } from "../stream/manifest.ts";
+import { planesLayout } from "../stream/planes.ts";
+import { Closed, type Luma, type PictureSource } from "./pictures.ts";
+import type { Pool } from "./pool.ts";
+
+/** Bytes that a group's pictures may take. */
+const MAX_GROUP_BYTES = 512 << 20;
+
+export class PlanesPictures implements PictureSource {
+  private readonly group: PlanesGroup;
+  private readonly pool: Pool;
+  private readonly pictures: Promise<Uint8Array[]>;
+  private decode = 0;
+  private current: PictureSource | null = null;
+  private closed = false;
+
+  /**
+   * @param open - opens the video of plane p
+   * @throws StreamError - the group does not fit in memory
+   */
+  constructor(group: PlanesGroup, open: (plane: number) => Promise<PictureSource>, pool: Pool) {
+    this.group = group;
+    this.pool = pool;
+    const { tile, columns, rows } = planesLayout(group);
+    const bytes = tile * tile * columns * rows * group.frameCount;
+    if (bytes > MAX_GROUP_BYTES)
+      throw new StreamError(
+        `This stream of the profile planes cannot be played here: a group takes ${Math.round(bytes / 2 ** 20)} MiB of memory; bake it with the profile motion.`,
+      );
+    this.pictures = this.readAll(open);
+    this.pictures.catch(() => undefined);
+  }
+
+  async get(index: number): Promise<Luma> {
+    const picture = (await this.pictures)[index];
+    const data = this.pool.take(picture.length);
+    data.set(picture);
+    return { data, decode: this.decode / this.group.frameCount };
+  }
+
+  warm(): void {
+    // The constructor has begun.
+  }
+
+  close(): void {
+    this.closed = true;
+    this.current?.close();
+  }
+
+  private async readAll(open: (plane: number) => Promise<PictureSource>): Promise<Uint8Array[]> {
+    const { tile, columns, rows } = planesLayout(this.group);
+    const width = tile * columns;
+    const pictures = Array.from({ length: this.group.frameCount }, () => new Uint8Array(width * tile * rows));
+    for (let plane = 0; plane < this.group.files.length; plane++) {
+      const source = (this.current = await open(plane));
+      try {
+        for (const [index, picture] of pictures.entries()) {
+          if (this.closed) throw new Closed();
+          const { data, decode } = await source.get(index);
+          this.decode += decode;
+          const first = Math.floor(plane / columns) * tile * width + (plane % columns) * tile;
+          for (let row = 0; row < tile; row++)
+            picture.set(data.subarray(row * tile, (row + 1) * tile), first + row * width);
+          this.pool.give(data);
+        }
+      } finally {
+        source.close();
+      }
+    }
+    return pictures;
+  }
+}

@@ -1,0 +1,420 @@
+/** One opened stream: from requests for frames to sorted pictures. */
+
+import { messageOf, StreamError } from "../stream/errors.ts";
+import { type Group, groupOfFrame, type Manifest, MANIFEST_NAME, MAX_MANIFEST_BYTES, parseManifest } from "../stream/manifest.ts";
+import { MotionTables } from "../stream/motion.ts";
+import { planePositions, planesLayout, planeUnits } from "../stream/planes.ts";
+import { inflate, parseSideFile } from "../stream/side_file.ts";
+import { DepthSorter } from "../stream/sort.ts";
+import { demux } from "./demux.ts";
+import { HttpSource, sha256 } from "./http.ts";
+import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo } from "./messages.ts";
+import { Closed, PathFailed, type PictureSource, WebCodecsPictures } from "./pictures.ts";
+import { PlanesPictures } from "./planes_pictures.ts";
+import { Pool } from "./pool.ts";
+import { type Files, GroupStore } from "./store.ts";
+import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
+
+/** As in studio.rasterizer: splats nearer than this are not drawn. */
+export const NEAR = 0.01;
+const NEEDS_WEBCODECS =
+  "Streams of the profile planes need WebCodecs, which this browser offers on secure (https) pages only, or not at all.";
+/** Groups that are prepared (side file read, video demuxed) at the same time. */
+const PREPARED = 3;
+
+interface Prepared {
+  readonly group: Group;
+  readonly tables: MotionTables | null;
+  readonly pictures: PictureSource;
+}
+
+type Post = (message: FromWorker, transfer?: Transferable[]) => void;
+
+export class Session {
+  private readonly post: Post;
+  private readonly channel: VideoChannel;
+  private readonly pool = new Pool();
+  private readonly sorter = new DepthSorter();
+  private readonly closing = new AbortController();
+  private readonly prepared = new Map<number, Promise<Prepared>>();
+  private readonly told = new Set<number>();
+  private manifest: Manifest | null = null;
+  private store: GroupStore | null = null;
+  private path: DecodePath;
+  private readonly mayChangePath: boolean;
+  private loop: boolean;
+  private readonly maxTexture: number;
+  private bandwidth = 0;
+  private received = 0;
+  private wanted: { frame: number; axis: DepthAxis; seek: boolean } | null = null;
+  private running = false;
+  /** Gives up waiting for the frame that is being brought: another one is wanted now. */
+  private interrupt: (() => void) | null = null;
+  /** The frame that was brought last; its positions are kept to sort it again. */
+  private shown: { frame: number; group: number; positions: Float32Array<ArrayBuffer>; pixels: Uint32Array | null } | null = null;
+  private setupSent = -1;
+
+  constructor(post: Post, channel: VideoChannel, path: DecodePath | "auto", maxTexture: number, loop: boolean) {
+    this.post = post;
+    this.channel = channel;
+    this.maxTexture = maxTexture;
+    this.loop = loop;
+    this.mayChangePath = path === "auto";
+    this.path = path !== "auto" ? path : "VideoDecoder" in self ? "webcodecs" : "video";
+  }
+
+  /** Fetches and checks the manifest. */
+  async open(url: string): Promise<void> {
+    const address = new URL(url);
+    if (!address.pathname.endsWith(".json")) address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
+    const source = new HttpSource(
+      address.href,
+      (bytes, milliseconds) => {
+        this.count(bytes, milliseconds);
+      },
+      (message) => {
+        this.post({ type: "trouble", message });
+      },
+    );
+    const name = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
+    const data = await source.readAll(name, MAX_MANIFEST_BYTES, this.closing.signal);
+    const text = new TextDecoder().decode(data);
+    const manifest = parseManifest(text, data.length);
+    const blanked = new TextEncoder().encode(text.replaceAll(manifest.sha256, "0".repeat(64)));
+    const digest = await sha256(blanked);
+    if (digest !== null && digest !== manifest.sha256)
+      throw new StreamError("The stream's manifest is damaged: its bytes do not match their own SHA-256.");
+    this.checkDevice(manifest);
+    if (manifest.profile === "planes" && this.path === "video") throw new StreamError(NEEDS_WEBCODECS);
+    this.manifest = manifest;
+    this.store = new GroupStore(manifest.groups, source, () => {
+      this.tellFetched();
+    });
+    const info: StreamInfo = {
+      url: address.href,
+      version: manifest.version,
+      profile: manifest.profile,
+      codec: manifest.codec,
+      fps: manifest.fps,
+      frameCount: manifest.frameCount,
+      shDegree: manifest.shDegree,
+      totalBytes: manifest.totalBytes,
+      groups: manifest.groups.map(({ firstFrame, frameCount, bytes, splats }) => ({ firstFrame, frameCount, bytes, splats })),
+      box: manifest.boundingBox,
+      camera: manifest.camera,
+      up: manifest.up,
+      background: manifest.background,
+      title: manifest.title,
+      checksums: digest !== null,
+    };
+    this.post({ type: "opened", info });
+    this.post({ type: "path", path: this.path });
+  }
+
+  close(): void {
+    this.closing.abort();
+    this.store?.close();
+    for (const index of [...this.prepared.keys()]) this.drop(index);
+  }
+
+  setLoop(loop: boolean): void {
+    this.loop = loop;
+  }
+
+  recycle(buffers: readonly ArrayBuffer[]): void {
+    for (const buffer of buffers) this.pool.give(buffer);
+  }
+
+  /** Tries groups again that could not be fetched. */
+  retry(): void {
+    this.store?.forgive();
+    this.told.clear();
+  }
+
+  forgetSetup(): void {
+    this.setupSent = -1;
+  }
+
+  /** Brings a frame; a later call replaces one that has not begun. */
+  present(frame: number, axis: DepthAxis, seek: boolean): void {
+    this.wanted = { frame, axis, seek };
+    if (seek) this.interrupt?.();
+    if (!this.running) void this.run();
+  }
+
+  /** Sorts the frame that was brought last. */
+  sort(axis: DepthAxis): void {
+    const { shown } = this;
+    if (shown === null) return;
+    const [order, count, milliseconds] = this.sorted(shown.positions, shown.pixels, axis);
+    this.post({ type: "order", frame: shown.frame, order, count, sort: milliseconds }, [order.buffer]);
+  }
+
+  private async run(): Promise<void> {
+    this.running = true;
+    try {
+      while (this.wanted !== null) {
+        const { frame, axis } = this.wanted;
+        this.wanted = null;
+        await this.bring(frame, axis);
+      }
+    } finally {
+      this.running = false;
+    }
+  }
+
+  private async bring(frame: number, axis: DepthAxis): Promise<void> {
+    const { manifest, store } = this;
+    if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
+    const index = groupOfFrame(manifest.groups, frame);
+    const group = manifest.groups[index];
+    store.follow(index, this.loop);
+    try {
+      const within = frame - group.firstFrame;
+      const work = this.prepare(index).then(async (prepared) => ({
+        prepared,
+        luma: await prepared.pictures.get(within),
+      }));
+      const interrupted = new Promise<null>((resolve) => {
+        this.interrupt = (): void => {
+          resolve(null);
+        };
+      });
+      const done = await Promise.race([work, interrupted]);
+      if (done === null) {
+        work.then(
+          ({ luma }) => {
+            this.pool.give(luma.data);
+          },
+          () => undefined,
+        );
+        return;
+      }
+      this.deliver(done.prepared, frame, within, done.luma.data, done.luma.decode, axis);
+      this.prepareNext(index);
+    } catch (error) {
+      if (this.closing.signal.aborted || error instanceof Closed) return;
+      this.drop(index);
+      if (error instanceof PathFailed && this.changePath()) {
+        this.wanted ??= { frame, axis, seek: false };
+        return;
+      }
+      this.leaveOut(index, messageOf(error));
+    }
+  }
+
+  private deliver(
+    prepared: Prepared,
+    frame: number,
+    within: number,
+    luma: Uint8Array<ArrayBuffer>,
+    decode: number,
+    axis: DepthAxis,
+  ): void {
+    const { group, tables } = prepared;
+    const began = performance.now();
+    let positions = this.shown?.positions;
+    if (positions?.length !== 3 * group.splats) positions = new Float32Array(3 * group.splats);
+    const blocks = tables?.blocks(within) ?? null;
+    if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
+    else planePositions(group, luma, positions);
+    const dequantize = performance.now() - began;
+    const pixels = tables?.pixels ?? null;
+    const [order, count, sort] = this.sorted(positions, pixels, axis);
+    this.shown = { frame, group: group.index, positions, pixels };
+    const setup = this.setupSent === group.index ? null : this.setup(prepared);
+    this.setupSent = group.index;
+    const escapes = tables?.escapes(within) ?? null;
+    const picture: Picture = {
+      frame,
+      group: group.index,
+      setup,
+      luma,
+      blocks,
+      escapes: escapes !== null && escapes.length > 0 ? escapes : null,
+      order,
+      count,
+      timings: { decode, dequantize, sort },
+    };
+    const transfer: Transferable[] = [luma.buffer, order.buffer];
+    if (blocks !== null) transfer.push(blocks.buffer);
+    if (picture.escapes !== null) transfer.push(picture.escapes.buffer);
+    if (setup !== null && setup.statics !== null) transfer.push(setup.statics.buffer);
+    this.post({ type: "picture", picture }, transfer);
+  }
+
+  private sorted(
+    positions: Float32Array,
+    pixels: Uint32Array | null,
+    axis: DepthAxis,
+  ): [Uint32Array<ArrayBuffer>, number, number] {
+    const began = performance.now();
+    const order = new Uint32Array(this.pool.take((4 * positions.length) / 3).buffer);
+    const count = this.sorter.sort(positions, pixels, axis, NEAR, order);
+    return [order, count, performance.now() - began];
+  }
+
+  private setup({ group, tables }: Prepared): GroupSetup {
+    const common = { group: group.index, splats: group.splats, shDegree: group.shDegree };
+    if (group.profile === "planes")
+      return {
+        ...common,
+        ...planesLayout(group),
+        profile: "planes",
+        units: planeUnits(group),
+        statics: null,
+        blocks: 0,
+        lattice: null,
+        mirrored: group.components.slice(0, 3).map((entry) => entry.planes[1].part === "low_mirrored"),
+      };
+    const units = new Float32Array(2 * group.channels.length);
+    group.channels.forEach(({ offset, step }, c) => {
+      units[2 * c] = offset - 128 * step;
+      units[2 * c + 1] = step;
+    });
+    return {
+      ...common,
+      profile: "motion",
+      tile: group.tile,
+      columns: group.columns,
+      rows: group.rows,
+      units,
+      statics: tables!.statics(),
+      blocks: group.blocks.count,
+      lattice: {
+        min: group.positions.min,
+        step: group.positions.step,
+        ratio: group.positions.step / group.blocks.radius,
+      },
+      mirrored: [],
+    };
+  }
+
+  private prepare(index: number): Promise<Prepared> {
+    let prepared = this.prepared.get(index);
+    if (prepared === undefined) {
+      prepared = this.read(index);
+      prepared.catch(() => undefined);
+    }
+    // Used last, dropped last.
+    this.prepared.delete(index);
+    this.prepared.set(index, prepared);
+    for (const old of [...this.prepared.keys()].slice(0, -PREPARED)) this.drop(old);
+    return prepared;
+  }
+
+  /** Gets the group that plays next ready, in time. */
+  private prepareNext(index: number): void {
+    const groups = this.manifest!.groups.length;
+    const next = index + 1 < groups ? index + 1 : this.loop ? 0 : -1;
+    if (next < 0 || this.prepared.has(next)) return;
+    this.prepare(next).then(({ pictures }) => {
+      pictures.warm();
+    }, (error: unknown) => {
+      this.drop(next);
+      if (error instanceof StreamError && !(error instanceof PathFailed)) this.leaveOut(next, error.message);
+    });
+  }
+
+  private drop(index: number): void {
+    const prepared = this.prepared.get(index);
+    this.prepared.delete(index);
+    prepared?.then(
+      ({ pictures }) => {
+        pictures.close();
+      },
+      () => undefined,
+    );
+  }
+
+  private async read(index: number): Promise<Prepared> {
+    const manifest = this.manifest!;
+    const group = manifest.groups[index];
+    const files = await this.store!.get(index);
+    if (group.profile === "planes") {
+      const pictures = new PlanesPictures(
+        group,
+        (plane) => this.openVideo(files, group.files[plane].path, [group.side, group.side], group.frameCount),
+        this.pool,
+      );
+      return { group, tables: null, pictures };
+    }
+    let tables: MotionTables;
+    try {
+      const raw = await inflate(files.get(group.side.path)!, group.side.rawBytes);
+      tables = new MotionTables(group, parseSideFile(raw, group));
+    } catch (error) {
+      throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
+    }
+    const size = [group.columns * group.tile, group.rows * group.tile] as const;
+    return { group, tables, pictures: await this.openVideo(files, group.video.path, size, group.frameCount) };
+  }
+
+  private async openVideo(
+    files: Files,
+    path: string,
+    size: readonly [number, number],
+    frames: number,
+  ): Promise<PictureSource> {
+    const codec = this.manifest!.codec;
+    const data = files.get(path)!;
+    const demuxed = await demux(data, path, codec, size, frames);
+    if (this.path === "video") {
+      return new VideoElementPictures(this.channel, data, demuxed, size, this.pool);
+    }
+    const config: VideoDecoderConfig = {
+      ...demuxed.config,
+      optimizeForLatency: true,
+      hardwareAcceleration: this.path === "webcodecs" ? "no-preference" : "prefer-software",
+    };
+    const support = await VideoDecoder.isConfigSupported(config).catch(() => ({ supported: false }));
+    if (support.supported !== true)
+      throw new PathFailed(`This browser cannot decode ${codec} video of this kind (${config.codec}, ${size[0]}x${size[1]}).`);
+    return new WebCodecsPictures(config, demuxed.packets, size, path, this.pool);
+  }
+
+  /** The next way of decoding, where there is one left to try. */
+  private changePath(): boolean {
+    if (!this.mayChangePath) return false;
+    if (this.path === "webcodecs") this.path = "webcodecs-software";
+    else if (this.path === "webcodecs-software" && this.manifest!.profile === "motion") this.path = "video";
+    else return false;
+    for (const index of [...this.prepared.keys()]) this.drop(index);
+    this.post({ type: "path", path: this.path });
+    return true;
+  }
+
+  private leaveOut(group: number, message: string): void {
+    if (this.told.has(group)) return;
+    this.told.add(group);
+    this.post({ type: "left-out", group, message });
+  }
+
+  private checkDevice(manifest: Manifest): void {
+    for (const group of manifest.groups) {
+      const { tile, columns, rows } = group.profile === "motion" ? group : planesLayout(group);
+      if (Math.max(columns, rows) * tile > this.maxTexture)
+        throw new StreamError(
+          `This stream's pictures are ${columns * tile}x${rows * tile}; this device's graphics take ${this.maxTexture} at most.`,
+        );
+    }
+  }
+
+  private count(bytes: number, milliseconds: number): void {
+    this.received += bytes;
+    // Short answers say more of the round trip than of the bandwidth.
+    if (bytes < 20_000) return;
+    const rate = (8 * bytes) / Math.max(milliseconds, 1) / 1000;
+    this.bandwidth = this.bandwidth === 0 ? rate : 0.7 * this.bandwidth + 0.3 * rate;
+  }
+
+  private tellFetched(): void {
+    this.post({
+      type: "fetched",
+      groups: this.store!.present,
+      bytes: this.received,
+      bandwidth: this.bandwidth,
+      cached: this.store!.bytes,
+    });
+  }
+}

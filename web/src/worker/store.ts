@@ -1,0 +1,152 @@
+/** Fetched groups: kept up to a bound, fetched ahead of the playhead, one group at a time. */
+
+import { StreamError } from "../stream/errors.ts";
+import type { Group } from "../stream/manifest.ts";
+import { type Source, sha256 } from "./http.ts";
+
+export type Files = ReadonlyMap<string, Uint8Array<ArrayBuffer>>;
+
+/** Bytes kept in memory: what was played stays as long as it fits, so that loops fetch nothing again. */
+const KEPT_BYTES = 192 << 20;
+/** Fetched ahead of the playhead at most. */
+const AHEAD_BYTES = 64 << 20;
+
+export class GroupStore {
+  private readonly groups: readonly Group[];
+  private readonly source: Source;
+  private readonly changed: () => void;
+  private readonly files = new Map<number, Files>();
+  private readonly fetching = new Map<number, Promise<Files>>();
+  private readonly failed = new Map<number, StreamError>();
+  private readonly stop = new AbortController();
+  /** Bytes in memory. */
+  bytes = 0;
+  private playhead = 0;
+  private loop = true;
+  private busy = false;
+
+  constructor(groups: readonly Group[], source: Source, changed: () => void) {
+    this.groups = groups;
+    this.source = source;
+    this.changed = changed;
+  }
+
+  /** Groups in memory. */
+  get present(): number[] {
+    return [...this.files.keys()];
+  }
+
+  /** Forgets failures, so that these groups are fetched again. */
+  forgive(): void {
+    this.failed.clear();
+  }
+
+  close(): void {
+    this.stop.abort();
+  }
+
+  /** Where playing has got to: what comes next is fetched, if nothing more urgent is. */
+  follow(group: number, loop: boolean): void {
+    this.playhead = group;
+    this.loop = loop;
+    void this.fetchAhead();
+  }
+
+  /**
+   * A group's files, checked.
+   *
+   * @throws StreamError - a file is missing or is not what the manifest promises
+   */
+  get(group: number): Promise<Files> {
+    const kept = this.files.get(group);
+    if (kept !== undefined) {
+      // Used last, dropped last.
+      this.files.delete(group);
+      this.files.set(group, kept);
+      return Promise.resolve(kept);
+    }
+    const failed = this.failed.get(group);
+    if (failed !== undefined) return Promise.reject(failed);
+    let fetching = this.fetching.get(group);
+    if (fetching === undefined) {
+      fetching = this.fetch(this.groups[group]).finally(() => this.fetching.delete(group));
+      this.fetching.set(group, fetching);
+    }
+    return fetching;
+  }
+
+  private async fetch(group: Group): Promise<Files> {
+    try {
+      const files = new Map<string, Uint8Array<ArrayBuffer>>();
+      const contents = await inTurns(group.files, 6, async (file) => {
+        const data = await this.source.read(file.path, file.bytes, this.stop.signal);
+        const digest = await sha256(data);
+        if (digest !== null && digest !== file.sha256)
+          throw new StreamError(`${file.path} is damaged: its bytes do not match their SHA-256.`);
+        return data;
+      });
+      group.files.forEach((file, i) => files.set(file.path, contents[i]));
+      this.files.set(group.index, files);
+      this.bytes += group.bytes;
+      this.dropOldest(group.index);
+      this.changed();
+      return files;
+    } catch (error) {
+      if (error instanceof StreamError && !this.stop.signal.aborted) this.failed.set(group.index, error);
+      throw error;
+    }
+  }
+
+  private dropOldest(except: number): void {
+    for (const index of this.files.keys()) {
+      if (this.bytes <= KEPT_BYTES) return;
+      if (index === except || index === this.playhead) continue;
+      this.files.delete(index);
+      this.bytes -= this.groups[index].bytes;
+    }
+  }
+
+  private async fetchAhead(): Promise<void> {
+    if (this.busy) return;
+    this.busy = true;
+    try {
+      for (;;) {
+        const next = this.nextToFetch();
+        if (next === null || this.stop.signal.aborted) return;
+        await this.get(next).catch(() => undefined); // told when it is to be played
+      }
+    } finally {
+      this.busy = false;
+    }
+  }
+
+  private nextToFetch(): number | null {
+    let ahead = 0;
+    for (let step = 0; step < this.groups.length; step++) {
+      let index = this.playhead + step;
+      if (index >= this.groups.length) {
+        if (!this.loop) return null;
+        index -= this.groups.length;
+      }
+      ahead += this.groups[index].bytes;
+      if (step > 1 && ahead > AHEAD_BYTES) return null;
+      if (!this.files.has(index) && !this.failed.has(index)) return index;
+    }
+    return null;
+  }
+}
+
+/** Maps items by an asynchronous function, at most `lanes` at a time; results in order. */
+async function inTurns<T, R>(items: readonly T[], lanes: number, map: (item: T) => Promise<R>): Promise<R[]> {
+  const results = new Array<R>(items.length);
+  let next = 0;
+  await Promise.all(
+    Array.from({ length: Math.min(lanes, items.length) }, async () => {
+      while (next < items.length) {
+        const at = next++;
+        results[at] = await map(items[at]);
+      }
+    }),
+  );
+  return results;
+}

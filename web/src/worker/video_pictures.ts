@@ -1,0 +1,126 @@
+/**
+ * Decoded luma by way of a <video> element, where there is no WebCodecs: on pages that are not secure, and in browsers
+ * without it. The element lives on the page; this asks for its pictures.
+ */
+
+import type { Demuxed } from "./demux.ts";
+import type { VideoReply, VideoRequest } from "./messages.ts";
+import { Closed, type Luma, type PictureSource } from "./pictures.ts";
+import { StreamError } from "../stream/errors.ts";
+import type { Pool } from "./pool.ts";
+
+/** Matches the page's answers with requests. */
+export class VideoChannel {
+  private readonly post: (request: VideoRequest) => void;
+  private readonly open = new Map<number, { resolve: (luma: ArrayBuffer) => void; reject: (error: unknown) => void }>();
+  private last = 0;
+
+  constructor(post: (request: VideoRequest) => void) {
+    this.post = post;
+  }
+
+  ask(make: (request: number) => VideoRequest): Promise<ArrayBuffer> {
+    const request = ++this.last;
+    const answer = new Promise<ArrayBuffer>((resolve, reject) => {
+      this.open.set(request, { resolve, reject });
+    });
+    this.post(make(request));
+    return answer;
+  }
+
+  send(request: VideoRequest): void {
+    this.post(request);
+  }
+
+  receive(reply: VideoReply): void {
+    const pending = this.open.get(reply.request);
+    this.open.delete(reply.request);
+    if (reply.type === "video-frame") pending?.resolve(reply.luma);
+    else pending?.reject(new StreamError(reply.message));
+  }
+
+  newSource(): number {
+    return ++this.last;
+  }
+}
+
+export class VideoElementPictures implements PictureSource {
+  private readonly channel: VideoChannel;
+  private readonly demuxed: Demuxed;
+  private readonly source: number;
+  private readonly opened: Promise<unknown>;
+  private readonly pool: Pool;
+  private chain: Promise<unknown>;
+  private ahead: { index: number; luma: Promise<Luma> } | null = null;
+  private closed = false;
+
+  constructor(
+    channel: VideoChannel,
+    file: Uint8Array<ArrayBuffer>,
+    demuxed: Demuxed,
+    size: readonly [number, number],
+    pool: Pool,
+  ) {
+    this.channel = channel;
+    this.demuxed = demuxed;
+    this.pool = pool;
+    const source = (this.source = channel.newSource());
+    const [width, height] = size;
+    this.opened = channel.ask((request) => ({
+      type: "video-open",
+      request,
+      source,
+      file: new Blob([file], { type: "video/mp4" }),
+      width,
+      height,
+    }));
+    this.opened.catch(() => undefined);
+    this.chain = this.opened;
+  }
+
+  async get(index: number): Promise<Luma> {
+    const ahead = this.ahead;
+    this.ahead = null;
+    const luma = await (ahead?.index === index ? ahead.luma : this.read(index));
+    if (index + 1 < this.demuxed.packets.length && !this.isClosed()) {
+      const next = this.read(index + 1);
+      next.catch(() => undefined);
+      this.ahead = { index: index + 1, luma: next };
+    }
+    return luma;
+  }
+
+  warm(): void {
+    if (this.ahead !== null) return;
+    const first = this.read(0);
+    first.catch(() => undefined);
+    this.ahead = { index: 0, luma: first };
+  }
+
+  close(): void {
+    this.closed = true;
+    this.channel.send({ type: "video-close", source: this.source });
+    this.ahead?.luma.then((luma) => { this.pool.give(luma.data); }).catch(() => undefined);
+  }
+
+  private isClosed(): boolean {
+    return this.closed;
+  }
+
+  private read(index: number): Promise<Luma> {
+    const reading = this.chain.then(async () => {
+      if (this.closed) throw new Closed();
+      const packet = this.demuxed.packets[index];
+      const began = performance.now();
+      const luma = await this.channel.ask((request) => ({
+        type: "video-read",
+        request,
+        source: this.source,
+        time: packet.timestamp + (packet.duration || 1 / 30) / 2,
+      }));
+      return { data: new Uint8Array(luma), decode: performance.now() - began };
+    });
+    this.chain = reading.catch(() => undefined);
+    return reading;
+  }
+}

@@ -1,0 +1,180 @@
+/** Reading a stream, held against arrays that Python wrote (tests/web/write_fixtures.py). */
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
+import { test } from "node:test";
+import { type Group, groupOfFrame, type MotionGroup, parseManifest, type PlanesGroup, squareSide } from "../src/stream/manifest.ts";
+import { tilePixels } from "../src/stream/morton.ts";
+import { MotionTables } from "../src/stream/motion.ts";
+import { planePositions, planesLayout } from "../src/stream/planes.ts";
+import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
+import { DepthSorter } from "../src/stream/sort.ts";
+import { linkTo, parseTime, parseView } from "../src/ui/link.ts";
+
+const folder = process.env["V3_FIXTURES"] ?? join(import.meta.dirname, "build", "fixtures");
+const bytes = (name: string): Uint8Array<ArrayBuffer> => new Uint8Array(readFileSync(join(folder, name)));
+const json = (name: string): unknown => JSON.parse(readFileSync(join(folder, name), "utf8"));
+
+function group(name: string): Group {
+  const data = bytes(`${name}.json`);
+  return parseManifest(new TextDecoder().decode(data), data.length).groups[0];
+}
+
+async function side(): Promise<[MotionGroup, SideFile]> {
+  const motion = group("motion") as MotionGroup;
+  return [motion, parseSideFile(await inflate(bytes("motion.bin"), motion.side.rawBytes), motion)];
+}
+
+interface Arrays {
+  cells: number[];
+  labels: number[];
+  classes: number[];
+  motions: number[];
+  turns: number[];
+  escapes: [number, number, number, number][];
+  pixels: number[];
+}
+
+void test("the side file holds what Python reads from it", async () => {
+  const [motion, read] = await side();
+  const want = json("side.json") as Arrays;
+  assert.deepEqual([...read.cells], want.cells);
+  assert.deepEqual([...read.labels], want.labels);
+  assert.deepEqual([...read.classes], want.classes);
+  assert.deepEqual([...read.motions], want.motions);
+  assert.deepEqual([...read.turns], want.turns);
+  assert.ok(want.escapes.length > 0, "the fixture has no escapes");
+  const { starts, splat, channel, code } = read.escapes;
+  const escapes: number[][] = [];
+  for (let frame = 0; frame < motion.frameCount; frame++)
+    for (let e = starts[frame]; e < starts[frame + 1]; e++) escapes.push([frame, splat[e], channel[e], code[e]]);
+  const key = ([frame, s, c]: number[]): number => (frame * 1e6 + s) * 100 + c;
+  escapes.sort((a, b) => key(a) - key(b));
+  assert.deepEqual(escapes, want.escapes.sort((a, b) => key(a) - key(b)));
+});
+
+void test("positions are Python's bit by bit", async () => {
+  const [motion, read] = await side();
+  const tables = new MotionTables(motion, read);
+  assert.deepEqual([...tables.pixels], (json("side.json") as Arrays).pixels);
+  const luma = bytes("motion.luma");
+  const want = new Float32Array(bytes("motion.positions").buffer);
+  const size = luma.length / motion.frameCount;
+  const out = new Float32Array(3 * motion.splats);
+  for (let frame = 0; frame < motion.frameCount; frame++) {
+    tables.positions(frame, luma.subarray(frame * size, (frame + 1) * size), tables.blocks(frame), out);
+    assert.deepEqual(out, want.subarray(frame * out.length, (frame + 1) * out.length), `frame ${frame}`);
+  }
+});
+
+void test("positions of planes are Python's", () => {
+  const planes = group("planes") as PlanesGroup;
+  const { tile, columns, rows } = planesLayout(planes);
+  const luma = bytes("planes.luma");
+  const want = new Float32Array(bytes("planes.positions").buffer);
+  const count = planes.files.length;
+  const out = new Float32Array(3 * planes.splats);
+  for (let frame = 0; frame < planes.frameCount; frame++) {
+    const picture = new Uint8Array(tile * tile * columns * rows);
+    for (let plane = 0; plane < count; plane++)
+      for (let row = 0; row < tile; row++) {
+        const from = ((frame * count + plane) * tile + row) * tile;
+        const to = (Math.floor(plane / columns) * tile + row) * tile * columns + (plane % columns) * tile;
+        picture.set(luma.subarray(from, from + tile), to);
+      }
+    planePositions(planes, picture, out);
+    for (let i = 0; i < out.length; i++) assert.ok(Math.abs(out[i] - want[frame * out.length + i]) < 1e-6);
+  }
+});
+
+void test("pixels of the Morton curve are Python's", () => {
+  for (const [key, want] of Object.entries(json("morton.json") as Record<string, number[]>)) {
+    const [tile, count] = key.split(" ").map(Number);
+    const pixels = tilePixels(tile, count);
+    const sum = pixels.reduce((a, b) => a + b, 0);
+    assert.deepEqual([sum, ...pixels.slice(0, 50), ...pixels.slice(-50)], want, key);
+  }
+});
+
+void test("a damaged side file is refused, whatever byte is wrong", async () => {
+  const motion = group("motion") as MotionGroup;
+  const raw = await inflate(bytes("motion.bin"), motion.side.rawBytes);
+  let refused = 0;
+  for (let at = 0; at < raw.length; at += 97) {
+    const changed = raw.slice();
+    changed[at] ^= 0x55;
+    try {
+      const read = parseSideFile(changed, motion);
+      assert.ok(read.labels.every((label) => label < motion.blocks.count));
+    } catch (error) {
+      assert.equal((error as Error).name, "StreamError");
+      refused++;
+    }
+  }
+  assert.ok(refused > 10);
+  assert.throws(() => parseSideFile(raw.subarray(0, -1), motion), /ends early/);
+  await assert.rejects(inflate(bytes("motion.bin"), motion.side.rawBytes - 1), /more than/);
+  await assert.rejects(inflate(bytes("motion.bin"), motion.side.rawBytes + 1), /not/);
+  await assert.rejects(inflate(bytes("motion.bin").slice(9), motion.side.rawBytes), /./);
+});
+
+void test("splats are sorted back to front, the later one first at equal depth", () => {
+  let seed = 1;
+  const random = (): number => (seed = (seed * 16807) % 2147483647) / 2147483647;
+  const count = 20_000;
+  const positions = Float32Array.from({ length: 3 * count }, () => 4 * random() - 2);
+  const axis = [0.48, -0.6, 0.64, 1.5] as const;
+  const out = new Uint32Array(count);
+  const total = new DepthSorter().sort(positions, null, axis, 0.01, out);
+  const depth = (i: number): number =>
+    axis[0] * positions[3 * i] + axis[1] * positions[3 * i + 1] + axis[2] * positions[3 * i + 2] + axis[3];
+  const front = Array.from({ length: count }, (_, i) => i).filter((i) => depth(i) >= 0.01);
+  assert.equal(total, front.length);
+  assert.deepEqual(new Set(out.subarray(0, total)), new Set(front));
+  for (let k = 1; k < total; k++) assert.ok(depth(out[k]) - depth(out[k - 1]) < 8 / 65535);
+  const flat = new Uint32Array(5);
+  const pixels = Uint32Array.of(50, 40, 30, 20, 10);
+  assert.equal(new DepthSorter().sort(new Float32Array(15), pixels, [0, 0, 1, 1], 0.01, flat), 5);
+  assert.deepEqual([...flat], [10, 20, 30, 40, 50]);
+  assert.equal(new DepthSorter().sort(new Float32Array(15), pixels, [0, 0, 1, -1], 0.01, flat), 0);
+});
+
+void test("manifests out of bounds are refused with the place", () => {
+  const text = new TextDecoder().decode(bytes("motion.json"));
+  const refused = (change: (values: Record<string, never>) => void, message: RegExp): void => {
+    const values = JSON.parse(text) as Record<string, never>;
+    change(values);
+    const changed = JSON.stringify(values);
+    assert.throws(() => parseManifest(changed, changed.length), message);
+  };
+  type Edit = { version: number; groups: { splats: number; side: { path: string }; channels: { step: number }[]; bytes: number }[] };
+  const edit = (change: (values: Edit) => void) => (values: unknown) => {
+    change(values as Edit);
+  };
+  refused(edit((v) => (v.version = 3)), /version 3.*update/);
+  refused(edit((v) => (v.version = 1)), /profile/);
+  refused(edit((v) => (v.groups[0].splats = 1e9)), /groups\.0\.splats/);
+  refused(edit((v) => (v.groups[0].side.path = "/etc/passwd")), /groups\.0\.side\.path/);
+  refused(edit((v) => (v.groups[1].side.path = v.groups[0].side.path)), /path twice/);
+  refused(edit((v) => (v.groups[0].channels[2].step = 0)), /channels\.2\.step/);
+  refused(edit((v) => (v.groups[0].bytes += 1)), /sum over its files/);
+  assert.throws(() => parseManifest("[", 1), /not readable JSON/);
+  assert.throws(() => parseManifest("{}", 2), /not the manifest/);
+});
+
+void test("small things", () => {
+  assert.equal(squareSide(1, 16), 16);
+  assert.equal(squareSide(257, 16), 32);
+  assert.equal(squareSide(4194304, 16), 2048);
+  const groups = [{ firstFrame: 0 }, { firstFrame: 5 }, { firstFrame: 9 }];
+  assert.deepEqual([0, 4, 5, 8, 9, 100].map((frame) => groupOfFrame(groups, frame)), [0, 0, 1, 1, 2, 2]);
+  const view = { azimuth: -32.5, elevation: 10, distance: 2.25, target: [0, 1, -0.5] as const };
+  const link = new URL(linkTo("http://x.org/a/?benchmark&src=s", 3.24, view));
+  assert.deepEqual(parseView(link.searchParams.get("view")), view);
+  assert.equal(parseTime(link.searchParams.get("t")), 3.24);
+  assert.equal(link.searchParams.get("src"), "s");
+  assert.equal(parseView("1,2,0,0,0,0"), null);
+  assert.equal(parseView(null), null);
+  assert.equal(parseTime("-1"), null);
+});
