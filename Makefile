@@ -11,7 +11,7 @@ FRESH_ARGS ?=
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo examples gui web web-lint web-test test fresh-test lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo examples gui web web-lint web-test test fresh-test tsan lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -41,6 +41,12 @@ test: setup-tests web web-test ## install what is missing and run all tests (PYT
 
 fresh-test: ## set up and run in a minimal Debian that is built for it (root only; FRESH_SUITE=trixie: another release)
 	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
+
+tsan: system ## check the C++ kernels for data races with ThreadSanitizer
+	@$(INSTALL) --dev
+	@PATH="$$PWD/.venv/bin:$$PATH" cmake -S . -B build/tsan -G Ninja -DV3STUDIO_TSAN=ON
+	@PATH="$$PWD/.venv/bin:$$PATH" cmake --build build/tsan
+	@setarch --addr-no-randomize build/tsan/kernels_tsan
 
 lint: system web-lint ## ruff (rules and format), mypy, eslint and tsc
 	@$(INSTALL) --dev

@@ -1,4 +1,4 @@
-"""Image quality: PSNR and SSIM, one definition for training, evaluation and reports."""
+"""Image quality metrics, PSNR and SSIM: one definition for training, evaluation and reports."""
 
 from __future__ import annotations
 
@@ -12,47 +12,63 @@ from torch import Tensor
 from studio.errors import StudioError
 
 SSIM_WINDOW = 11
-"""Side of SSIM's Gaussian window, pixels."""
+"""Size of the Gaussian window of SSIM, pixels."""
 
 SSIM_SIGMA = 1.5
-"""Standard deviation of SSIM's Gaussian window, pixels."""
+"""Standard deviation of the Gaussian window of SSIM, pixels."""
 
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
-"""SSIM's stabilizing constants for values in 0 to 1."""
+"""Stabilizing constants of SSIM for values in 0 to 1."""
 
 
-def _check(image: Tensor, target: Tensor) -> None:
+def check_image_pair(image: Tensor, target: Tensor) -> None:
+    """Check that two images can be compared.
+
+    Raises:
+        StudioError: `metrics.image_shape`: they are not two non-empty (H, W, 3) tensors of the same size.
+    """
     if image.shape != target.shape or image.ndim != 3 or image.shape[-1] != 3 or image.numel() == 0:
+        shapes = (tuple(image.shape), tuple(target.shape))
         raise StudioError(
-            f"Two (H, W, 3) images of one size are needed, found {tuple(image.shape)} and {tuple(target.shape)}."
+            "metrics.image_shape",
+            f"the images have shapes {shapes[0]} and {shapes[1]}; expected (H, W, 3) and the same size for both",
+            value=shapes,
         )
 
 
+def _check_mask(mask: Tensor, size: tuple[int, ...]) -> None:
+    if mask.shape != size:
+        raise StudioError(
+            "metrics.mask_shape",
+            f"the mask has shape {tuple(mask.shape)}; expected {tuple(size)}",
+            value=tuple(mask.shape),
+            expected=tuple(size),
+        )
+    if not mask.sum() > 0:
+        raise StudioError("metrics.mask_empty", "the mask is empty")
+
+
 def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
-    """Peak signal-to-noise ratio in dB, peak 1.
+    """Peak signal-to-noise ratio in dB for a peak value of 1.
 
     Args:
         image, target: (H, W, 3) in 0 to 1.
-        mask: (H, W) weights of the pixels, 0 to 1, or None for all alike.
+        mask: (H, W) weights of the pixels, 0 to 1; None weights all pixels equally.
 
     Returns:
-        Scalar; infinity for images without a difference.
+        Scalar; infinity for identical images.
 
     Raises:
-        StudioError: the shapes do not fit, or the mask is empty.
+        StudioError: `metrics.image_shape`, `metrics.mask_shape` or `metrics.mask_empty`.
     """
-    _check(image, target)
+    check_image_pair(image, target)
     squared = (image - target).square().mean(-1)
     if mask is None:
         mean = squared.mean()
     else:
-        if mask.shape != squared.shape:
-            raise StudioError(f"The mask must be {tuple(squared.shape)}, found {tuple(mask.shape)}.")
+        _check_mask(mask, squared.shape)
         weights = mask.to(squared)
-        total = weights.sum()
-        if not total > 0:
-            raise StudioError("The mask for PSNR is empty.")
-        mean = (squared * weights).sum() / total
+        mean = (squared * weights).sum() / weights.sum()
     return -10.0 * torch.log10(mean)
 
 
@@ -63,7 +79,7 @@ def _taps() -> tuple[float, ...]:
 
 
 def gaussian_blur(planes: Tensor) -> Tensor:
-    """SSIM's window over (C, H, W) planes, zeros outside the image, same size."""
+    """Blur (C, H, W) planes with the window of SSIM, zero padding; same size."""
     taps = planes.new_tensor(_taps())
     channels = planes.shape[0]
     row = taps.view(1, 1, 1, -1).expand(channels, 1, 1, -1)
@@ -74,8 +90,8 @@ def gaussian_blur(planes: Tensor) -> Tensor:
 
 
 def ssim_map(image: Tensor, target: Tensor) -> Tensor:
-    """SSIM at each pixel and channel, (3, H, W); see `ssim`."""
-    _check(image, target)
+    """(3, H, W) SSIM per channel and pixel; see `ssim`."""
+    check_image_pair(image, target)
     x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)
     mean_x, mean_y, xx, yy, xy = gaussian_blur(torch.cat([x, y, x * x, y * y, x * y])).chunk(5)
     var_x, var_y, cov = xx - mean_x.square(), yy - mean_y.square(), xy - mean_x * mean_y
@@ -85,26 +101,23 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
 
 
 def ssim(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
-    """Structural similarity (Wang et al. 2004): 11x11 Gaussian window, sigma 1.5, as 3DGS and VideoGS measure it.
+    """Structural similarity (Wang et al. 2004) with an 11x11 Gaussian window, sigma 1.5, as in 3DGS and VideoGS.
 
-    The window is zero-padded at the image's border, each channel is compared for itself, and the map is averaged.
+    The image is zero-padded, channels are compared separately, and the map is averaged.
 
     Args:
         image, target: (H, W, 3) in 0 to 1.
-        mask: (H, W) weights of the map's pixels in the mean, or None for all alike.
+        mask: (H, W) weights of the SSIM map in the mean, 0 to 1; None weights all pixels equally.
 
     Returns:
         Scalar, at most 1. Differentiable.
 
     Raises:
-        StudioError: the shapes do not fit, or the mask is empty.
+        StudioError: `metrics.image_shape`, `metrics.mask_shape` or `metrics.mask_empty`.
     """
     values = ssim_map(image, target).mean(0)
     if mask is None:
         return values.mean()
-    if mask.shape != values.shape:
-        raise StudioError(f"The mask must be {tuple(values.shape)}, found {tuple(mask.shape)}.")
+    _check_mask(mask, values.shape)
     weights = mask.to(values)
-    if not weights.sum() > 0:
-        raise StudioError("The mask for SSIM is empty.")
     return (values * weights).sum() / weights.sum()

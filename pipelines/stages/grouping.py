@@ -72,7 +72,10 @@ def find_groups(footage: TakeFootage, progress: ProgressFn) -> None:
         looks.append([look(raw.raw_image(name, frame), raw.raw_matte(name, frame)) for name in cameras])
     starts, changes = starts_of(looks, settings.group_size, settings.group_change)
     found = FoundGroups(
-        key=key(footage), starts=starts, changes=[round(value, 4) for value in changes], cameras=list(cameras)
+        key=key(footage),
+        starts=tuple(starts),
+        changes=tuple(round(value, 4) for value in changes),
+        cameras=tuple(cameras),
     )
     write_model(footage.take.grouping, found)
 

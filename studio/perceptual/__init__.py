@@ -1,9 +1,9 @@
-"""LPIPS: how different two images look to a network whose features were weighted by people's judgments.
+"""LPIPS, a learned perceptual distance between images.
 
-Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", 2018; version 0.1 of the metric,
-as its authors' package `lpips` computes it. That package is not used, because it needs torchvision, whose releases fit
-one release and build of torch each. What it computes is short and will not change; its fitted weights (10 kB) lie
-beside this file under their own license. The network's weights are the file that torchvision publishes.
+Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", 2018. This is version 0.1 of the
+metric, as computed by the authors' package `lpips`. That package is not a dependency because it needs torchvision, each
+release of which requires one specific release and build of torch. The fitted linear weights (10 kB) are next to this
+file under their own license; the weights of the network are those that torchvision publishes.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 SMALLEST = 32
-"""Least side of an image in pixels: below it nothing is left for AlexNet's last layers."""
+"""Minimum width and height of an image, pixels: the last layers of AlexNet have no output below it."""
 
 _LINEAR_WEIGHTS = Path(__file__).with_name("linear_weights.safetensors")
 _PUBLISHED = "https://download.pytorch.org/models"
 
-# What the authors' package takes off red, green and blue of -1 to 1, and divides by: ImageNet's mean and deviation.
+# Mean and standard deviation of ImageNet for RGB in -1 to 1, as in the authors' package.
 _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
 
 
 @dataclass(frozen=True)
 class Network:
-    """A classifier that LPIPS looks through.
+    """A classification network whose features LPIPS compares.
 
     Attributes:
-        title: for people.
-        url: of the weights that torchvision publishes as IMAGENET1K_V1.
-        layers: its features: (channels, kernel, stride, padding) of a convolution with a ReLU behind it, or (kernel,
-            stride) of a pooling. They are numbered as in torchvision, where the ReLU counts.
-        taps: the numbers of the ReLUs whose outputs are compared.
+        title: display name.
+        url: the weights that torchvision publishes as IMAGENET1K_V1.
+        layers: (channels, kernel, stride, padding) of a convolution followed by a ReLU, or (kernel, stride) of a max
+            pooling. Numbered as in torchvision, where each ReLU counts.
+        taps: numbers of the ReLUs whose outputs are compared.
     """
 
     title: str
@@ -64,30 +64,38 @@ NETWORKS = {
     ),
     "vgg": Network("VGG16", f"{_PUBLISHED}/vgg16-397923af.pth", tuple(_vgg_layers()), (3, 8, 15, 22, 29)),
 }
-"""alex: the authors' choice for comparing, and the faster one; vgg: what most papers on radiance fields report."""
+"""alex: recommended by the authors for comparisons, and faster; vgg: used by most papers on radiance fields."""
 
 
 class Lpips:
-    """The metric, ready to compare. Making it loads the network, and fetches its weights where they are not there yet.
+    """The LPIPS metric. The constructor loads the network and downloads its weights if they are missing.
 
     Attributes:
-        protocol: what is measured with: network, file of its weights, version, least size.
-        remark: a sentence where the weights are not the published file; "" where they are.
+        protocol: how it measures, for reports: version, network, weights file, minimum size.
+        remark: warning `lpips.other_weights` if the weights are not the published file, else None.
     """
 
     def __init__(self, net: str, device: str = "cpu") -> None:
         """
         Args:
-            net: a name of `NETWORKS`.
-            device: torch device that it runs on.
+            net: a key of `NETWORKS`.
+            device: torch device.
 
         Raises:
-            StudioError: there is no such network, or its weights cannot be fetched or read.
+            StudioError: `lpips.unknown_network`; `lpips.download_failed`: the weights cannot be downloaded;
+                `lpips.invalid_weights`: they cannot be read.
         """
         from safetensors.torch import load_file
 
         if net not in NETWORKS:
-            raise StudioError(f"LPIPS: there is no network '{net}'; choose one of {', '.join(NETWORKS)}.")
+            raise StudioError(
+                "lpips.unknown_network",
+                f"unknown LPIPS network '{net}'",
+                value=net,
+                fix=f"Use {' or '.join(NETWORKS)}",
+                setting="evaluate.lpips",
+                expected=tuple(NETWORKS),
+            )
         network = NETWORKS[net]
         self._device, self._taps = device, network.taps
         file = weights_file(network)
@@ -96,31 +104,39 @@ class Lpips:
         self._linear = [linear[f"{net}.{number}"] for number in range(len(network.taps))]
         with file.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        wanted = _published_digest(file)
-        self.remark = ""
-        if not digest.startswith(wanted):
-            self.remark = (
-                f"{file} is not the file that torchvision publishes (its SHA-256 begins with {digest[:8]}, not "
-                f"{wanted}); LPIPS may differ from what others report."
+        published = _published_digest(file)
+        self.remark: Message | None = None
+        if not digest.startswith(published):
+            self.remark = Message(
+                "lpips.other_weights",
+                f"not the file that torchvision publishes (SHA-256 {digest[:8]}..., expected {published}...), so LPIPS "
+                "may differ from published results",
+                file=file,
+                value=digest[:8],
+                fix="Delete the file to download it again",
+                fields={"expected": published},
             )
         self.protocol = (
-            f"version 0.1 through {network.title}, weights {file.name} (SHA-256 {digest[:8]}...); lower is better; the "
-            f"background goes on around images of less than {SMALLEST} px"
+            f"version 0.1 with {network.title}, weights {file.name} (SHA-256 {digest[:8]}...); lower is better; images "
+            f"smaller than {SMALLEST} px are padded with the background"
         )
 
     def __call__(self, image: Tensor, target: Tensor, /) -> float:
-        """The distance: 0 for equal images, about 1 for images that have nothing in common.
+        """The distance: 0 for equal images, about 1 for unrelated ones.
 
         Args:
-            image, target: (H, W, 3) in 0 to 1, at least `SMALLEST` pixels each way.
+            image, target: (H, W, 3) in 0 to 1, at least `SMALLEST` pixels wide and high.
 
         Raises:
-            StudioError: the shapes do not fit or are too small.
+            StudioError: `metrics.image_shape`: not (H, W, 3), different sizes, or too small.
         """
         if image.shape != target.shape or image.ndim != 3 or image.shape[-1] != 3 or min(image.shape[:2]) < SMALLEST:
+            shapes = (tuple(image.shape), tuple(target.shape))
             raise StudioError(
-                f"LPIPS compares two (H, W, 3) images of one size, at least {SMALLEST} pixels each way; found "
-                f"{tuple(image.shape)} and {tuple(target.shape)}."
+                "metrics.image_shape",
+                f"the images have shapes {shapes[0]} and {shapes[1]}; LPIPS needs (H, W, 3), the same size for both, "
+                f"and at least {SMALLEST}x{SMALLEST} pixels",
+                value=shapes,
             )
         with torch.no_grad():
             pair = torch.stack([image, target]).to(self._device, torch.float32).permute(0, 3, 1, 2)
@@ -137,31 +153,35 @@ class Lpips:
 
 
 def weights_file(network: Network) -> Path:
-    """Where torch keeps the network's published weights, whether they are there or not."""
+    """Path of the published weights in the cache of torch; the file may not exist."""
     return Path(torch.hub.get_dir()) / "checkpoints" / network.url.rsplit("/", 1)[-1]
 
 
 def _loaded(network: Network, file: Path) -> dict[str, Any]:
-    """The published weights, fetched (and checked by their digest) where `file` is not there."""
-    was_there = file.is_file()
+    """The published weights; downloaded, and verified by their digest, if `file` does not exist."""
+    existed = file.is_file()
     try:
         found = torch.hub.load_state_dict_from_url(
             network.url, model_dir=str(file.parent), map_location="cpu", check_hash=True, weights_only=True
         )
-    except Exception as error:  # no network, no room, no rights, a file cut short: each is a class of its own
-        if was_there:
+    except Exception as error:  # no network, disk full, no permission, truncated file, ...: unrelated exception types
+        if existed:
             raise _unreadable(network, file, _first_line(error)) from None
         raise StudioError(
-            f"{network.title}'s weights for LPIPS cannot be fetched ({_first_line(error)}); put {file.name} from "
-            f"{network.url} into {file.parent}, or set evaluate.lpips to null."
+            "lpips.download_failed",
+            f"the LPIPS weights of {network.title} cannot be downloaded ({_first_line(error)})",
+            file=file,
+            value=network.url,
+            fix=f"Download {network.url} to {file.parent}, or set evaluate.lpips to null",
+            setting="evaluate.lpips",
         ) from None
     if not isinstance(found, dict):
-        raise _unreadable(network, file, f"it holds a {type(found).__name__}")
+        raise _unreadable(network, file, f"it contains a {type(found).__name__}")
     return found
 
 
 def _features(network: Network, state: dict[str, Any]) -> nn.Sequential:
-    """The convolutions, with the weights `features.N.weight` and `.bias` of `state`."""
+    """The feature layers, with the weights `features.N.weight` and `features.N.bias` of `state`."""
     layers: list[nn.Module] = []
     channels = 3
     for layer in network.layers:
@@ -171,23 +191,25 @@ def _features(network: Network, state: dict[str, Any]) -> nn.Sequential:
         layers += [nn.Conv2d(channels, layer[0], layer[1], layer[2], layer[3]), nn.ReLU()]
         channels = layer[0]
     found = nn.Sequential(*layers).requires_grad_(False)
-    begin = "features."
+    prefix = "features."
     try:
-        found.load_state_dict({str(k).removeprefix(begin): v for k, v in state.items() if str(k).startswith(begin)})
-    except RuntimeError as error:  # torch lists every name that is missing
+        found.load_state_dict({str(k).removeprefix(prefix): v for k, v in state.items() if str(k).startswith(prefix)})
+    except RuntimeError as error:  # the message lists every missing name
         raise _unreadable(network, weights_file(network), str(error).splitlines()[-1].strip()[:200]) from None
     return found
 
 
-def _unreadable(network: Network, file: Path, why: str) -> StudioError:
+def _unreadable(network: Network, file: Path, reason: str) -> StudioError:
     return StudioError(
-        f"{file}: these are no weights of {network.title} ({why}); delete the file, and it is fetched anew from "
-        f"{network.url}."
+        "lpips.invalid_weights",
+        f"not a weights file of {network.title} ({reason})",
+        file=file,
+        fix=f"Delete the file to download it again from {network.url}",
     )
 
 
 def _published_digest(file: Path) -> str:
-    """The first digits of the SHA-256, which torch's published files carry in their names; "" where there are none."""
+    """The first digits of the SHA-256 from the name of a published file, or ""."""
     found = re.search(r"-([0-9a-f]{8,})\.[^.]+$", file.name)
     return found[1] if found else ""
 

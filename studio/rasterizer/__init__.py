@@ -1,7 +1,7 @@
-"""Drawing splats: `rasterize`, with three backends that are held to one definition.
+"""Differentiable splat rasterization: `rasterize`, with three backends that are tested against one definition.
 
-- `reference`: readable torch, any dtype; the definition (`reference.py`).
-- `cpu`: C++ kernels, forward and backward, on all cores (`cpu.py`, `csrc/`).
+- `reference`: plain PyTorch, any floating dtype. This is the definition (`reference.py`).
+- `cpu`: multithreaded C++ kernels for the forward and backward passes (`cpu.py`, `csrc/`).
 - `cuda`: gsplat (`cuda.py`).
 """
 

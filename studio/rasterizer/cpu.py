@@ -1,8 +1,7 @@
-"""The CPU kernels as a differentiable torch function: float32 and float64, on as many threads as torch uses.
+"""The CPU backend: the C++ kernels as a differentiable torch function, in float32 and float64.
 
-The C++ in `csrc/` takes raw arrays, so it is built once for every version of torch. It has threads of its own
-(`csrc/threads.h`), which do not slow each other down on a busy machine as torch's can; `set_kernel_threads` gives it
-another number than torch's.
+The kernels in `csrc/` take raw arrays and do not link to torch, so one build works with any version of torch. They use
+their own thread pool (`csrc/threads.h`), which tolerates a busy machine better than torch's.
 """
 
 from __future__ import annotations
@@ -23,13 +22,15 @@ def load_kernels() -> Any:
     """The compiled module `studio.rasterizer._kernels`.
 
     Raises:
-        StudioError: it is not built, or was built for another Python.
+        StudioError: `rasterizer.kernels_missing`: it was not built, or was built for another Python version.
     """
     try:
         return importlib.import_module("studio.rasterizer._kernels")
     except ImportError as error:
         raise StudioError(
-            f"The CPU kernels cannot be loaded ({error}); install the package again with `pip install -e .`."
+            "rasterizer.kernels_missing",
+            f"the CPU kernels cannot be loaded ({error})",
+            fix="Reinstall the package: `pip install -e .`",
         ) from None
 
 
@@ -37,20 +38,29 @@ _threads: int | None = None
 
 
 def set_kernel_threads(count: int | None) -> None:
-    """How many threads the rasterizer and the photometric loss use on the CPU; None: `torch.get_num_threads()`."""
+    """Set the number of threads of the CPU rasterizer and photometric loss; None means `torch.get_num_threads()`.
+
+    Raises:
+        StudioError: `rasterizer.invalid_argument`: `count` is below 1.
+    """
     global _threads
     if count is not None and count < 1:
-        raise StudioError(f"The kernels need at least one thread, found {count}.")
+        raise StudioError(
+            "rasterizer.invalid_argument",
+            f"the number of kernel threads is {count}; it must be at least 1",
+            value=count,
+            argument="count",
+        )
     _threads = count
 
 
 def kernel_threads() -> int:
-    """How many threads the kernels use; no result depends on it by a single bit."""
+    """Number of threads that the kernels use. The results do not depend on it, bit for bit."""
     return _threads if _threads is not None else torch.get_num_threads()
 
 
 def camera_numbers(pinhole: Pinhole) -> np.ndarray:
-    """(23,) float64: rotation, translation, center, fx fy cx cy, limits, in the order that the kernels read."""
+    """(23,) float64 in the order that the kernels read: rotation, translation, center, fx, fy, cx, cy, limits."""
     intrinsics = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *pinhole.limits]
     return np.concatenate([pinhole.rotation.reshape(-1), pinhole.translation, pinhole.center, intrinsics])
 
@@ -133,19 +143,34 @@ def rasterize_cpu(
     near: float,
     alpha_max: float,
 ) -> Render:
-    """Draw; arguments as in `studio.rasterizer.rasterize`, already checked.
+    """Render with the C++ kernels. Arguments as in `studio.rasterizer.rasterize`, already validated.
 
     Raises:
-        StudioError: the dtype is neither float32 nor float64, or the image is larger than 32000 pixels a side.
+        StudioError: `rasterizer.dtype`: not float32 or float64; `rasterizer.image_too_large`: wider or higher than
+            32000 pixels; `rasterizer.mixed_tensors`: `screen_offsets` on another device or of another dtype.
     """
     if gaussians.means.dtype not in (torch.float32, torch.float64):
-        raise StudioError(f"The cpu rasterizer draws float32 and float64, found {gaussians.means.dtype}.")
+        raise StudioError(
+            "rasterizer.dtype",
+            f"the cpu rasterizer supports float32 and float64, not {gaussians.means.dtype}",
+            value=str(gaussians.means.dtype),
+            fix="Convert the splats, or use backend='reference'",
+        )
     if max(pinhole.width, pinhole.height) > 32000:
-        raise StudioError(f"The cpu rasterizer draws up to 32000x32000 pixels, found {pinhole.width}x{pinhole.height}.")
+        raise StudioError(
+            "rasterizer.image_too_large",
+            f"the image is {pinhole.width}x{pinhole.height} pixels; the cpu rasterizer supports up to 32000x32000",
+            value=(pinhole.width, pinhole.height),
+        )
     if screen_offsets is not None and (
         screen_offsets.dtype != gaussians.means.dtype or screen_offsets.device != gaussians.means.device
     ):
-        raise StudioError("screen_offsets must have the dtype and the device of the splats.")
+        raise StudioError(
+            "rasterizer.mixed_tensors",
+            f"screen_offsets is {screen_offsets.dtype} on '{screen_offsets.device}', but the splats are "
+            f"{gaussians.means.dtype} on '{gaussians.means.device}'",
+            argument="screen_offsets",
+        )
     image, alpha, depth, radii = _Rasterize.apply(
         gaussians.means,
         gaussians.quats,

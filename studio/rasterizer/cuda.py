@@ -1,8 +1,8 @@
 """The CUDA backend: gsplat's kernels (Ye et al. 2024, "gsplat") behind `rasterize`.
 
-gsplat compiles its kernels at its first use on a machine, which takes minutes and needs nvcc; the result is cached.
-It is imported only here, and only where torch sees a GPU. Its alpha clamp is compiled in: 0.999 up to 1.5.3. A clamp
-that it does not have is refused rather than left aside.
+gsplat compiles its kernels on first use, which takes minutes and needs nvcc; the build is cached. It is imported only
+here, and only if torch finds a GPU. Its alpha clamp is a compile-time constant, 0.999 up to release 1.5.3; any other
+`alpha_max` is an error instead of being ignored.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from studio.gaussians import Gaussians
 from studio.rasterizer.types import ALPHA_MIN, DILATION, Pinhole, Render
 
 TILE = 16
-"""Side of gsplat's tiles, pixels."""
+"""Tile size of gsplat, pixels."""
 
 
 @functools.cache
@@ -28,21 +28,27 @@ def load_gsplat() -> Any:
     """The module gsplat.
 
     Raises:
-        StudioError: it is not installed or does not import.
+        StudioError: `rasterizer.gsplat_missing`: it is not installed or fails to import.
     """
     try:
         return importlib.import_module("gsplat")
-    except Exception as error:  # its import can fail with anything that its build can
+    except Exception as error:  # importing can fail with any error of its build
         raise StudioError(
-            f"gsplat cannot be imported ({error}); install it with `pip install 'v3studio[cuda]'` or use backend='cpu'."
+            "rasterizer.gsplat_missing",
+            f"gsplat cannot be imported ({error})",
+            fix="Install it with `pip install 'v3studio[cuda]'`, or use backend='cpu'",
         ) from error
 
 
 @functools.cache
 def compiled_alpha_max() -> float:
-    """The alpha clamp that the installed gsplat was written with."""
+    """The alpha clamp of the installed gsplat.
+
+    Raises:
+        StudioError: `rasterizer.gsplat_version`: a release whose clamp is unknown; also as `load_gsplat`.
+    """
     gsplat = load_gsplat()
-    try:  # releases after 1.5.3 say it
+    try:  # releases after 1.5.3 define it
         return float(importlib.import_module("gsplat.cuda._constants").MAX_ALPHA)
     except (ImportError, AttributeError):
         pass
@@ -50,7 +56,10 @@ def compiled_alpha_max() -> float:
     if release <= (1, 5, 3):
         return 0.999
     raise StudioError(
-        f"The alpha clamp of gsplat {gsplat.__version__} is not known; install gsplat 1.5.3 or use backend='cpu'."
+        "rasterizer.gsplat_version",
+        f"the alpha clamp of gsplat {gsplat.__version__} is unknown",
+        value=gsplat.__version__,
+        fix="Install gsplat 1.5.3, or use backend='cpu'",
     )
 
 
@@ -62,21 +71,30 @@ def rasterize_cuda(
     near: float,
     alpha_max: float | None,
 ) -> Render:
-    """Draw; arguments as in `studio.rasterizer.rasterize`, already checked.
+    """Render with gsplat. Arguments as in `studio.rasterizer.rasterize`, already validated.
 
-    `radii` are gsplat's: rounded up to whole pixels.
+    `radii` are those of gsplat, rounded up to whole pixels.
 
     Raises:
-        StudioError: gsplat does not import, the dtype is not float32, or gsplat has another alpha clamp.
+        StudioError: `rasterizer.dtype`: not float32; `rasterizer.alpha_max`: gsplat has another clamp; also as
+            `load_gsplat` and `compiled_alpha_max`.
     """
     means = gaussians.means
     if means.dtype != torch.float32:
-        raise StudioError(f"The cuda rasterizer draws float32, found {means.dtype}.")
+        raise StudioError(
+            "rasterizer.dtype",
+            f"the cuda rasterizer supports float32, not {means.dtype}",
+            value=str(means.dtype),
+            fix="Convert the splats, or use backend='reference'",
+        )
     gsplat = load_gsplat()
     if alpha_max is not None and not math.isclose(alpha_max, compiled_alpha_max()):
         raise StudioError(
-            f"gsplat {gsplat.__version__} clamps alpha at {compiled_alpha_max()}, not at {alpha_max}; leave alpha_max "
-            "away or use backend='cpu'."
+            "rasterizer.alpha_max",
+            f"gsplat {gsplat.__version__} clamps alpha at {compiled_alpha_max()}, not at {alpha_max}",
+            value=alpha_max,
+            fix="Omit alpha_max, or use backend='cpu'",
+            expected=compiled_alpha_max(),
         )
     count, height, width = len(gaussians), pinhole.height, pinhole.width
     if count == 0:
@@ -85,7 +103,7 @@ def rasterize_cuda(
         empty = means.new_zeros((height, width))
         return Render(image=image, alpha=empty, depth=empty.clone(), radii=means.new_zeros(0))
 
-    # Splats with a value that is not finite are not drawn: harmless values, opacity 0 and no gradient in their place.
+    # Splats with a non-finite value are replaced by harmless values with opacity 0, so that they get no gradient.
     with torch.no_grad():
         parts = [tensor.reshape(count, -1).isfinite().all(-1) for _, tensor in gaussians.items()]
         finite = torch.stack(parts).all(0) & (gaussians.quats.norm(dim=-1) > 0)
@@ -101,8 +119,8 @@ def rasterize_cuda(
     pose = torch.eye(4)
     pose[:3, :3] = torch.as_tensor(pinhole.rotation)
     pose[:3, 3] = torch.as_tensor(pinhole.translation)
-    # gsplat linearizes within the image and 0.15 of its size around it. An image of another size and principal point
-    # puts that bound where `Pinhole.limits` has it; the shift back to the real image comes after the projection.
+    # gsplat clamps the linearization to the image plus 15 % of its size on each side. Projecting to an image of another
+    # size and principal point moves that bound to `Pinhole.limits`; the means are shifted back afterwards.
     left, right, top, bottom = pinhole.limits
     wide, high = (round((right - left) * pinhole.fx / 1.3), round((bottom - top) * pinhole.fy / 1.3))
     cx, cy = -left * pinhole.fx - 0.15 * wide, -top * pinhole.fy - 0.15 * high
@@ -119,7 +137,7 @@ def rasterize_cuda(
         high,
         eps2d=DILATION,
         near_plane=near,
-        opacities=opacities.detach(),  # only bounds the footprint
+        opacities=opacities.detach(),  # only used to bound the footprint
     )
     means2d = means2d + tensor([pinhole.cx - cx, pinhole.cy - cy])
     if screen_offsets is not None:
@@ -131,7 +149,7 @@ def rasterize_cuda(
     directions = (means - tensor(pinhole.center))[None]
     colors = gsplat.spherical_harmonics(gaussians.sh_degree, directions, sh[None], masks=shown)
     features = torch.cat([(colors + 0.5).clamp_min(0.0), depths[..., None]], -1)
-    # What is not shown holds whatever was in memory; no tile refers to it, but NaN times 0 would still reach gradients.
+    # gsplat leaves the values of culled splats uninitialized. No tile uses them, but NaN times 0 would reach gradients.
     features = torch.where(shown[..., None], features, torch.zeros_like(features))
 
     tiles_x, tiles_y = math.ceil(width / TILE), math.ceil(height / TILE)

@@ -1,4 +1,4 @@
-"""`rasterize`: one way to draw splats, whatever draws them."""
+"""`rasterize`: one interface to all backends."""
 
 from __future__ import annotations
 
@@ -18,59 +18,91 @@ BACKENDS = ("reference", "cpu", "cuda")
 
 
 @functools.cache
-def _why_not(backend: str) -> str | None:
-    """None where the backend can be used, else a sentence that says why it cannot."""
+def _unavailable(backend: str) -> tuple[str, str] | None:
+    """None if the backend can be used here, else (problem, fix)."""
     if backend == "cpu":
         if importlib.util.find_spec("studio.rasterizer._kernels") is None:
-            return "The CPU kernel is not built; install the package (`pip install -e .`) or use backend='reference'."
+            return (
+                "the CPU kernels are not built",
+                "Install the package (`pip install -e .`), or use backend='reference'",
+            )
     elif backend == "cuda":
         if not torch.cuda.is_available():
-            return "The cuda backend needs an NVIDIA GPU that torch can see; use backend='cpu'."
+            return "the cuda backend needs an NVIDIA GPU that torch can use", "Use backend='cpu'"
         if importlib.util.find_spec("gsplat") is None:
-            return "The cuda backend needs gsplat; install it with `pip install 'v3studio[cuda]'`."
+            return "the cuda backend needs gsplat", "Install it with `pip install 'v3studio[cuda]'`"
     return None
 
 
 def available_backends() -> tuple[str, ...]:
-    """The backends that can be used here and now, of "reference", "cpu" and "cuda"."""
-    return tuple(backend for backend in BACKENDS if _why_not(backend) is None)
+    """The backends of `BACKENDS` that can be used on this machine."""
+    return tuple(backend for backend in BACKENDS if _unavailable(backend) is None)
 
 
 def preferred_device() -> torch.device:
-    """Where to keep splats for speed: the GPU where torch sees one and gsplat is installed, else the CPU."""
+    """The fastest device for splats: the GPU if torch finds one and gsplat is installed, else the CPU."""
     return torch.device("cuda" if "cuda" in available_backends() else "cpu")
 
 
 def check_finite(gaussians: Gaussians) -> None:
-    """What `checked=True` checks.
+    """The check of `rasterize(checked=True)`. The error names the first bad splat.
 
     Raises:
-        StudioError: an attribute has a value that is not finite, or a quaternion has length 0; names the first.
+        StudioError: `gaussians.not_finite`: an attribute is NaN or infinite; `gaussians.zero_quaternion`: a quaternion
+            has norm 0.
     """
     for name, tensor in gaussians.items():
         bad = ~torch.isfinite(tensor.detach()).reshape(len(gaussians), -1).all(-1)
         if bad.any():
             splat = int(bad.nonzero()[0, 0])
             raise StudioError(
-                f"Gaussians: {name} of splat {splat} is not finite ({tensor[splat].detach().flatten()[:4].tolist()}; "
-                f"{int(bad.sum())} of {len(gaussians)} splats); lower the learning rate or remove these splats."
+                "gaussians.not_finite",
+                f"{name} of splat {splat} is not finite: {tensor[splat].detach().flatten()[:4].tolist()} "
+                f"({int(bad.sum())} of {len(gaussians)} splats)",
+                fix="Lower the learning rate, or remove these splats",
+                attribute=name,
+                splat=splat,
+                count=int(bad.sum()),
             )
     flat = gaussians.quats.detach().norm(dim=-1) == 0
     if flat.any():
-        raise StudioError(f"Gaussians: the quaternion of splat {int(flat.nonzero()[0, 0])} has length 0.")
+        splat = int(flat.nonzero()[0, 0])
+        raise StudioError("gaussians.zero_quaternion", f"the quaternion of splat {splat} has norm 0", splat=splat)
 
 
 def _choose(backend: str, device: torch.device) -> str:
     if backend == "auto":
         backend = "cuda" if device.type == "cuda" else "cpu"
     elif backend not in BACKENDS:
-        raise StudioError(f"There is no rasterizer '{backend}'; use auto, {', '.join(BACKENDS)}.")
-    reason = _why_not(backend)
+        raise StudioError(
+            "rasterizer.unknown_backend",
+            f"unknown backend '{backend}'",
+            value=backend,
+            fix=f"Use auto, {', '.join(BACKENDS)}",
+        )
+    reason = _unavailable(backend)
     if reason is not None:
-        raise StudioError(reason)
+        raise StudioError("rasterizer.backend_unavailable", reason[0], value=backend, fix=reason[1])
     if backend in ("cpu", "cuda") and device.type != backend:
-        raise StudioError(f"The {backend} rasterizer cannot draw splats that live on '{device}'; move them first.")
+        raise StudioError(
+            "rasterizer.wrong_device",
+            f"the {backend} rasterizer cannot render splats on '{device}'",
+            value=str(device),
+            fix=f"Move the splats to '{backend}'",
+            backend=backend,
+        )
     return backend
+
+
+def _bad_shape(argument: str, expected: tuple[int, ...], tensor: Tensor) -> StudioError:
+    found = tuple(tensor.shape)
+    return StudioError(
+        "rasterizer.wrong_shape",
+        f"{argument} has shape {found}; expected {expected}",
+        value=found,
+        argument=argument,
+        expected=expected,
+    )
 
 
 def rasterize(
@@ -84,48 +116,59 @@ def rasterize(
     alpha_max: float | None = None,
     checked: bool = False,
 ) -> Render:
-    """Draw splats from a camera; differentiable in all attributes of the splats (3DGS, sections 4 and 6).
+    """Render splats from a camera; differentiable with respect to all attributes (3DGS, sections 4 and 6).
 
     Args:
         gaussians: N splats, N may be 0.
-        camera: a pinhole. Its principal point may lie anywhere, so `camera.cropped(...)` draws a part of the image
-            at the cost of that part.
+        camera: a pinhole camera without distortion. The principal point may be outside the image, so
+            `camera.cropped(...)` renders a part of the image at the cost of that part.
         background: (3,) RGB, or None for black.
         backend: "reference", "cpu", "cuda", or "auto": cuda for splats on a GPU, else cpu.
-        screen_offsets: (N, 2) pixels, added to the projected means. Zeros that require a gradient receive the
-            screen-space gradient (loss per pixel of shift), which densification needs.
-        near: splats whose center is nearer than this along the viewing axis are not drawn; world units, above 0.
-        alpha_max: upper clamp of a splat's alpha at a pixel. None: what the backend draws with by itself, 0.99 as in
-            3DGS (reference, cpu) or 0.999 as in gsplat 1.5.3 (cuda).
-        checked: look for values that are not finite first and name them; without it such splats are left out.
+        screen_offsets: (N, 2) pixels, added to the 2D means. Pass zeros that require a gradient to get the screen-space
+            gradient (loss per pixel of shift), which densification uses.
+        near: near plane, world units, above 0. Splats whose mean is closer along the viewing axis are not drawn.
+        alpha_max: upper clamp of alpha per splat and pixel, 0.5 to 1. None: the default of the backend, 0.99 as in 3DGS
+            (reference, cpu) or 0.999 as in gsplat 1.5.3 (cuda).
+        checked: raise an error for non-finite values. Otherwise, splats with such values are not drawn.
 
     Returns:
-        Render, all of it on the device and in the dtype of the splats.
+        Render, on the device and in the dtype of the splats.
 
     Raises:
-        StudioError: the camera is no pinhole, a shape, device or dtype does not fit, the backend cannot be used here,
-            or (checked) a value is not finite.
+        StudioError: `camera.distortion`, `camera.skew`: not a pinhole camera; `rasterizer.*`: a shape, device, dtype or
+            argument is invalid, or the backend is not available here; with `checked`, as `check_finite`.
     """
     pinhole = Pinhole.of(camera)
     means = gaussians.means
     for name, tensor in gaussians.items():
         if tensor.device != means.device or tensor.dtype != means.dtype:
             raise StudioError(
-                f"Gaussians: {name} is {tensor.dtype} on '{tensor.device}' but means are {means.dtype} on "
-                f"'{means.device}'; all attributes must share a dtype and a device."
+                "rasterizer.mixed_tensors",
+                f"{name} is {tensor.dtype} on '{tensor.device}', but means is {means.dtype} on '{means.device}'",
+                fix="Use one dtype and one device for all attributes",
+                argument=name,
             )
     if not means.dtype.is_floating_point:
-        raise StudioError(f"Gaussians must have a floating dtype to be drawn, found {means.dtype}.")
+        raise StudioError(
+            "rasterizer.dtype", f"splats must have a floating-point dtype, not {means.dtype}", value=str(means.dtype)
+        )
     if background is not None:
         background = torch.as_tensor(background, dtype=means.dtype, device=means.device)
         if background.shape != (3,):
-            raise StudioError(f"The background must be one RGB color of shape (3,), found {tuple(background.shape)}.")
+            raise _bad_shape("background", (3,), background)
     if screen_offsets is not None and screen_offsets.shape != (len(gaussians), 2):
-        raise StudioError(f"screen_offsets must be ({len(gaussians)}, 2), found {tuple(screen_offsets.shape)}.")
+        raise _bad_shape("screen_offsets", (len(gaussians), 2), screen_offsets)
     if not near > 0:
-        raise StudioError(f"The near plane must be above 0, found {near}.")
+        raise StudioError(
+            "rasterizer.invalid_argument", f"near is {near}; it must be above 0", value=near, argument="near"
+        )
     if alpha_max is not None and not 0.5 <= alpha_max <= 1.0:
-        raise StudioError(f"alpha_max must be from 0.5 to 1, found {alpha_max}.")
+        raise StudioError(
+            "rasterizer.invalid_argument",
+            f"alpha_max is {alpha_max}; it must be between 0.5 and 1",
+            value=alpha_max,
+            argument="alpha_max",
+        )
     if checked:
         check_finite(gaussians)
     backend = _choose(backend, means.device)

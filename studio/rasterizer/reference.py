@@ -1,9 +1,9 @@
-"""The definition of how splats are drawn: plain torch, any floating dtype, any device, gradients by autograd.
+"""The definition of the rasterizer in plain PyTorch: any floating dtype, any device, gradients by autograd.
 
-Every other backend is held to this one. It follows 3DGS (Kerbl et al. 2023, sections 4 and 6) with gsplat's choices
-where the two differ: EWA projection with a dilation of 0.3 square pixels, no cut of a splat's footprint other than
-where its alpha falls below 1/255, blending from front to back, a pixel is finished before the splat that would bring
-its transmittance to 1e-4. Splats at the same depth are drawn in the order in which they are given.
+The other backends are tested against this one. It follows 3DGS (Kerbl et al. 2023, sections 4 and 6), and gsplat where
+the two differ: EWA projection with a dilation of 0.3 square pixels, footprints end only where alpha falls below 1/255,
+front-to-back blending, and a pixel stops before the splat that would reduce its transmittance to 1e-4. Splats of equal
+depth are blended in their order in the tensors.
 """
 
 from __future__ import annotations
@@ -17,15 +17,18 @@ from studio.rasterizer.types import ALPHA_MIN, DILATION, TRANSMITTANCE_MIN, Pinh
 from studio.torch_rotations import quats_to_matrices
 
 TILE = 16
-"""Side of the squares of pixels that are blended at once; a matter of memory only."""
+"""Tile size, pixels. It only affects memory use."""
 
 
 def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """EWA projection of splats in front of the camera (Zwicker et al. 2001; 3DGS, equation 5).
 
     Returns:
-        means2d (N, 2) pixels; cov2d (N, 3) xx, xy, yy, square pixels, dilated; det (N,) its determinant;
-        depths (N,); colors (N, 3).
+        means2d: (N, 2) pixels.
+        cov2d: (N, 3) xx, xy, yy of the dilated 2D covariance, square pixels.
+        det: (N,) determinant of cov2d.
+        depths: (N,) along the viewing axis, world units.
+        colors: (N, 3) RGB, at least 0.
     """
     like = gaussians.means
     rotation = torch.as_tensor(pinhole.rotation).to(like)
@@ -44,12 +47,12 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
         ],
         dim=-2,
     )
-    # factor: (N, 2, 3), cov2d = factor factor^T + dilation.
+    # factor: (N, 2, 3); cov2d = factor factor^T + dilation
     factor = jacobian @ rotation @ quats_to_matrices(gaussians.quats) * gaussians.scales[:, None, :]
     u, v = factor.unbind(-2)
     xx, xy, yy = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
     cov2d = torch.stack([xx + DILATION, xy, yy + DILATION], -1)
-    # Lagrange's identity: |u|^2 |v|^2 - (u.v)^2 = |u x v|^2 keeps its digits for needles, the left side does not.
+    # |u|^2 |v|^2 - (u.v)^2 = |u x v|^2 (Lagrange); the left side would cancel for needle-shaped splats.
     det = torch.linalg.cross(u, v).square().sum(-1) + DILATION * (xx + yy) + DILATION**2
 
     directions = torch.nn.functional.normalize(like - torch.as_tensor(pinhole.center).to(like), dim=-1)
@@ -58,7 +61,12 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
 
 @torch.no_grad()
 def visible_radii(gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None, near: float) -> tuple[Tensor, Tensor]:
-    """Half sides (N, 2) in pixels of the box outside which alpha < 1/255, 0 where nothing is drawn; depths (N,)."""
+    """Footprints of splats.
+
+    Returns:
+        (N, 2) half sizes in pixels of the box outside which alpha is below 1/255, 0 for splats that are not drawn; and
+        (N,) depths, world units.
+    """
     finite = torch.isfinite(gaussians.means).all(-1) & torch.isfinite(gaussians.log_scales).all(-1)
     finite &= torch.isfinite(gaussians.quats).all(-1) & (gaussians.quats.norm(dim=-1) > 0)
     finite &= torch.isfinite(gaussians.sh).flatten(1).all(-1)
@@ -78,24 +86,27 @@ def visible_radii(gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None
 def blend(
     pixels: Tensor, means2d: Tensor, conics: Tensor, opacities: Tensor, features: Tensor, alpha_max: float
 ) -> tuple[Tensor, Tensor]:
-    """Blend splats, nearest first, over pixels.
+    """Alpha-blend splats, sorted by depth, nearest first.
 
     Args:
         pixels: (P, 2) pixel centers.
-        means2d, conics, opacities, features: (S, 2), (S, 3) inverse covariance xx xy yy, (S,), (S, F).
+        means2d: (S, 2) pixels.
+        conics: (S, 3) xx, xy, yy of the inverse 2D covariance.
+        opacities: (S,) in 0 to 1.
+        features: (S, F), such as colors.
         alpha_max: upper clamp of alpha.
 
     Returns:
-        (P, F) sum of weight times feature, and (P,) the transmittance that is left.
+        (P, F) sums of weight times feature, and (P,) final transmittance.
     """
     dx, dy = (pixels[:, None] - means2d[None]).unbind(-1)
     sigma = 0.5 * (conics[:, 0] * dx * dx + conics[:, 2] * dy * dy) + conics[:, 1] * dx * dy
     alpha = (opacities * torch.exp(-sigma.clamp_min(0.0))).clamp_max(alpha_max)
     alpha = torch.where(alpha >= ALPHA_MIN, alpha, torch.zeros_like(alpha))
-    through = torch.cumprod(1 - alpha, dim=1)
-    # `through` never grows, so that everything behind the splat which ends a pixel is dropped with it.
-    alpha = torch.where(through > TRANSMITTANCE_MIN, alpha, torch.zeros_like(alpha))
-    before = torch.cat([torch.ones_like(through[:, :1]), through[:, :-1]], dim=1)
+    transmittance = torch.cumprod(1 - alpha, dim=1)
+    # Transmittance never increases, so this also drops everything behind the splat at which a pixel stops.
+    alpha = torch.where(transmittance > TRANSMITTANCE_MIN, alpha, torch.zeros_like(alpha))
+    before = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], dim=1)
     return (alpha * before) @ features, torch.prod(1 - alpha, dim=1)
 
 
@@ -107,7 +118,7 @@ def rasterize_reference(
     near: float,
     alpha_max: float,
 ) -> Render:
-    """Draw; arguments as in `studio.rasterizer.rasterize`, already checked."""
+    """Render in plain PyTorch. Arguments as in `studio.rasterizer.rasterize`, already validated."""
     half, all_depths = visible_radii(gaussians, pinhole, screen_offsets, near)
     index = torch.nonzero(half[:, 0] > 0)[:, 0]
     index = index[torch.argsort(all_depths[index], stable=True)]
@@ -132,17 +143,17 @@ def rasterize_reference(
             ys = torch.arange(top, bottom, device=like.device, dtype=like.dtype) + 0.5
             xs = torch.arange(left, right, device=like.device, dtype=like.dtype) + 0.5
             pixels = torch.cartesian_prod(ys, xs).flip(-1)
-            total, left_over = blend(
+            total, transmittance = blend(
                 pixels, means2d[inside], conics[inside], opacities[inside], features[inside], alpha_max
             )
-            row.append(torch.cat([total, left_over[:, None]], -1).reshape(bottom - top, right - left, 5))
+            row.append(torch.cat([total, transmittance[:, None]], -1).reshape(bottom - top, right - left, 5))
         rows.append(torch.cat(row, dim=1))
     drawn = torch.cat(rows, dim=0)
 
-    image, through = drawn[..., :3], drawn[..., 4]
+    image, transmittance = drawn[..., :3], drawn[..., 4]
     if background is not None:
-        image = image + through[..., None] * background
-    alpha = 1 - through
+        image = image + transmittance[..., None] * background
+    alpha = 1 - transmittance
     covered = alpha > 0
     depth = torch.where(covered, drawn[..., 3] / torch.where(covered, alpha, torch.ones_like(alpha)), 0.0)
     return Render(image=image, alpha=alpha, depth=depth, radii=half.amax(-1))

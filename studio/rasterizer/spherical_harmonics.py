@@ -1,7 +1,7 @@
-"""Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS.
+"""Real spherical harmonics up to degree 3, with the order and signs of 3DGS.
 
-Source: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013; order m = -l .. l within a degree, with the
-Condon-Shortley phase, as Plenoxels, 3DGS and gsplat have it.
+Source: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013. Within degree l, m goes from -l to l, with the
+Condon-Shortley phase, as in Plenoxels, 3DGS and gsplat.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from torch import Tensor
 
 
 def sh_basis(directions: Tensor, degree: int) -> Tensor:
-    """The basis functions at unit directions.
+    """The SH basis functions at unit directions.
 
     Args:
-        directions: (N, 3), length 1, from the camera to the splat, world axes.
+        directions: (N, 3) unit vectors from the camera to the splat, world coordinates.
         degree: 0 to 3.
 
     Returns:
@@ -49,8 +49,8 @@ def sh_colors(directions: Tensor, sh: Tensor) -> Tensor:
     """Colors seen along unit directions: max(0, 0.5 + sum_k Y_k sh_k).
 
     Args:
-        directions: (N, 3), length 1.
-        sh: (N, K, 3), K = 1, 4, 9 or 16.
+        directions: (N, 3) unit vectors.
+        sh: (N, K, 3) coefficients; K is 1, 4, 9 or 16.
 
     Returns:
         (N, 3) RGB, at least 0.

@@ -1,4 +1,4 @@
-"""What every backend takes and gives, and the constants of the definition."""
+"""Inputs and outputs that all backends share, and the constants of the definition."""
 
 from __future__ import annotations
 
@@ -11,44 +11,44 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 DILATION = 0.3
-"""Added to the diagonal of every screen-space covariance, square pixels (3DGS: at least about a pixel wide)."""
+"""Added to the diagonal of each 2D covariance, square pixels. As in 3DGS, it keeps splats about a pixel wide."""
 
 ALPHA_MIN = 1.0 / 255.0
-"""A splat adds nothing to a pixel where its alpha is below this (3DGS)."""
+"""A splat does not contribute to a pixel where its alpha is below this value (3DGS)."""
 
 TRANSMITTANCE_MIN = 1.00001e-4
-"""Blending of a pixel stops before the splat that would bring its transmittance to this or below (3DGS: 1e-4).
+"""A pixel stops before the splat that would reduce its transmittance to this value or below (3DGS: 1e-4).
 
-A hair above 1e-4, because two splats at the clamp of 0.99 leave exactly that: with the margin they end the pixel
-whatever the rounding, as they do in 3DGS.
+Slightly above 1e-4, because two splats at the alpha clamp of 0.99 leave exactly 1e-4. With the margin they stop the
+pixel for any rounding, as in 3DGS.
 """
 
 ALPHA_MAX = 0.99
-"""Alpha's upper clamp in 3DGS. gsplat 1.5.3 has 0.999 compiled in."""
+"""Upper clamp of alpha in 3DGS. gsplat 1.5.3 has 0.999 compiled in."""
 
 FIELD = 2.0
-"""The projection of a splat is linearized at its center, but at most this far (x / z, y / z) off the viewing axis.
+"""The projection of a splat is linearized at its mean, with |x / z| and |y / z| clamped to this value.
 
-A bound keeps splats close beside the camera from growing over the whole image. 3DGS and gsplat put it a little outside
-the image, which makes a cropped view differ from a part of the whole one; a fixed 63 degrees does not.
+Without the clamp, splats beside the camera would cover the whole image. 3DGS and gsplat clamp slightly outside the
+image, which makes a crop differ from the same part of the full view. A fixed bound (63 degrees) avoids that.
 """
 
 FIELD_MARGIN = 0.3
-"""In views wider than `FIELD` the bound lies outside the image by this part of half its size, as in gsplat."""
+"""In views wider than `FIELD`, the bound is outside the image by this fraction of half its size, as in gsplat."""
 
 
 @dataclass(eq=False)
 class Render:
-    """One drawn view.
+    """A rendered view.
 
     Attributes:
-        image: (H, W, 3) RGB over the background, linear in the colors of the splats (not clamped above 1).
-        alpha: (H, W) in 0 to 1: one minus the transmittance that is left.
+        image: (H, W, 3) RGB over the background, linear in the colors of the splats and not clamped to 1.
+        alpha: (H, W) in 0 to 1: one minus the final transmittance.
         depth: (H, W) expected depth along the viewing axis, world units: sum of weight times depth over sum of
             weights; 0 where nothing was drawn.
-        radii: (N,) pixels, no gradient: the larger half side of the smallest box outside which the splat's alpha is
-            below 1/255; 0 for a splat that was not drawn (behind the near plane, outside the image, opacity below
-            1/255, not finite).
+        radii: (N,) pixels, without gradient: the larger half size of the smallest box outside which the splat's alpha
+            is below 1/255; 0 for splats that were not drawn (closer than the near plane, outside the image, opacity
+            below 1/255, not finite).
     """
 
     image: Tensor
@@ -59,12 +59,15 @@ class Render:
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera as the kernels take it: plain numbers, checked.
+    """A validated pinhole camera as plain numbers, as the kernels take it.
 
     Attributes:
-        rotation: (3, 3) float64 world to camera; translation, center: (3,) float64.
-        fx, fy, cx, cy: pixels; the principal point may lie anywhere.
-        limits: (4,) lowest and highest x / z, lowest and highest y / z at which the projection is linearized.
+        width, height: image size, pixels.
+        fx, fy, cx, cy: pixels; the principal point may be outside the image.
+        rotation: (3, 3) float64, of world_to_camera.
+        translation: (3,) float64, of world_to_camera.
+        center: (3,) float64, camera center in world coordinates.
+        limits: min and max x / z, min and max y / z for the linearization of the projection.
     """
 
     width: int
@@ -80,18 +83,25 @@ class Pinhole:
 
     @classmethod
     def of(cls, camera: Camera) -> Pinhole:
-        """From a Camera.
+        """Convert a Camera.
 
         Raises:
-            StudioError: the camera has lens distortion or skew.
+            StudioError: `camera.distortion` or `camera.skew`, which splats cannot be rendered with.
         """
         if not camera.is_pinhole:
             raise StudioError(
-                f"Camera '{camera.name}' has lens distortion, which splats cannot be drawn with; "
-                "undistort the images and use camera.undistorted()."
+                "camera.distortion",
+                f"camera '{camera.name}' has lens distortion, which the rasterizer does not support",
+                fix="Undistort the images and use camera.undistorted()",
+                camera=camera.name,
             )
         if abs(camera.K[0, 1]) > 1e-9 * camera.fx:
-            raise StudioError(f"Camera '{camera.name}' has skew ({camera.K[0, 1]:g}), which cannot be drawn.")
+            raise StudioError(
+                "camera.skew",
+                f"camera '{camera.name}' has skew {camera.K[0, 1]:g}, which the rasterizer does not support",
+                value=float(camera.K[0, 1]),
+                camera=camera.name,
+            )
         margin_x = FIELD_MARGIN * 0.5 * camera.width / camera.fx
         margin_y = FIELD_MARGIN * 0.5 * camera.height / camera.fy
         return cls(

@@ -1,4 +1,4 @@
-"""3DGS's adaptive density control (Kerbl et al. 2023, section 5.2) for the keyframe."""
+"""Adaptive density control of 3DGS (Kerbl et al. 2023, section 5.2) for the keyframe."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 
 _DENSE_SHARE = 0.01
-"""Splats larger than this share of the extent are split, smaller ones cloned (3DGS's percent_dense)."""
+"""Splats larger than this fraction of the scene extent are split, smaller ones cloned (percent_dense in 3DGS)."""
 _MIN_OPACITY = 0.005
 _RESET_OPACITY = 0.01
 _HUGE_SHARE = 0.1
-"""Splats larger than this share of the extent are removed."""
+"""Splats larger than this fraction of the scene extent are removed."""
 
 
 def density_control(
     count: int, extent: float, settings: TrainSettings, device: torch.device
 ) -> DensityControl | Relocation:
-    """What `settings.strategy` names; arguments as of `DensityControl`."""
+    """The densification strategy that `settings.strategy` selects; arguments as for `DensityControl`."""
     return Relocation(settings) if settings.strategy == "mcmc" else DensityControl(count, extent, settings, device)
 
 
 class DensityControl:
-    """Gathers screen-space gradients and, when told to, clones, splits and removes splats.
+    """Accumulates screen-space gradients, and clones, splits and removes splats at the configured steps.
 
     Args:
-        count: number of splats now.
+        count: current number of splats.
         extent: scene extent, world units.
-        settings: thresholds and the budget.
-        device: where the statistics live.
+        settings: schedule, thresholds and maximum number of splats.
+        device: device of the statistics.
     """
 
     def __init__(self, count: int, extent: float, settings: TrainSettings, device: torch.device) -> None:
@@ -51,16 +51,16 @@ class DensityControl:
     def observe(
         self, screen_gradient: Tensor, radii: Tensor, drawn_size: tuple[int, int], full_size: tuple[int, int]
     ) -> None:
-        """Add one step's gradients.
+        """Accumulate the gradients of one step.
 
-        3DGS's threshold is meant for NDC units and a loss averaged over the whole picture. A loss over a crop has
-        larger gradients by the ratio of the areas, so they are brought back to the whole picture.
+        The threshold of 3DGS is for NDC units and a loss that is averaged over the full image. The loss over a crop has
+        larger gradients by the ratio of the areas, so they are scaled back.
 
         Args:
-            screen_gradient: (N, 2) gradient by the projected mean, pixels.
-            radii: (N,) 0 where a splat was not drawn.
-            drawn_size: (width, height) over which the loss was averaged.
-            full_size: (width, height) of the uncropped picture.
+            screen_gradient: (N, 2) gradient with respect to the 2D means, per pixel.
+            radii: (N,) 0 for splats that were not drawn.
+            drawn_size: (width, height) of the crop over which the loss was averaged, pixels.
+            full_size: (width, height) of the uncropped image, pixels.
         """
         width, height = full_size
         area_ratio = drawn_size[0] * drawn_size[1] / (width * height)
@@ -70,7 +70,7 @@ class DensityControl:
         self._seen += drawn
 
     def after_step(self, iteration: int, optimizer: SplatOptimizer, generator: torch.Generator) -> None:
-        """Densify and reset opacities where it is time to; `iteration` counts from 1."""
+        """Densify and reset opacities if they are due; `iteration` counts from 1."""
         settings = self._settings
         due = settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0
         if due:
@@ -80,16 +80,16 @@ class DensityControl:
             optimizer.cap_opacity(_RESET_OPACITY)
 
     def state(self) -> dict[str, Tensor]:
-        """What was gathered since the last densification, for `restore`."""
+        """Statistics since the last densification, for `restore`."""
         return {"gradients": self._sum, "seen": self._seen}
 
     def restore(self, state: dict[str, Tensor]) -> None:
-        """Go on from `state`."""
+        """Continue from a `state()`."""
         self._sum, self._seen = state["gradients"].to(self._device), state["seen"].to(self._device)
 
     @torch.no_grad()
     def densify(self, optimizer: SplatOptimizer, generator: torch.Generator, remove_huge: bool) -> None:
-        """Clone, split and remove once; statistics start again."""
+        """Clone, split and remove splats once, and reset the statistics."""
         gaussians = optimizer.gaussians.detach()
         mean_gradient = self._sum / self._seen.clamp_min(1)
         wanted = mean_gradient > self._settings.densify_gradient
@@ -112,7 +112,7 @@ class DensityControl:
 
 
 def _halves(gaussians: Gaussians, generator: torch.Generator) -> Gaussians:
-    """Two children a splat, drawn from it, 1.6 times smaller."""
+    """Two children per splat, sampled from its distribution and 1.6 times smaller."""
     twice = Gaussians.cat(gaussians, gaussians)
     draws = torch.randn(twice.means.shape, generator=generator).to(twice.device) * twice.scales
     twice.means = twice.means + rotate_vectors(twice.unit_quats, draws)

@@ -1,9 +1,9 @@
-"""Multiresolution hash encoding (paper equation 5; Mueller et al. 2022, section 3) in plain torch, CPU and CUDA.
+"""Multiresolution hash encoding (paper equation 5; Mueller et al. 2022, section 3) in plain PyTorch, CPU and CUDA.
 
-During one frame's motion stage the encoded positions do not move, so which table rows each position reads, and with
-what trilinear weights, is a constant sparse matrix. It is built once; each step is then a sparse-dense product, and
-its gradient the product with the transpose. That is exact, deterministic, and on a CPU over ten times faster than
-gathering and scattering corners anew.
+The encoded positions are fixed during the motion stage of a frame, so the table rows that each position reads and their
+trilinear weights form a constant sparse matrix. It is built once. Each step is then a sparse-dense product, and its
+gradient is the product with the transpose. This is exact, deterministic, and on a CPU over ten times faster than
+gathering and scattering the corners in each step.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ _PRIMES = (1, 2_654_435_761, 805_459_861)
 
 @dataclass(frozen=True)
 class Corners:
-    """Where fixed positions read the table, as a sparse matrix and its transpose (both CSR).
+    """Interpolation of the table at fixed positions, as a sparse CSR matrix and its transpose.
 
     Attributes:
         read: (N * L, rows) interpolation weights; row n * L + l is position n at level l.
-        spread: (rows, N * L) its transpose.
-        positions: N.
+        spread: (rows, N * L) transpose of `read`.
+        positions: N, the number of positions.
     """
 
     read: Tensor
@@ -44,18 +44,18 @@ class _Interpolate(torch.autograd.Function):
 
 
 class HashGrid(nn.Module):
-    """L levels of F features; positions in [0, 1]^3.
+    """L levels of F features for positions in [0, 1]^3.
 
-    Level l has floor(base_resolution * growth^l) cells a side. A level whose grid fits into 2^log2_size rows is
-    stored densely, finer ones are hashed.
+    Level l has floor(base_resolution * growth^l) cells per axis. A level that fits into 2^log2_size rows is stored as a
+    dense grid; finer levels are hashed.
 
     Args:
-        levels: L.
-        features: F.
-        log2_size: logarithm of the rows of a hashed level.
-        base_resolution: cells a side at level 0.
-        growth: factor between levels.
-        generator: draws the table's first values, uniform in +-1e-4.
+        levels: number of levels, L.
+        features: features per level, F.
+        log2_size: base-2 logarithm of the number of rows of a hashed level.
+        base_resolution: cells per axis at level 0.
+        growth: resolution factor between levels.
+        generator: draws the initial table, uniform in [-1e-4, 1e-4].
     """
 
     def __init__(
@@ -77,12 +77,12 @@ class HashGrid(nn.Module):
 
     @property
     def width(self) -> int:
-        """Length of an encoding: levels times features."""
+        """Length of an encoding: levels * features."""
         return len(self.rows) * self.features
 
     @torch.no_grad()
     def corners(self, positions: Tensor) -> Corners:
-        """The sparse matrix for (N, 3) positions in [0, 1]; those outside are clamped to the border."""
+        """The interpolation matrices for (N, 3) positions; coordinates are clamped to [0, 1]."""
         n = positions.shape[0]
         device = positions.device
         indices, weights = [], []
@@ -119,6 +119,6 @@ class HashGrid(nn.Module):
         return Corners(read, spread, n)
 
     def forward(self, corners: Corners) -> Tensor:
-        """(N, L * F) encodings, level-major, of the positions that `corners` was made for."""
+        """(N, L * F) encodings of the positions of `corners`, level by level."""
         out = _Interpolate.apply(self.table, corners.read, corners.spread)
         return out.reshape(corners.positions, self.width)

@@ -1,4 +1,4 @@
-"""The frames after the keyframe: motion, then fine-tuning (paper sections 4.1 and 4.2)."""
+"""Training of the frames after the keyframe: motion, then fine-tuning (paper sections 4.1 and 4.2)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from studio.training.views import TrainingView
 _FIGURES_EVERY = 20
 _ENTROPY_RATE = 0.01
 _BOX_QUANTILE = 1e-3
-_TURN_EVERY = 20
+_ROTATE_EVERY = 20
 _LAST_RATE = 0.05
 
 
@@ -35,8 +35,8 @@ class InterframeResult:
 
     Attributes:
         gaussians: after fine-tuning.
-        warped: after the motion stage only; the same splats, moved.
-        motion: the motion network's weights, for the next frame's `warm_start`; empty without a motion stage.
+        warped: after the motion stage only: the splats of the previous frame, moved.
+        motion: weights of the motion network, for `warm_start` of the next frame; empty without a motion stage.
     """
 
     gaussians: Gaussians
@@ -45,7 +45,7 @@ class InterframeResult:
 
 
 def interframe_steps(settings: TrainSettings, first: bool = False) -> int:
-    """Training steps of one frame after the keyframe; `first`: the one right after it."""
+    """Number of training steps of a frame after the keyframe; `first`: it is the one right after the keyframe."""
     return settings.motion_steps(first) + settings.finetune_iterations
 
 
@@ -61,22 +61,24 @@ def train_interframe(
     snapshot: SnapshotFn | None = None,
     snapshot_every: int = 500,
 ) -> InterframeResult:
-    """From the splats of frame t-1 to those of frame t; their number and order stay.
+    """Train frame t from the splats of frame t-1. Their number and order do not change.
 
     Args:
         previous: splats of frame t-1, as trained.
         views: training cameras at frame t.
         settings: see `TrainSettings`.
-        before_previous: splats of frame t-2 of the same group, None where t-1 is the keyframe; the velocity is taken
-            from them when `settings.motion_velocity` is on.
-        warm_start: `InterframeResult.motion` of frame t-1; used when `settings.motion_warm_start` is on.
-        seed: the same seed and input give the same splats.
-        progress: told steps done and total, with `phase` ("motion" or "fine-tune"), `loss`, `psnr` and `splats`.
+        before_previous: splats of frame t-2 of the same group, None if t-1 is the keyframe; they give the velocity
+            (with `settings.motion_velocity`).
+        warm_start: `InterframeResult.motion` of frame t-1 (with `settings.motion_warm_start`).
+        seed: equal seeds and inputs give equal splats, bit for bit.
+        progress: called with the steps done and in total, `phase` ("motion" or "fine-tune"), and regularly with `loss`,
+            `psnr` (dB) and `splats`.
         snapshot: called with the splats every `snapshot_every` steps.
+        snapshot_every: steps between these calls.
 
     Raises:
-        StudioError: training diverged.
-        Cancelled: from `progress`.
+        StudioError: `training.diverged`, `training.no_views`, or `training.motion_network_size` for `warm_start`.
+        Cancelled: raised by `progress`.
     """
     generator = torch.Generator().manual_seed(seed)
     first = before_previous is None
@@ -135,9 +137,9 @@ def _move(
     snapshot: SnapshotFn | None,
     snapshot_every: int,
 ) -> tuple[Gaussians, dict[str, Tensor]]:
-    """Stage 1: only the motion field learns; scale, opacity and color stay as they were, rotations follow it.
+    """Stage 1: train the motion field. Scales, opacities and SH do not change; rotations follow the motion.
 
-    Also gives the network's weights.
+    Returns the moved splats and the weights of the network.
     """
     start = previous.means
     if settings.motion_velocity and before_previous is not None:
@@ -157,33 +159,36 @@ def _move(
     stepper = Stepper(views, settings, generator)
     near = neighbors(previous.means, settings.motion_neighbors) if settings.motion_neighbors else None
 
-    def turned(means: Tensor) -> Tensor:
+    def rotated_quats(means: Tensor) -> Tensor:
         if near is None:
             return previous.quats
         return quat_multiply(local_rotations(previous.means, means.detach(), near), previous.quats)
 
-    quats = turned(start)
+    quats = rotated_quats(start)
     for iteration in range(1, iterations + 1):
         moved = replace(previous, means=start + field(corners), quats=quats)
-        if iteration % _TURN_EVERY == 0:
-            quats = turned(moved.means)
+        if iteration % _ROTATE_EVERY == 0:
+            quats = rotated_quats(moved.means)
         steps = [stepper(moved) for _ in range(settings.motion_views)]
         step = steps[-1]
         torch.stack([one.loss for one in steps]).mean().backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         schedule.step()
         optimizer.zero_grad(set_to_none=True)
-        _report(iteration, step, len(previous), "Motion", progress)
+        _report(iteration, step, len(previous), "motion", progress)
         if snapshot is not None and iteration % snapshot_every == 0:
             snapshot(iteration, moved.detach())
     with torch.no_grad():
         means = start + field(corners)
-        return replace(previous, means=means, quats=turned(means)).clone(), field.weights()
+        return replace(previous, means=means, quats=rotated_quats(means)).clone(), field.weights()
 
 
 def _rate(fraction: float) -> float:
-    """Factor of the motion network's rates: full for the first half, which covers the distance, then falling, which
-    settles the noise that large steps leave (0.29 to 0.27 of the distance moved, and 1.4 dB, on a walking figure)."""
+    """Learning rate factor of the motion network: constant in the first half, then decaying exponentially.
+
+    The decay removes noise from large steps: on a walking figure, the error fell from 0.29 to 0.27 of the distance
+    moved, and PSNR rose by 1.4 dB.
+    """
     return float(_LAST_RATE ** max(0.0, 2 * fraction - 1))
 
 
@@ -197,7 +202,7 @@ def _fine_tune(
     snapshot: SnapshotFn,
     snapshot_every: int,
 ) -> Gaussians:
-    """Stage 2, equation 13: the other attributes learn, held to frame t-1 by entropy and temporal losses."""
+    """Stage 2, equation 13: train the other attributes, with entropy and temporal losses against frame t-1."""
     extent = scene_extent(torch.stack(performer_box(warped.means)))
     rates = settings.rates.replace(means=settings.rates.means_finetune)
     optimizer = SplatOptimizer(warped, rates, extent, train_means=settings.finetune_means)
@@ -233,22 +238,22 @@ def _fine_tune(
         optimizer.step()
         entropy_adam.step()
         entropy_adam.zero_grad(set_to_none=True)
-        _report(iteration, step, len(previous), "Fine-tuning", progress, **figures)
+        _report(iteration, step, len(previous), "fine-tuning", progress, **figures)
         if iteration % snapshot_every == 0:
             snapshot(iteration, optimizer.gaussians.detach())
     return optimizer.gaussians.clone()
 
 
 def performer_box(means: Tensor) -> tuple[Tensor, Tensor]:
-    """(3,) low and high corners that hold all but the outermost thousandth of the splats on each side."""
+    """(3,) low and high corners of a box that excludes the outermost 0.1 % of the splats on each side."""
     ordered = means.sort(dim=0).values
     margin = int(len(means) * _BOX_QUANTILE)
     return ordered[margin], ordered[len(means) - 1 - margin]
 
 
-def _report(iteration: int, step: Step, splats: int, what: str, progress: ProgressFn, **figures: float) -> None:
+def _report(iteration: int, step: Step, splats: int, phase: str, progress: ProgressFn, **figures: float) -> None:
     if iteration % _FIGURES_EVERY == 0:
-        check_finite(step.loss, what)
+        check_finite(step.loss, phase)
         progress(iteration, 0, loss=float(step.loss.detach()), psnr=step.psnr, splats=splats, **figures)
     else:
         progress(iteration, 0)

@@ -1,4 +1,4 @@
-"""The first frame of a group: 3DGS, then prune and fine-tune (paper section 4.1, Key Frame Reconstruction)."""
+"""Keyframe training: 3DGS, then pruning and fine-tuning (paper section 4.1, Key Frame Reconstruction)."""
 
 from __future__ import annotations
 
@@ -18,31 +18,43 @@ from studio.training.step import SnapshotFn, Stepper, check_finite
 from studio.training.views import TrainingView
 
 Checkpoint = dict[str, Tensor]
-"""All that a keyframe in training knows, by name; for safetensors."""
+"""The complete state of keyframe training, by name; can be stored as safetensors."""
 CheckpointFn = Callable[[int, Checkpoint], None]
-"""`checkpoint(step, state)`: called now and then; the tensors change with the next step, so write or copy them."""
+"""`checkpoint(step, state)`: called regularly. The next step modifies the tensors, so write or copy them."""
 
 _FIRST_OPACITY = 0.1
 _FIGURES_EVERY = 20
 
 
 def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int) -> Gaussians:
-    """3DGS's start: round splats as large as the mean distance to the three nearest points.
+    """Initial splats as in 3DGS: isotropic, with the mean distance to the three nearest points as scale.
 
     Args:
         points: (N, 3) world positions, N >= 4.
         colors: (N, 3) RGB in 0 to 1.
-        sh_degree: 0 to 3; coefficients above the constant start at zero.
+        sh_degree: 0 to 3; coefficients above degree 0 start at zero.
 
     Raises:
-        StudioError: fewer than four points, or one that is not finite.
+        StudioError: `training.too_few_points`: fewer than four points; `training.points_not_finite`: a coordinate is
+            NaN or infinite.
     """
     from scipy.spatial import cKDTree
 
     if len(points) < 4:
-        raise StudioError(f"Only {len(points)} initial points were given; a keyframe needs at least 4.")
+        raise StudioError(
+            "training.too_few_points",
+            f"{len(points)} initial points; a keyframe needs at least 4",
+            value=len(points),
+            fix="Run the initialize stage again",
+        )
     if not bool(torch.isfinite(points).all()):
-        raise StudioError("An initial point has a coordinate that is not finite; run the initialize stage again.")
+        count = int((~torch.isfinite(points)).any(-1).sum())
+        raise StudioError(
+            "training.points_not_finite",
+            f"{count} of {len(points)} initial points have a coordinate that is not finite",
+            value=count,
+            fix="Run the initialize stage again",
+        )
     array = points.cpu().double().numpy()
     distance = cKDTree(array).query(array, k=4)[0][:, 1:].mean(1)
     floor = 1e-6 * max(float(np.ptp(array, axis=0).max()), 1e-9)
@@ -57,20 +69,20 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int) -> Gaussia
 
 
 def scene_extent(points: Tensor) -> float:
-    """Diagonal of the points' box: the length to which 3DGS's rates and size limits are relative here.
+    """Diagonal of the bounding box of (N, 3) points, world units. Learning rates and size limits are relative to it.
 
-    3DGS takes the cameras' spread; a performer is the same size however far away the cameras stand.
+    3DGS uses the spread of the cameras instead; the size of a performer does not depend on the camera distance.
     """
     return float((points.amax(0) - points.amin(0)).norm().clamp_min(1e-9))
 
 
 def keyframe_steps(settings: TrainSettings, splats: int) -> int:
-    """Training steps that a keyframe takes if `splats` splats are left for pruning."""
+    """Number of training steps of a keyframe that has `splats` splats when pruning begins."""
     return settings.keyframe_iterations + prune_rounds(settings, splats) * settings.prune_finetune_iterations
 
 
 def prune_rounds(settings: TrainSettings, splats: int) -> int:
-    """Rounds of pruning `prune_ratio` until the cap holds, at least `settings.prune_rounds`."""
+    """Number of pruning rounds: at least `settings.prune_rounds`, and enough to get down to `settings.max_splats`."""
     rounds = 0
     while rounds < settings.prune_rounds or splats > settings.max_splats:
         splats -= max(1, int(splats * settings.prune_ratio))
@@ -91,26 +103,28 @@ def train_keyframe(
     checkpoint: CheckpointFn | None = None,
     resume: Checkpoint | None = None,
 ) -> Gaussians:
-    """Train the keyframe: 3DGS with densification, then prune by opacity and fine-tune until under the cap.
+    """Train a keyframe: 3DGS with densification, then rounds of pruning by opacity and fine-tuning.
 
     Args:
-        views: training cameras at the keyframe's moment.
-        points: (N, 3) initial positions (sampled from the mesh), world units.
-        colors: (N, 3) their RGB in 0 to 1.
+        views: training views of the keyframe.
+        points: (N, 3) initial means (sampled from the mesh), world units.
+        colors: (N, 3) RGB of the points, 0 to 1.
         settings: see `TrainSettings`.
-        seed: the same seed and input give the same splats.
-        progress: told steps done and total, with `loss`, `psnr` (dB, of the last training crop) and `splats`.
+        seed: equal seeds and inputs give equal splats, bit for bit.
+        progress: called with the steps done and in total, and regularly with `loss`, `psnr` (dB, of the last training
+            crop) and `splats`.
         snapshot: called with the splats every `snapshot_every` steps.
-        checkpoint: given all that training knows every `settings.checkpoint_every` steps.
-        resume: such a checkpoint, of the same input, settings and seed: training goes on from there and ends with the
-            same splats as one that never stopped.
+        snapshot_every: steps between these calls.
+        checkpoint: called with the complete state every `settings.checkpoint_every` steps.
+        resume: a checkpoint of the same inputs, settings and seed. The result equals that of an uninterrupted run.
 
     Returns:
         Detached splats, at most `settings.max_splats`.
 
     Raises:
-        StudioError: unusable points or views, training diverged, or `resume` is no checkpoint of a keyframe.
-        Cancelled: from `progress`.
+        StudioError: `training.too_few_points`, `training.points_not_finite`, `training.no_views`, `training.diverged`,
+            `training.no_splats_left`, or `training.checkpoint_incomplete`.
+        Cancelled: raised by `progress`.
     """
     run = _Run(views, points, colors, settings, seed, progress)
     if resume is not None:
@@ -125,7 +139,7 @@ def train_keyframe(
 
 
 class _Run:
-    """A keyframe in training: all that changes from step to step."""
+    """A keyframe in training: the state that changes from step to step."""
 
     def __init__(
         self,
@@ -149,7 +163,7 @@ class _Run:
 
     @property
     def finished(self) -> bool:
-        """All steps are done and all rounds of pruning too."""
+        """Whether all steps and all pruning rounds are done."""
         return self.done >= self._total and (self._pruned >= self._rounds)
 
     @property
@@ -157,7 +171,7 @@ class _Run:
         return self._settings.keyframe_iterations + self._rounds * self._settings.prune_finetune_iterations
 
     def step(self) -> None:
-        """One step, with what must happen before and after it."""
+        """Run one step, with the pruning or densification that is due."""
         settings = self._settings
         if self.done < settings.keyframe_iterations:
             self._grow()
@@ -185,7 +199,12 @@ class _Run:
         self._advance(gaussians, offsets)
         self._density.after_step(iteration, optimizer, self._generator)
         if len(optimizer) == 0:
-            raise StudioError("Keyframe: no splat is left after pruning; check masks and calibration.")
+            raise StudioError(
+                "training.no_splats_left",
+                f"keyframe training removed all splats at step {iteration}",
+                fix="Check the mattes and the calibration",
+                step=iteration,
+            )
 
     def _advance(self, gaussians: Gaussians, screen_offsets: Tensor | None) -> None:
         settings = self._settings
@@ -203,12 +222,12 @@ class _Run:
         self.done += 1
         figures = {}
         if self.done % _FIGURES_EVERY == 0:
-            check_finite(step.loss, "Keyframe")
+            check_finite(step.loss, "keyframe")
             figures = {"loss": float(step.loss.detach()), "psnr": step.psnr, "splats": len(self.optimizer)}
         self._progress(self.done, self._total, **figures)
 
     def state(self) -> Checkpoint:
-        """All that `restore` needs to go on as if nothing had happened."""
+        """The complete state, for `restore`."""
         return {
             "done": torch.tensor(self.done),
             "rounds": torch.tensor(self._rounds),
@@ -220,7 +239,7 @@ class _Run:
         }
 
     def restore(self, state: Checkpoint) -> None:
-        """Go on from `state`."""
+        """Continue from a `state()`, bit for bit."""
 
         def part(prefix: str) -> dict[str, Tensor]:
             return {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}
@@ -233,11 +252,16 @@ class _Run:
             self._stepper.restore(part("stepper."))
             self._generator.set_state(state["generator"].cpu())
         except KeyError as error:
-            raise StudioError(f"The checkpoint has no {error}; delete it, and the keyframe starts anew.") from None
+            raise StudioError(
+                "training.checkpoint_incomplete",
+                f"the keyframe checkpoint has no entry {error}",
+                value=str(error.args[0]),
+                fix="Delete the checkpoint to train the keyframe from the start",
+            ) from None
 
 
 def prune_by_opacity(optimizer: SplatOptimizer, ratio: float) -> None:
-    """Remove the share `ratio` (at least one splat, never the last) with the lowest opacity."""
+    """Remove the fraction `ratio` of the splats with the lowest opacity: at least one splat, but never the last."""
     count = len(optimizer)
     drop = min(count - 1, max(1, int(count * ratio)))
     order = torch.argsort(optimizer.gaussians.logit_opacities.detach(), stable=True)

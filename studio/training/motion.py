@@ -1,4 +1,4 @@
-"""The motion field of one frame step: hash grid and shallow MLP (paper section 4.1, equations 5 and 6)."""
+"""The motion field between two frames: a hash grid and a shallow MLP (paper section 4.1, equations 5 and 6)."""
 
 from __future__ import annotations
 
@@ -10,20 +10,19 @@ from studio.training.hashgrid import Corners, HashGrid
 from studio.training.settings import TrainSettings
 
 _BOX_PADDING = 0.05
-"""Share of the box by which positions are kept off its border."""
+"""Padding of the bounding box, as a fraction of its longest side."""
 
 
 class MotionField(nn.Module):
     """Translation of each splat from frame t-1 to frame t: x_t = x_{t-1} + MLP(h(x_{t-1})).
 
-    Positions are normalized by the performer's bounding box, so neither the grid nor the network sees the scale of
-    the world; the network's output is in units of the box's longest side. The last layer starts at zero: before
-    training nothing moves.
+    Positions are normalized by the performer's bounding box, and the output is in units of its longest side, so the
+    field does not depend on the scale of the scene. The last layer is initialized to zero: the initial motion is zero.
 
     Args:
-        low, high: (3,) corners of the performer's box, world units.
-        settings: sizes of grid and network.
-        generator: draws the first weights; the same seed gives the same field.
+        low, high: (3,) corners of the performer's bounding box, world units.
+        settings: sizes of the grid and the MLP.
+        generator: draws the initial weights; equal seeds give equal fields.
     """
 
     _low: Tensor
@@ -58,32 +57,36 @@ class MotionField(nn.Module):
             last.weight.zero_()
 
     def corners(self, means: Tensor) -> Corners:
-        """What `forward` needs of fixed (N, 3) world positions; compute it once a frame."""
+        """Input of `forward` for fixed (N, 3) world positions; compute it once per frame."""
         return self.grid.corners((means - self._low) / self._side)
 
     def forward(self, corners: Corners) -> Tensor:
-        """(N, 3) translations, world units."""
+        """(N, 3) translations in world units."""
         return self.mlp(self.grid(corners)) * self._side
 
     def weights(self) -> dict[str, Tensor]:
-        """Copies of what was learned, by name; the box is not among them."""
+        """Copies of the trained parameters by name, without the bounding box."""
         return {name: value.detach().clone() for name, value in self.named_parameters()}
 
     def load_weights(self, weights: dict[str, Tensor]) -> None:
-        """Go on from the `weights` of a field of the same sizes, over whatever box.
+        """Load the `weights` of a field with the same sizes; its bounding box may differ.
 
         Raises:
-            StudioError: they are of another size.
+            StudioError: `training.motion_network_size`: the sizes differ.
         """
         own = dict(self.named_parameters())
         if {name: value.shape for name, value in weights.items()} != {name: value.shape for name, value in own.items()}:
-            raise StudioError("The motion network of the frame before has another size; train the group anew.")
+            raise StudioError(
+                "training.motion_network_size",
+                "the motion network of the previous frame has different sizes",
+                fix="Train the group again",
+            )
         with torch.no_grad():
             for name, value in weights.items():
                 own[name].copy_(value)
 
     def optimizer(self, learning_rate: float) -> torch.optim.Adam:
-        """Adam with the settings that Mueller et al. use for hash grids; the table learns ten times as fast."""
+        """Adam with the settings of Mueller et al. for hash grids; the table learns at ten times `learning_rate`."""
         return torch.optim.Adam(
             [
                 {"params": [self.grid.table], "lr": 10 * learning_rate},

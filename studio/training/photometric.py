@@ -1,4 +1,4 @@
-"""The photometric loss of 3DGS: (1 - w) L1 + w (1 - SSIM), in one pass in C++ for float32 on the CPU, else in torch."""
+"""The photometric loss of 3DGS, (1 - w) L1 + w (1 - SSIM): a fused C++ kernel for float32 on the CPU, else PyTorch."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import torch
 from torch import Tensor
 
 from studio.errors import StudioError
-from studio.metrics import ssim
+from studio.metrics import check_image_pair, ssim
 from studio.rasterizer import available_backends
 from studio.rasterizer.cpu import kernel_threads, load_kernels
 
 
 class _Fused(torch.autograd.Function):
-    """The loss and, in the same sweep, its gradient with respect to the image."""
+    """The loss and its gradient with respect to the image, computed in one sweep."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, target: Tensor, weight: float) -> Tensor:
@@ -33,16 +33,16 @@ class _Fused(torch.autograd.Function):
 
 
 def photometric_loss_torch(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -> Tensor:
-    """As `photometric_loss`, in plain torch for any device and dtype: the definition."""
+    """`photometric_loss` in plain PyTorch for any device and dtype. This is the definition."""
     l1 = (image - target).abs().mean()
     return (1 - dssim_weight) * l1 + dssim_weight * (1 - ssim(image, target))
 
 
 def photometric_loss(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -> Tensor:
-    """How far a drawn image is from the footage (Kerbl et al. 2023, equation 7; SSIM as in `studio.metrics`).
+    """(1 - w) L1 + w (1 - SSIM) (Kerbl et al. 2023, equation 7; SSIM as in `studio.metrics`).
 
     Args:
-        image: (H, W, 3), the drawing; the gradient goes here and nowhere else.
+        image: (H, W, 3) rendered image; the only argument that gets a gradient.
         target: (H, W, 3) in 0 to 1, same dtype and device.
         dssim_weight: w, 0 to 1.
 
@@ -50,14 +50,16 @@ def photometric_loss(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -
         Scalar.
 
     Raises:
-        StudioError: the shapes do not fit or the weight is not from 0 to 1.
+        StudioError: `metrics.image_shape`, or `settings.invalid_value` for a weight outside 0 to 1.
     """
-    if image.shape != target.shape or image.ndim != 3 or image.shape[-1] != 3 or image.numel() == 0:
-        raise StudioError(
-            f"Two (H, W, 3) images of one size are needed, found {tuple(image.shape)} and {tuple(target.shape)}."
-        )
+    check_image_pair(image, target)
     if not 0 <= dssim_weight <= 1:
-        raise StudioError(f"dssim_weight must be from 0 to 1, found {dssim_weight}.")
+        raise StudioError(
+            "settings.invalid_value",
+            f"dssim_weight is {dssim_weight}; it must be between 0 and 1",
+            value=dssim_weight,
+            setting="train.dssim_weight",
+        )
     on_cpu = image.device.type == "cpu" and target.device.type == "cpu"
     if on_cpu and image.dtype == target.dtype == torch.float32 and "cpu" in available_backends():
         return _Fused.apply(image, target, float(dssim_weight))

@@ -20,11 +20,11 @@ from studio.stream.profiles import SplatCoding
 Quantizer = tuple[Tensor, Tensor]
 
 _TAIL = 1e-3
-"""Probability under which the float32 difference of two CDF values has lost too many digits."""
+"""Below this probability, the float32 difference of two CDF values has lost too many digits."""
 
 
 class _Bits(torch.autograd.Function):
-    """-log2 P with its closed-form gradient: a third of the passes over memory that autograd would make."""
+    """-log2 P with its closed-form gradient, which needs a third of the memory traffic of autograd."""
 
     @staticmethod
     def forward(ctx: Any, residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
@@ -34,13 +34,13 @@ class _Bits(torch.autograd.Function):
         lower = (centered - 0.5) * inverse
         probability = 0.5 * (torch.erf(upper * math.sqrt(0.5)) - torch.erf(lower * math.sqrt(0.5)))
         bits = -torch.log2(probability.clamp_min(_TAIL))
-        # Phi's derivative at both ends, divided by P: all that the gradients are made of.
+        # Derivative of Phi at both ends, divided by P: the gradients are made of these.
         scale = 1 / (math.sqrt(2 * math.pi) * probability.clamp_min(_TAIL))
         upper_slope = torch.exp(-0.5 * upper * upper) * scale
         lower_slope = torch.exp(-0.5 * lower * lower) * scale
         tail = probability < _TAIL
         if tail.any():
-            _mend_tail(tail, centered, inverse.expand_as(centered), bits, upper_slope, lower_slope)
+            _fix_tail(tail, centered, inverse.expand_as(centered), bits, upper_slope, lower_slope)
         ctx.save_for_backward(upper, lower, upper_slope, lower_slope, inverse)
         ctx.mu_shape = mu.shape
         return bits
@@ -54,10 +54,10 @@ class _Bits(torch.autograd.Function):
         return by_residual, -by_residual.sum_to_size(ctx.mu_shape), by_sigma.sum_to_size(ctx.mu_shape)
 
 
-def _mend_tail(
+def _fix_tail(
     tail: Tensor, centered: Tensor, inverse: Tensor, bits: Tensor, upper_slope: Tensor, lower_slope: Tensor
 ) -> None:
-    """Values far from the mean, in float64 and in logarithms: P is symmetric, so mirror to the lower tail."""
+    """Recompute values far from the mean in float64 and in the log domain. P is symmetric, so use the lower tail."""
     sign = torch.where(centered[tail] > 0, -1.0, 1.0).double()
     scale = inverse[tail].double()
     near = (-centered[tail].double().abs() + 0.5) * scale
@@ -66,29 +66,29 @@ def _mend_tail(
     log_p = log_near + torch.log1p(-torch.exp((torch.special.log_ndtr(far) - log_near).clamp(max=-1e-12)))
     near_slope = torch.exp(-0.5 * near * near - 0.5 * math.log(2 * math.pi) - log_p)
     far_slope = torch.exp(-0.5 * far * far - 0.5 * math.log(2 * math.pi) - log_p)
-    below = sign > 0  # not mirrored: the upper end is the one nearer to the mean
+    below = sign > 0  # not mirrored: the upper end is closer to the mean
     bits[tail] = (-log_p / math.log(2)).to(bits.dtype)
     upper_slope[tail] = torch.where(below, near_slope, far_slope).to(bits.dtype)
     lower_slope[tail] = torch.where(below, far_slope, near_slope).to(bits.dtype)
 
 
 def bits_of_residual(residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
-    """-log2 P of equation 10 for each element: P = Phi((r + 1/2 - mu) / sigma) - Phi((r - 1/2 - mu) / sigma).
+    """Equation 10: -log2 P per element, with P = Phi((r + 1/2 - mu) / sigma) - Phi((r - 1/2 - mu) / sigma).
 
-    Exact in the tails too, where the difference of two float32 CDF values would be 0 and its logarithm infinite.
+    Also exact in the tails, where the difference of two float32 CDF values would be 0.
 
     Args:
         residual: (..., C) in quantization steps, noise included.
-        mu, sigma: () or (C,), the same shape, in quantization steps; sigma > 0.
+        mu, sigma: () or (C,), equal shapes, in quantization steps; sigma > 0.
     """
     return _Bits.apply(residual, mu, sigma)  # type: ignore[no-untyped-call,no-any-return]
 
 
 class ResidualEntropy(nn.Module):
-    """Equations 8 to 11: expected bits a splat of the quantized frame-to-frame residuals.
+    """Equations 8 to 11: expected bits per splat of the quantized frame-to-frame residuals.
 
-    Each attribute has its own learnable mean and deviation (in quantization steps). Equation 9 subtracts y_min from
-    the residual; being constant, that offset is part of the learnable mean here.
+    Each attribute has a learnable mean and standard deviation, in quantization steps. The constant y_min that equation
+    9 subtracts from the residual is part of the learnable mean here.
 
     Args:
         previous: (N, C) coded values of frame t-1.
@@ -112,11 +112,11 @@ class ResidualEntropy(nn.Module):
         self.log_sigma = nn.Parameter(torch.zeros(len(attributes), device=previous.device))
 
     def forward(self, current: Tensor, generator: torch.Generator) -> Tensor:
-        """Scalar: bits a splat, summed over the elements of all attributes, averaged over the N splats.
+        """Scalar: bits per splat, summed over the channels of all attributes and averaged over the N splats.
 
         Args:
             current: (N, C) coded values of frame t.
-            generator: draws the uniform noise, one value an element, that stands for rounding.
+            generator: draws the uniform noise per element that simulates rounding.
         """
         noise = torch.rand(current.shape, generator=generator, dtype=current.dtype).to(current.device) - 0.5
         residual = current / self._steps - self._previous + noise
@@ -127,14 +127,14 @@ class ResidualEntropy(nn.Module):
 def temporal_loss(
     current: Tensor, previous: Tensor, plane_pixels: int, steps: Tensor | None = None, huber: float = 0.0
 ) -> Tensor:
-    """Equation 12: sum over attributes of |y_t - y_{t-1}|_1, divided by W x H of the Gaussian video's plane.
+    """Equation 12: sum over attributes of |y_t - y_{t-1}|_1, divided by W x H of the Gaussian video.
 
     Args:
         current, previous: (N, C) coded values.
         plane_pixels: W x H.
-        steps: (C,) quantization steps; needed where `huber` is above 0.
-        huber: above 0, differences up to this many quantization steps count by their square, halved and divided by
-            that width, and larger ones as in equation 12 but for the constant that joins the two.
+        steps: (C,) quantization steps; required if `huber` is above 0.
+        huber: if above 0, use a Huber loss with this width in quantization steps: quadratic below it, and equation 12
+            minus half the width above it.
     """
     difference = (current - previous).abs()
     if huber > 0:

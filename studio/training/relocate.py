@@ -1,4 +1,7 @@
-"""Density control by relocation (Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo")."""
+"""The strategy `mcmc`: relocation of dead splats, and noise.
+
+Kheradmand et al., "3D Gaussian Splatting as Markov Chain Monte Carlo", 2024.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,19 @@ from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 
 _DEAD = 0.005
-"""Opacity under which a splat is dead."""
+"""Splats at or below this opacity are dead."""
 _GROWTH = 1.05
-"""More splats at most, each time."""
+"""Largest growth factor per densification step."""
 _MOST_COPIES = 51
 _NOISE_RATE = 5e5
 _NOISE_SHARPNESS, _NOISE_OPACITY = 100.0, 0.005
 
 
 class Relocation:
-    """Moves dead splats onto live ones, drawn in proportion to their opacity, and grows up to the budget.
+    """Moves dead splats onto live ones, sampled in proportion to opacity, and adds splats up to the maximum.
 
-    A splat that becomes N shares its opacity and size among them so that the picture stays the same (equation 9 there);
-    noise on the positions of nearly transparent splats lets them explore (equation 8).
+    A splat that becomes N copies divides its opacity and scale among them so that the render stays the same (equation
+    9). Noise on the means of nearly transparent splats lets them explore (equation 8).
 
     Args:
         settings: `densify_from`, `densify_until`, `densify_every`, `densify_max_splats`, `mcmc_noise`.
@@ -37,11 +40,11 @@ class Relocation:
         self._settings = settings
 
     def observe(self, *_: object) -> None:
-        """Nothing: relocation looks at opacities only."""
+        """Does nothing: relocation only uses opacities."""
 
     @torch.no_grad()
     def after_step(self, iteration: int, optimizer: SplatOptimizer, generator: torch.Generator) -> None:
-        """Relocate and grow where it is time to, then add noise; `iteration` counts from 1."""
+        """Relocate and grow if due, then add noise; `iteration` counts from 1."""
         settings = self._settings
         if settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0:
             relocate_dead(optimizer, generator)
@@ -50,22 +53,22 @@ class Relocation:
             add_noise(optimizer, settings.mcmc_noise, generator)
 
     def state(self) -> dict[str, Tensor]:
-        """Nothing to remember."""
+        """Empty: this strategy has no state."""
         return {}
 
     def restore(self, state: dict[str, Tensor]) -> None:
-        """Nothing to restore."""
+        """Does nothing."""
 
 
 def shared_opacity_and_scale(opacity: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
-    """What each of N splats at one place must have to look like the one that stood there (equation 9).
+    """Opacity and scale of N copies that together look like the original splat (equation 9).
 
     Args:
-        opacity: (M,) of the one, in 0 to 1.
-        copies: (M,) int, N from 1 to 51.
+        opacity: (M,) opacities of the originals, 0 to 1.
+        copies: (M,) int, N, from 1 to 51.
 
     Returns:
-        (M,) opacity of each, (M,) factor for its scales.
+        (M,) opacity of each copy, and (M,) factor for its scales.
     """
     new = 1 - (1 - opacity) ** (1 / copies)
     denominator = torch.zeros_like(new)
@@ -77,7 +80,7 @@ def shared_opacity_and_scale(opacity: Tensor, copies: Tensor) -> tuple[Tensor, T
 
 
 def relocate_dead(optimizer: SplatOptimizer, generator: torch.Generator) -> int:
-    """Move every dead splat onto a live one; returns how many were moved."""
+    """Move each dead splat onto a live one; returns the number of moved splats."""
     gaussians = optimizer.gaussians.detach()
     opacities = gaussians.opacities
     dead = (opacities <= _DEAD).nonzero()[:, 0]
@@ -92,7 +95,7 @@ def relocate_dead(optimizer: SplatOptimizer, generator: torch.Generator) -> int:
 
 
 def grow(optimizer: SplatOptimizer, budget: int, generator: torch.Generator) -> int:
-    """Five percent more splats, up to the budget, on top of live ones; returns how many were added."""
+    """Add 5 % more splats as copies of live ones, up to `budget` in total; returns the number added."""
     count = len(optimizer)
     more = min(budget, int(_GROWTH * count)) - count
     if more <= 0:
@@ -106,7 +109,7 @@ def grow(optimizer: SplatOptimizer, budget: int, generator: torch.Generator) -> 
 
 
 def add_noise(optimizer: SplatOptimizer, strength: float, generator: torch.Generator) -> None:
-    """Noise with each splat's own covariance on the position, only where it is nearly transparent (equation 8)."""
+    """Add noise with the splat's own covariance to the means of nearly transparent splats (equation 8)."""
     gaussians = optimizer.gaussians.detach()
     share = torch.sigmoid(-_NOISE_SHARPNESS * (gaussians.opacities - _NOISE_OPACITY))
     draws = torch.randn(gaussians.means.shape, generator=generator).to(gaussians.device)
@@ -117,8 +120,8 @@ def add_noise(optimizer: SplatOptimizer, strength: float, generator: torch.Gener
 
 
 def _draw(opacities: Tensor, count: int, generator: torch.Generator) -> Tensor:
-    """`count` indices with replacement, in proportion to opacity."""
-    # cumulative sums rather than multinomial, which takes at most 2^24 categories
+    """`count` indices, sampled with replacement in proportion to opacity."""
+    # torch.multinomial is limited to 2^24 categories
     edges = opacities.double().cumsum(0).cpu()
     draws = torch.rand(count, generator=generator, dtype=torch.float64) * edges[-1]
     return torch.searchsorted(edges, draws).clamp(max=len(edges) - 1).to(opacities.device)

@@ -1,4 +1,4 @@
-"""Adam over the attributes of splats whose number changes while training."""
+"""Adam over the attributes of splats whose number changes during training."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from studio.training.settings import LearningRates
 
 
 class SplatOptimizer:
-    """Holds splats as leaf tensors with one Adam parameter group each; rows can be dropped and added.
+    """Holds each attribute as a leaf tensor with its own Adam parameter group. Splats can be added and removed.
 
     Args:
-        gaussians: first values (copied).
+        gaussians: initial values (copied).
         rates: learning rates.
-        extent: scene extent by which the positions' rate is multiplied.
-        train_means: False freezes the positions.
+        extent: scene extent, world units; the rate of the means is multiplied by it.
+        train_means: False freezes the means.
     """
 
     def __init__(self, gaussians: Gaussians, rates: LearningRates, extent: float, train_means: bool = True) -> None:
@@ -47,7 +47,7 @@ class SplatOptimizer:
 
     @property
     def gaussians(self) -> Gaussians:
-        """The current splats; gradients flow back into the leaves."""
+        """The current splats; gradients flow to the leaf tensors."""
         sh = self._leaves["sh_dc"]
         if "sh_rest" in self._leaves:
             sh = torch.cat([sh, self._leaves["sh_rest"]], dim=1)
@@ -55,7 +55,7 @@ class SplatOptimizer:
         return Gaussians(leaves["means"], leaves["quats"], leaves["log_scales"], leaves["logit_opacities"], sh)
 
     def set_means_progress(self, fraction: float) -> None:
-        """Positions' rate, decayed exponentially; `fraction` 0 is the first step, 1 the last."""
+        """Set the exponentially decayed rate of the means; `fraction` is 0 at the first step and 1 at the last."""
         for group in self._adam.param_groups:
             if group["name"] == "means":
                 ratio = self._rates.means_final / self._rates.means
@@ -63,12 +63,12 @@ class SplatOptimizer:
 
     @property
     def means_rate(self) -> float:
-        """The positions' rate of the next step, world units."""
+        """Learning rate of the means in the next step, world units; 0 if they are frozen."""
         rates = [group["lr"] for group in self._adam.param_groups if group["name"] == "means"]
         return float(rates[0]) if rates else 0.0
 
     def step(self) -> None:
-        """One Adam step; gradients are cleared."""
+        """Take one Adam step and clear the gradients."""
         self._adam.step()
         self._adam.zero_grad(set_to_none=True)
 
@@ -89,14 +89,14 @@ class SplatOptimizer:
 
     @torch.no_grad()
     def keep(self, index: Tensor) -> None:
-        """Keep the rows of a boolean mask or an index tensor, with their moments."""
+        """Keep only the splats of a boolean mask or an index tensor, with their Adam moments."""
         for name in list(self._leaves):
             moments = {key: value[index].contiguous() for key, value in self._moments(name).items()}
             self._replace(name, self._leaves[name][index], moments)
 
     @torch.no_grad()
     def append(self, new: Gaussians) -> None:
-        """Add splats at the end; their moments start at zero."""
+        """Append splats; their Adam moments start at zero."""
         values = _by_leaf(new)
         for name in list(self._leaves):
             moments = {
@@ -106,7 +106,7 @@ class SplatOptimizer:
 
     @torch.no_grad()
     def overwrite(self, index: Tensor, new: Gaussians) -> None:
-        """Give the splats at `index` other values; their moments start at zero. Repeated indices need equal values."""
+        """Replace the splats at `index` and reset their Adam moments. Repeated indices must have equal values."""
         for name, value in _by_leaf(new).items():
             if name in self._leaves:
                 leaf = self._leaves[name]
@@ -115,11 +115,11 @@ class SplatOptimizer:
 
     @torch.no_grad()
     def shift_means(self, offsets: Tensor) -> None:
-        """Move the splats by (N, 3) world units; moments stay."""
+        """Add (N, 3) offsets in world units to the means; Adam moments are unchanged."""
         self._leaves["means"].add_(offsets)
 
     def state(self) -> dict[str, Tensor]:
-        """All values and moments, by name, for `restore`."""
+        """All values and Adam moments by name, for `restore`."""
         found = {}
         for name, leaf in self._leaves.items():
             found[f"{name}.value"] = leaf.detach()
@@ -129,7 +129,7 @@ class SplatOptimizer:
 
     @torch.no_grad()
     def restore(self, state: dict[str, Tensor]) -> None:
-        """Go on exactly from `state`."""
+        """Continue from a `state()`, bit for bit."""
         for name, leaf in list(self._leaves.items()):
             moments = {
                 key.removeprefix(f"{name}."): value.to(leaf.device)
@@ -142,14 +142,14 @@ class SplatOptimizer:
 
     @torch.no_grad()
     def cap_opacity(self, opacity: float) -> None:
-        """3DGS's opacity reset: no opacity above `opacity`; the moments of opacity start again."""
+        """The opacity reset of 3DGS: clamp opacities to at most `opacity` and reset their Adam moments."""
         limit = torch.logit(torch.tensor(opacity)).item()
         moments = {key: torch.zeros_like(value) for key, value in self._moments("logit_opacities").items()}
         self._replace("logit_opacities", self._leaves["logit_opacities"].clamp(max=limit), moments)
 
 
 def _by_leaf(gaussians: Gaussians) -> dict[str, Tensor]:
-    """The tensors that have a parameter group each; sh_rest is empty at degree 0."""
+    """One tensor per parameter group; sh_rest is empty at degree 0."""
     return {
         "means": gaussians.means,
         "quats": gaussians.quats,

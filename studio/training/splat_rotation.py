@@ -1,4 +1,4 @@
-"""Splats that turn with the surface they lie on: rotations read off the motion of their neighbors."""
+"""Rotates splats with the surface they are on: rotations estimated from the motion of neighboring splats."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from studio.torch_rotations import matrices_to_quats
 
 
 def neighbors(means: Tensor, count: int) -> Tensor:
-    """(N, k) int64: indices of the k = min(count, N - 1) nearest other splats of (N, 3) positions."""
+    """(N, k) int64 indices of the k = min(count, N - 1) nearest other splats, from (N, 3) means."""
     from scipy.spatial import cKDTree
 
     array = means.detach().cpu().numpy()
@@ -18,23 +18,22 @@ def neighbors(means: Tensor, count: int) -> Tensor:
 
 
 def local_median(values: Tensor, near: Tensor) -> Tensor:
-    """(N, C) medians of each splat's (N, C) values and those of its (N, k) neighbors, channel by channel.
+    """(N, C) per-channel medians of the (N, C) values of each splat and its (N, k) neighbors.
 
-    A median, because near a limb before the body it takes the majority's side where a mean would take neither.
+    At motion boundaries, such as a limb in front of the body, a median follows one side; a mean would blend both.
     """
     return torch.cat([values[:, None], values[near]], dim=1).median(dim=1).values
 
 
 def local_rotations(before: Tensor, after: Tensor, near: Tensor) -> Tensor:
-    """(N, 4) unit quaternions, wxyz: how each splat's neighborhood turned from `before` to `after`.
+    """(N, 4) unit quaternions, wxyz: the rotation of each splat's neighborhood from `before` to `after`.
 
-    The rotation that maps the offsets to the neighbors best in least squares (Kabsch 1976), which for a flat
-    neighborhood is the one of the two reflections that is a rotation. Splats with fewer than two neighbors do not
-    turn.
+    The least-squares rotation of the offsets to the neighbors (Kabsch 1976), with the reflection excluded for flat
+    neighborhoods. Splats with fewer than two neighbors get the identity.
 
     Args:
-        before, after: (N, 3) positions.
-        near: (N, k) neighbors of each splat.
+        before, after: (N, 3) means.
+        near: (N, k) indices of the neighbors.
     """
     if near.shape[1] < 2:
         identity = torch.zeros(len(before), 4, dtype=before.dtype, device=before.device)

@@ -1,4 +1,4 @@
-"""One photometric step, shared by keyframe, motion and fine-tuning."""
+"""One photometric training step, shared by the keyframe, motion and fine-tuning stages."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from studio.training.views import Shuffled, TrainingView, backgrounds
 _MAX_OPACITY = 0.995
 
 SnapshotFn = Callable[[int, Gaussians], None]
-"""`snapshot(iteration, gaussians)`: called now and then with detached splats, for previews."""
+"""`snapshot(iteration, gaussians)`: called regularly with detached splats, for previews."""
 
 
 @dataclass
 class Step:
-    """What one step drew.
+    """Result of one step.
 
     Attributes:
-        loss: scalar, equation 7 (and the alpha term where it is switched on); not yet propagated.
-        target: (H, W, 3) what the picture was compared with.
-        render: the picture; `radii` are those of all splats, 0 for the ones that dropout left out.
-        view: where it was taken.
+        loss: scalar, equation 7, plus the alpha loss if enabled; backward() was not called yet.
+        target: (H, W, 3) image that the render was compared with.
+        render: the render; `radii` has an entry for every splat, 0 for dropped ones.
+        view: the training view.
     """
 
     loss: Tensor
@@ -40,12 +40,12 @@ class Step:
 
     @property
     def psnr(self) -> float:
-        """Of this step's crop, dB, against the training background."""
+        """PSNR of the crop of this step in dB, over the training background."""
         return float(psnr(self.render.image.detach(), self.target))
 
 
 class Stepper:
-    """Draws views and backgrounds in a random order fixed by the generator and computes equation 7."""
+    """Renders random views over random backgrounds, both drawn by the generator, and computes equation 7."""
 
     def __init__(self, views: Sequence[TrainingView], settings: TrainSettings, generator: torch.Generator) -> None:
         self._settings = settings
@@ -54,7 +54,7 @@ class Stepper:
         self._backgrounds = backgrounds(settings.background, generator, views[0].device)
 
     def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None, dropout: bool = False) -> Step:
-        """Draw the next view of `gaussians` and compare; with `dropout`, of a random share of them."""
+        """Render the next view and compare it with the footage; with `dropout`, a random subset of the splats."""
         view, background = next(self._views), next(self._backgrounds)
         count, kept = len(gaussians), None
         if dropout and self._settings.dropout:
@@ -67,7 +67,7 @@ class Stepper:
         else:
             render = rasterize(gaussians, view.camera, screen_offsets=screen_offsets)
             render = replace(render, image=torch.addcmul(render.image, 1 - render.alpha[..., None], backdrop))
-        if kept is not None:  # a splat that was left out was not drawn
+        if kept is not None:  # dropped splats were not drawn
             render = replace(render, radii=render.radii.new_zeros(count).index_copy(0, kept, render.radii))
         loss = photometric_loss(render.image, target, self._settings.dssim_weight)
         if self._settings.alpha_weight:
@@ -75,28 +75,27 @@ class Stepper:
         return Step(loss, target, render, view)
 
     def state(self) -> dict[str, Tensor]:
-        """Where it stands among the views; the generator is its owner's."""
+        """Position in the sequence of views. The state of the generator belongs to the caller."""
         return {"views": self._views.state()}
 
     def restore(self, state: dict[str, Tensor]) -> None:
-        """Go on from `state`."""
+        """Continue from a `state()`."""
         self._views.restore(state["views"])
 
 
 def dropped(gaussians: Gaussians, share: float, generator: torch.Generator) -> tuple[Gaussians, Tensor]:
-    """A random 1 - `share` of the splats, their opacities divided by 1 - `share` so that the picture stays as dense.
+    """Drop a random fraction of the splats; the opacities of the others are divided by 1 - `share` to compensate.
 
-    With few cameras splats learn to be right together only in the training views: one hides the other's error. Leaving
-    a random share of them out at each step makes each right by itself, which shows in views that were never trained on
-    (DropGaussian, Park et al. 2025, equation 6).
+    With few cameras, splats overfit jointly: one hides the error of another in the training views. Dropping a random
+    subset in each step regularizes this and improves held-out views (DropGaussian, Park et al. 2025, equation 6).
 
     Args:
         gaussians: N splats.
-        share: above 0 and below 1.
-        generator: draws which ones.
+        share: fraction to drop, above 0 and below 1.
+        generator: selects the dropped splats.
 
     Returns:
-        The M splats that are left, and their (M,) indices.
+        The M remaining splats, and their (M,) indices.
     """
     kept = (torch.rand(len(gaussians), generator=generator) >= share).nonzero()[:, 0].to(gaussians.device)
     left = gaussians[kept]
@@ -104,9 +103,17 @@ def dropped(gaussians: Gaussians, share: float, generator: torch.Generator) -> t
     return Gaussians(left.means, left.quats, left.log_scales, torch.logit(opacities), left.sh), kept
 
 
-def check_finite(loss: Tensor, what: str) -> None:
-    """Raises StudioError when training has diverged."""
+def check_finite(loss: Tensor, phase: str) -> None:
+    """Check that training has not diverged; `phase` ("keyframe", "motion" or "fine-tuning") is for the error.
+
+    Raises:
+        StudioError: `training.diverged`: the loss is NaN or infinite.
+    """
     if not torch.isfinite(loss):
         raise StudioError(
-            f"{what}: the loss is no longer a finite number; lower the learning rates or check the images."
+            "training.diverged",
+            f"{phase} training diverged: the loss is {float(loss)}",
+            value=float(loss),
+            fix="Lower the learning rates (train.rates), or check the images and mattes",
+            phase=phase,
         )

@@ -1,4 +1,4 @@
-"""What training sees of a frame: images and mattes as tensors, cropped to the performer."""
+"""Training views: images and mattes of one frame as tensors, cropped to the performer."""
 
 from __future__ import annotations
 
@@ -12,25 +12,24 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.views import CapturedView
 
-KEPT_PIXELS = 400_000
-"""Up to so many pixels a view keeps its pictures as floats too, which saves 1.4 ms of a step of 23 for 32 bytes a
-pixel."""
+CACHED_PIXELS = 400_000
+"""Views of up to this many pixels also cache their images as floats: 1.4 of 23 ms per step for 32 bytes per pixel."""
 
 
 class TrainingView:
-    """One camera's picture of one moment.
+    """One camera's image of one frame.
 
-    Large pictures are kept as they come, and made floats when they are asked for: 81 cameras at 4K take 2 GiB as bytes
-    and 16 GiB as floats.
+    Large images are stored as they are and converted to floats on access: 81 cameras at 4K take 2 GiB as bytes and
+    16 GiB as floats.
 
     Args:
-        camera: pinhole, fits `image`.
-        image: (H, W, 3) uint8, or float32 in 0 to 1, RGB, as filmed.
-        matte: (H, W) likewise, 255 or 1 = performer.
-        full_size: (width, height) of the uncropped picture.
-        plate: (H, W, 3) likewise, the empty set. Where it is known, the performer is not cut out: on and around him the
-            picture is compared as filmed, with the splats drawn over the plate. That is how light made it, soft edges
-            and all, so that errors of the matte do no harm as long as they stay small.
+        camera: pinhole camera of `image`.
+        image: (H, W, 3) RGB as filmed, uint8 or float32 in 0 to 1.
+        matte: (H, W), same dtype; 255 or 1 is the performer.
+        full_size: (width, height) of the uncropped image, pixels.
+        plate: (H, W, 3) clean plate, same dtype, or None. With a plate, the performer is not cut out: on and around the
+            performer, the filmed image is compared with the splats over the plate. This models soft edges correctly and
+            tolerates small errors of the matte.
 
     Attributes:
         camera, full_size: as above.
@@ -42,13 +41,13 @@ class TrainingView:
         self.camera, self.full_size = camera, full_size
         self._image, self._matte, self._plate = image, matte, plate
         self._near = None if plate is None else surroundings(_floats(matte)).to(torch.uint8)
-        self._kept: tuple[Tensor, Tensor, Tensor | None] | None = None
-        if matte.numel() <= KEPT_PIXELS:
-            self._matte, self._kept = _floats(matte), self._parts()
+        self._cached: tuple[Tensor, Tensor, Tensor | None] | None = None
+        if matte.numel() <= CACHED_PIXELS:
+            self._matte, self._cached = _floats(matte), self._parts()
 
     @property
     def device(self) -> torch.device:
-        """Where the pictures are."""
+        """Device of the images."""
         return self._image.device
 
     @property
@@ -58,12 +57,12 @@ class TrainingView:
 
     @property
     def matte(self) -> Tensor:
-        """(H, W) float32 in 0 to 1, 1 = performer."""
+        """(H, W) float32 in 0 to 1; 1 is the performer."""
         return _floats(self._matte)
 
     @property
     def plate(self) -> Tensor | None:
-        """(H, W, 3) float32 in 0 to 1; None where there is none."""
+        """(H, W, 3) clean plate, float32 in 0 to 1, or None."""
         return None if self._plate is None else _floats(self._plate)
 
     @classmethod
@@ -74,10 +73,17 @@ class TrainingView:
         crop_margin: float | None = None,
         use_plate: bool = True,
     ) -> TrainingView:
-        """Cropped to the matte's box padded by `crop_margin` of its size and 16 px; None keeps the whole picture.
+        """Convert a view of the footage.
+
+        Args:
+            view: image, matte, camera and optional clean plate.
+            device: device of the tensors.
+            crop_margin: crop to the bounding box of the matte, padded by this fraction of its size and 16 pixels; None
+                keeps the full image.
+            use_plate: False ignores the clean plate.
 
         Raises:
-            StudioError: the matte is empty, so there is nothing to learn from this view.
+            StudioError: `matte.empty`: no pixel of the matte is the performer.
         """
         camera, image, matte, plate = view.camera, view.image, view.matte, view.plate if use_plate else None
         size = (camera.width, camera.height)
@@ -88,63 +94,73 @@ class TrainingView:
             matte = matte[top : top + height, left : left + width]
             plate = None if plate is None else plate[top : top + height, left : left + width]
 
-        def tensor(picture: np.ndarray) -> Tensor:
-            # a copy: a view of the crop would hold the whole picture
-            return torch.from_numpy(np.array(picture, dtype=np.uint8, order="C")).to(device)
+        def tensor(image: np.ndarray) -> Tensor:
+            # copy: a NumPy view of the crop would keep the full image in memory
+            return torch.from_numpy(np.array(image, dtype=np.uint8, order="C")).to(device)
 
         return cls(camera, tensor(image), tensor(matte), size, None if plate is None else tensor(plate))
 
     def composited(self, background: Tensor) -> Tensor:
-        """(H, W, 3): what a drawn picture is compared with.
+        """(H, W, 3) target image over a (3,) background color.
 
-        Without a plate the performer over the plain (3,) background color, by the matte; with one the picture as
-        filmed on and around the performer, and the plain color elsewhere.
+        Without a plate: the performer, composited over the color by the matte. With a plate: the filmed image on and
+        around the performer, and the color elsewhere.
         """
-        image, rest, _ = self._kept or self._parts()
+        image, rest, _ = self._cached or self._parts()
         return torch.addcmul(image, rest, background)
 
     def backdrop(self, background: Tensor) -> Tensor | None:
-        """(H, W, 3): what stands behind the splats when they are compared with `composited`: the plate on and around
-        the performer, the plain color elsewhere. None without a plate: then it is the plain color."""
+        """(H, W, 3) background of the splats when they are compared with `composited`: the plate on and around the
+        performer, and the (3,) color elsewhere. None without a plate: the background is the color."""
         if self._plate is None:
             return None
-        _, rest, plate = self._kept or self._parts()
+        _, rest, plate = self._cached or self._parts()
         return None if plate is None else torch.addcmul(plate, rest, background)
 
     def _parts(self) -> tuple[Tensor, Tensor, Tensor | None]:
-        """The picture (H, W, 3) as far as it is compared itself, how much is not (H, W, 1), and the plate likewise."""
+        """The image (H, W, 3) times its weight, one minus the weight (H, W, 1), and the plate times the weight."""
         shown = self.matte[..., None] if self._near is None else self._near.to(torch.float32)[..., None]
         plate = self.plate
         return self.image * shown, 1 - shown, None if plate is None else plate * shown
 
 
-def _floats(picture: Tensor) -> Tensor:
-    """A picture in 0 to 1."""
-    return picture if picture.is_floating_point() else picture / 255
+def _floats(image: Tensor) -> Tensor:
+    """An image as floats in 0 to 1."""
+    return image if image.is_floating_point() else image / 255
 
 
 def surroundings(matte: Tensor) -> Tensor:
-    """(H, W) 1 on the performer and around him, as far as mattes are commonly wrong: 2 % of his size, at least 4 px."""
+    """(H, W) mask, 1 on and around the performer: the matte dilated by 2 % of the performer's size, at least 4 px."""
     inside = matte > 0.5
     extent = max(int(inside.any(0).sum()), int(inside.any(1).sum()))
     reach = max(4, round(0.02 * extent))
     grown = (matte > 0.02).float()[None, None]
-    for across in ((1, 0), (0, 1)):  # rows, then columns: the same square, much faster where it is large
-        size, padding = [2 * reach * one + 1 for one in across], [reach * one for one in across]
+    for axis in ((1, 0), (0, 1)):  # separable: rows, then columns
+        size, padding = [2 * reach * on + 1 for on in axis], [reach * on for on in axis]
         grown = torch.nn.functional.max_pool2d(grown, size, stride=1, padding=padding)
     return grown[0, 0]
 
 
 def matte_box(matte: np.ndarray, margin: float, name: str) -> tuple[int, int, int, int]:
-    """(left, top, width, height) of the matte above one half, padded by `margin` of its size and 16 px, clipped.
+    """Bounding box (left, top, width, height) of the performer in pixels, padded and clipped to the image.
+
+    Args:
+        matte: (H, W) uint8; pixels above one half are the performer.
+        margin: padding as a fraction of the size of the box; another 16 pixels are added.
+        name: camera, for the error.
 
     Raises:
-        StudioError: no pixel of the matte is above one half.
+        StudioError: `matte.empty`: no pixel of the matte is above one half.
     """
     rows = np.flatnonzero((matte > 127).any(1))
     columns = np.flatnonzero((matte > 127).any(0))
     if rows.size == 0:
-        raise StudioError(f"Camera '{name}': the mask is empty, so this view cannot be trained on; mend its mask.")
+        raise StudioError(
+            "matte.empty",
+            f"the matte of camera '{name}' is empty, so the view cannot be used for training",
+            fix="Fix the matte",
+            camera=name,
+        )
     pad_y = 16 + int(margin * (rows[-1] - rows[0] + 1))
     pad_x = 16 + int(margin * (columns[-1] - columns[0] + 1))
     top, bottom = max(0, rows[0] - pad_y), min(matte.shape[0], rows[-1] + 1 + pad_y)
@@ -153,19 +169,24 @@ def matte_box(matte: np.ndarray, margin: float, name: str) -> tuple[int, int, in
 
 
 class Shuffled:
-    """Views without end, each epoch in a new random order. An iterator whose place can be noted and found again.
+    """An endless iterator over views, in a new random order in each epoch. Its position can be saved and restored.
 
     Args:
-        views: at least one.
-        generator: draws each epoch's order.
+        views: at least one view.
+        generator: draws the order of each epoch.
 
     Raises:
-        StudioError: there is no view.
+        StudioError: `training.no_views`: `views` is empty.
     """
 
     def __init__(self, views: Sequence[TrainingView], generator: torch.Generator) -> None:
         if not views:
-            raise StudioError("There is no view to train on; at least one training camera is needed.")
+            raise StudioError(
+                "training.no_views",
+                "there are no training views",
+                fix="Keep at least one camera out of capture.held_out",
+                setting="capture.held_out",
+            )
         self._views, self._generator = views, generator
         self._left: list[int] = []
 
@@ -178,16 +199,16 @@ class Shuffled:
         return self._views[self._left.pop(0)]
 
     def state(self) -> Tensor:
-        """(M,) int64: what is left of this epoch, in order."""
+        """(M,) int64 indices of the remaining views of this epoch, in order."""
         return torch.tensor(self._left, dtype=torch.int64)
 
     def restore(self, state: Tensor) -> None:
-        """Go on from `state`; the generator is restored by its owner."""
+        """Continue from a `state()`. The caller restores the generator."""
         self._left = [int(index) for index in state]
 
 
 def backgrounds(kind: str, generator: torch.Generator, device: torch.device) -> Iterator[Tensor]:
-    """(3,) background colors without end: "random", "black" or "white"."""
+    """Endless (3,) RGB background colors of a `kind`: "random", "black" or "white"."""
     while True:
         if kind == "random":
             yield torch.rand(3, generator=generator).to(device)

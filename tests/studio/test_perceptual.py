@@ -1,4 +1,4 @@
-"""LPIPS against numpy and against its authors' package, with made-up weights: the real ones are not at hand."""
+"""LPIPS against NumPy and against the authors' package, with random weights: tests do not download the real ones."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import torch
 from safetensors.numpy import load_file
 
 from studio import perceptual
-from studio.errors import StudioError
 from studio.perceptual import NETWORKS, Lpips, weights_file
+from tests.support.errors import refuses
 
 CONVOLUTIONS = {
     "alex": {0: (3, 64, 11), 3: (64, 192, 5), 6: (192, 384, 3), 8: (384, 256, 3), 10: (256, 256, 3)},
@@ -23,11 +23,11 @@ CONVOLUTIONS = {
         26: (512, 512, 3), 28: (512, 512, 3),
     },
 }  # fmt: skip
-"""Number among torchvision's features: channels in, channels out, side of the kernel."""
+"""Index in torchvision's features: input channels, output channels, kernel size."""
 
 
-def made_up(net: str) -> dict[str, torch.Tensor]:
-    """Weights that keep the size of what goes through, named as torchvision names them."""
+def random_weights(net: str) -> dict[str, torch.Tensor]:
+    """Random weights that preserve the magnitude of activations, named as in torchvision."""
     random = torch.Generator().manual_seed(7)
     found = {}
     for number, (before, after, side) in CONVOLUTIONS[net].items():
@@ -39,7 +39,7 @@ def made_up(net: str) -> dict[str, torch.Tensor]:
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache for torch, and no network."""
+    """An empty torch cache, and no network access."""
 
     def refuse(*arguments: object, **options: object) -> None:
         raise urllib.error.URLError("no network in tests")
@@ -52,7 +52,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def put(net: str) -> Path:
     file = weights_file(NETWORKS[net])
     file.parent.mkdir(parents=True, exist_ok=True)
-    torch.save(made_up(net), file)
+    torch.save(random_weights(net), file)
     return file
 
 
@@ -63,9 +63,9 @@ def pictures(height: int = 45, width: int = 38) -> tuple[torch.Tensor, torch.Ten
 
 
 def in_numpy(net: str, image: torch.Tensor, target: torch.Tensor) -> float:
-    """Zhang et al.'s equation 1, from the definition."""
+    """Equation 1 of Zhang et al., from the definition."""
     linear = load_file(Path(perceptual.__file__).with_name("linear_weights.safetensors"))
-    state = {name: value.double().numpy() for name, value in made_up(net).items()}
+    state = {name: value.double().numpy() for name, value in random_weights(net).items()}
 
     def windows(planes: np.ndarray, side: int, stride: int) -> np.ndarray:
         return np.lib.stride_tricks.sliding_window_view(planes, (side, side), axis=(1, 2))[:, ::stride, ::stride]
@@ -76,10 +76,10 @@ def in_numpy(net: str, image: torch.Tensor, target: torch.Tensor) -> float:
         found, pool = [], (3, 2) if net == "alex" else (2, 2)
         for number, (_, _, side) in CONVOLUTIONS[net].items():
             if number in ((3, 6) if net == "alex" else (5, 10, 17, 24)):
-                found.append(planes)  # what is compared are the last planes before each pooling ...
+                found.append(planes)  # the last planes before each pooling are compared ...
                 planes = windows(planes, *pool).max((-1, -2))
             elif net == "alex" and number in (8, 10):
-                found.append(planes)  # ... and in AlexNet each of the last three
+                found.append(planes)  # ... and in AlexNet, each of the last three
             stride, padding = (4, 2) if side == 11 else (1, side // 2)
             padded = np.pad(planes, ((0, 0), (padding, padding), (padding, padding)))
             sums = np.einsum(
@@ -113,7 +113,7 @@ def test_distance_is_that_of_the_authors_package(home: Path, net: str) -> None:
     lpips = pytest.importorskip("lpips")
     theirs = lpips.LPIPS(net=net, pnet_rand=True, verbose=False)
     put(net)
-    state = {name.removeprefix("features."): value for name, value in made_up(net).items() if "features" in name}
+    state = {name.removeprefix("features."): value for name, value in random_weights(net).items() if "features" in name}
     for name, value in theirs.net.state_dict().items():  # sliceN.NUMBER.weight
         value.copy_(state[name.split(".", 1)[1]])
     image, target = pictures()
@@ -122,36 +122,41 @@ def test_distance_is_that_of_the_authors_package(home: Path, net: str) -> None:
     assert Lpips(net)(image, target) == pytest.approx(float(expected), rel=1e-4)
 
 
-def test_images_must_fit(home: Path) -> None:
+def test_invalid_images(home: Path) -> None:
     put("alex")
     metric = Lpips("alex")
     image, target = pictures(32, 32)
     assert metric(image, target) > 0
     for wrong in (image[:31], image[..., :2], image[None]):
-        with pytest.raises(StudioError, match="at least 32 pixels each way"):
+        with refuses("metrics.image_shape", value=(tuple(wrong.shape), tuple(wrong.shape))):
             metric(wrong, wrong)
-    with pytest.raises(StudioError, match=r"two .* images of one size"):
+    with refuses("metrics.image_shape", value=((32, 32, 3), (32, 33, 3))):
         metric(image, pictures(32, 33)[0])
 
 
-def test_the_protocol_says_which_weights_and_a_remark_that_they_are_others(home: Path) -> None:
+def test_the_protocol_names_the_weights_and_a_warning_says_that_they_differ(home: Path) -> None:
     file = put("alex")
     metric = Lpips("alex")
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    assert f"through AlexNet, weights alexnet-owt-7be5be79.pth (SHA-256 {digest[:8]}...)" in metric.protocol
-    assert f"begins with {digest[:8]}, not 7be5be79" in metric.remark
+    assert f"with AlexNet, weights alexnet-owt-7be5be79.pth (SHA-256 {digest[:8]}...)" in metric.protocol
+    assert metric.remark is not None
+    assert metric.remark.code == "lpips.other_weights"
+    assert (metric.remark.file, metric.remark.value) == (file, digest[:8])
+    assert metric.remark.fields["expected"] == "7be5be79"
 
 
-def test_weights_that_cannot_be_fetched(home: Path) -> None:
-    with pytest.raises(StudioError) as caught:
+def test_weights_that_cannot_be_downloaded(home: Path) -> None:
+    url = "https://download.pytorch.org/models/vgg16-397923af.pth"
+    file = home / "vgg16-397923af.pth"
+    with refuses("lpips.download_failed", file=file, value=url, setting="evaluate.lpips") as caught:
         Lpips("vgg")
-    text = str(caught.value)
-    assert "VGG16's weights for LPIPS cannot be fetched (<urlopen error no network in tests>)" in text
-    assert f"put vgg16-397923af.pth from https://download.pytorch.org/models/vgg16-397923af.pth into {home}" in text
-    assert "\n" not in text
+    assert str(caught.value) == (
+        f"{file}: the LPIPS weights of VGG16 cannot be downloaded (<urlopen error no network in tests>). "
+        f"Download {url} to {home}, or set evaluate.lpips to null."
+    )
 
 
-def test_weights_that_are_none(home: Path) -> None:
+def test_files_that_are_not_weights(home: Path) -> None:
     file = put("alex")
     whole = file.read_bytes()
     contents = {
@@ -161,17 +166,15 @@ def test_weights_that_are_none(home: Path) -> None:
     }
     for data in contents.values():
         file.write_bytes(data)
-        with pytest.raises(
-            StudioError, match=r"7be5be79\.pth: these are no weights of AlexNet \(.+\); delete the file"
-        ):
+        with refuses("lpips.invalid_weights", file=file):
             Lpips("alex")
     for value in ({}, [1], {"features.0.weight": torch.zeros(2)}):
         torch.save(value, file)
-        with pytest.raises(StudioError, match="these are no weights of AlexNet") as caught:
+        with refuses("lpips.invalid_weights", file=file) as caught:
             Lpips("alex")
         assert "\n" not in str(caught.value)
 
 
 def test_there_are_two_networks(home: Path) -> None:
-    with pytest.raises(StudioError, match="no network 'squeeze'; choose one of alex, vgg"):
+    with refuses("lpips.unknown_network", value="squeeze", expected=("alex", "vgg")):
         Lpips("squeeze")

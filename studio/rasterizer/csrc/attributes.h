@@ -1,7 +1,15 @@
-// Splats' attributes, eight splats at a time: from rows to lanes and back, and spherical harmonics.
-// Included by isa.h, once for each instruction set.
+// Attributes of eight splats at a time: loads and stores that transpose between rows and lanes, and spherical
+// harmonics.
+#pragma once
 
-// width values a splat, as one vector a value; lanes beyond the end repeat the last splat.
+#include <cstdint>
+
+#include "isa_namespace.h"
+#include "simd.h"
+
+namespace vs::VS_ISA {
+
+// Loads `width` values per splat into one vector per value. Lanes past the end repeat the last splat.
 template <typename T>
 VS_INLINE void gather(const T* p, int width, std::int64_t first, std::int64_t count, Vec<T>* out) {
     T lanes[16][LANES];
@@ -21,7 +29,7 @@ VS_INLINE void scatter(T* p, int width, std::int64_t first, int valid, const Vec
         for (int k = 0; k < width; k++) p[(first + i) * width + k] = lanes[k][i];
 }
 
-// As gather and scatter, for the long rows of spherical harmonics: 8x8 transposes where eight whole splats are there.
+// Like gather and scatter, for the long rows of SH coefficients: 8x8 transposes where all eight splats exist.
 template <typename T>
 VS_INLINE void gather_long(const T* p, int width, std::int64_t first, std::int64_t count, Vec<T>* out) {
     if (count - first < LANES) {
@@ -47,7 +55,7 @@ VS_INLINE void gather_long(const T* p, int width, std::int64_t first, std::int64
     }
 }
 
-// Ask for the rows of the group after the next one: harmonics are most of a splat's bytes, and come from far memory.
+// Prefetches the rows two steps ahead. SH coefficients are most of a splat's bytes and rarely in the cache.
 template <typename T>
 VS_INLINE void prefetch_ahead(const T* p, int width, std::int64_t first, std::int64_t count) {
     const std::int64_t ahead = first + 2 * LANES;
@@ -72,7 +80,7 @@ VS_INLINE void scatter_long(T* p, int width, std::int64_t first, int valid, Vec<
     }
 }
 
-// The basis at unit directions, and where wanted its derivatives (treating x, y, z as independent).
+// The SH basis at unit directions and, with GRADIENT, its derivatives with respect to x, y, z as if independent.
 template <typename T, bool GRADIENT>
 VS_INLINE void sh_basis(int coefficients, Vec<T> x, Vec<T> y, Vec<T> z, Vec<T>* f, Vec<T>* fx, Vec<T>* fy, Vec<T>* fz) {
     using V = Vec<T>;
@@ -118,3 +126,5 @@ VS_INLINE void sh_basis(int coefficients, Vec<T> x, Vec<T> y, Vec<T> z, Vec<T>* 
         fx[15] = T(-3) * c3 * (xx - yy), fy[15] = T(6) * c3 * xy, fz[15] = zero;
     }
 }
+
+}  // namespace vs::VS_ISA

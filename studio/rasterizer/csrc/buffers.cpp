@@ -8,21 +8,21 @@
 namespace vs {
 namespace {
 
-struct Idle {
+struct IdleBuffer {
     void* pointer;
     std::size_t capacity;
 };
 
-constexpr std::size_t MOST_IDLE_BYTES = std::size_t(256) << 20;
-constexpr std::size_t MOST_IDLE = 32;
+constexpr std::size_t MAX_IDLE_BYTES = std::size_t(256) << 20;
+constexpr std::size_t MAX_IDLE_BUFFERS = 32;
 
 std::mutex mutex;
-std::vector<Idle> idle;
+std::vector<IdleBuffer> idle;
 std::size_t idle_bytes = 0;
 
 }  // namespace
 
-void* take_buffer(std::size_t bytes, std::size_t* capacity) {
+void* acquire_buffer(std::size_t bytes, std::size_t* capacity) {
     if (bytes == 0) bytes = 1;
     {
         std::lock_guard<std::mutex> guard(mutex);
@@ -32,7 +32,7 @@ void* take_buffer(std::size_t bytes, std::size_t* capacity) {
                 (best == idle.size() || idle[i].capacity < idle[best].capacity))
                 best = i;
         if (best < idle.size()) {
-            Idle found = idle[best];
+            IdleBuffer found = idle[best];
             idle[best] = idle.back();
             idle.pop_back();
             idle_bytes -= found.capacity;
@@ -40,17 +40,18 @@ void* take_buffer(std::size_t bytes, std::size_t* capacity) {
             return found.pointer;
         }
     }
-    std::size_t rounded = (bytes + bytes / 8 + 4095) / 4096 * 4096;  // some room: splats come and go in training
+    std::size_t rounded =
+        (bytes + bytes / 8 + 4095) / 4096 * 4096;  // headroom: the number of splats changes during training
     void* pointer = std::aligned_alloc(64, rounded);
     if (pointer == nullptr) throw std::bad_alloc();
     *capacity = rounded;
     return pointer;
 }
 
-void give_buffer(void* pointer, std::size_t capacity) {
+void release_buffer(void* pointer, std::size_t capacity) {
     {
         std::lock_guard<std::mutex> guard(mutex);
-        if (idle.size() < MOST_IDLE && idle_bytes + capacity <= MOST_IDLE_BYTES) {
+        if (idle.size() < MAX_IDLE_BUFFERS && idle_bytes + capacity <= MAX_IDLE_BYTES) {
             idle.push_back({pointer, capacity});
             idle_bytes += capacity;
             return;
@@ -61,7 +62,7 @@ void give_buffer(void* pointer, std::size_t capacity) {
 
 void release_idle_buffers() {
     std::lock_guard<std::mutex> guard(mutex);
-    for (const Idle& one : idle) std::free(one.pointer);
+    for (const IdleBuffer& buffer : idle) std::free(buffer.pointer);
     idle.clear();
     idle_bytes = 0;
 }

@@ -1,26 +1,29 @@
-// Memory for one frame's working arrays, kept for the next frame: the kernel would otherwise hand out and clear the
-// same pages again and again, which costs more than drawing a small image.
+// Working memory that is recycled from frame to frame. Without this, the operating system would map and clear the same
+// pages for each frame, which takes longer than rendering a small image.
 #pragma once
 
 #include <cstddef>
 
 namespace vs {
 
-void* take_buffer(std::size_t bytes,
-                  std::size_t* capacity);  // 64-byte aligned, contents undefined; may throw bad_alloc
-void give_buffer(void* pointer, std::size_t capacity);
+// At least `bytes` bytes, 64-byte aligned, contents undefined; writes the usable size to `capacity`. Throws
+// std::bad_alloc.
+void* acquire_buffer(std::size_t bytes, std::size_t* capacity);
+// Returns a buffer for reuse, or frees it if enough are idle.
+void release_buffer(void* pointer, std::size_t capacity);
+// Frees all idle buffers.
 void release_idle_buffers();
 
-// Always inlined: the same template is compiled for several instruction sets, and the linker must not choose between
-// them.
+// The same template is compiled for several instruction sets. Inlining keeps the linker from picking one copy for all.
 #define VS_ALWAYS_INLINE __attribute__((always_inline))
 
+// Owns one acquired buffer of `count` values, uninitialized. Move-only.
 template <typename T>
 class Buffer {
   public:
     Buffer() = default;
     VS_ALWAYS_INLINE explicit Buffer(std::size_t count)
-        : data_(static_cast<T*>(take_buffer(count * sizeof(T), &capacity_))) {}
+        : data_(static_cast<T*>(acquire_buffer(count * sizeof(T), &capacity_))) {}
     VS_ALWAYS_INLINE Buffer(Buffer&& other) noexcept : data_(other.data_), capacity_(other.capacity_) {
         other.data_ = nullptr;
     }
@@ -40,7 +43,7 @@ class Buffer {
 
   private:
     VS_ALWAYS_INLINE void free() {
-        if (data_ != nullptr) give_buffer(data_, capacity_);
+        if (data_ != nullptr) release_buffer(data_, capacity_);
         data_ = nullptr;
     }
     T* data_ = nullptr;

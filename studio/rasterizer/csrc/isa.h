@@ -1,38 +1,22 @@
-// All kernels for one instruction set. A source file defines VS_ISA (the table's name) and VS_ISA_NAME and includes
-// this; its compiler flags choose the instructions.
+// The table of kernels for one instruction set. A source file defines VS_ISA (namespace and name of the table) and
+// VS_ISA_NAME (what Python sees) and includes this header. Its compiler flags select the instructions.
+#pragma once
 
-#include <cstddef>
-#include <cstdint>
-#include <type_traits>
+#include "isa_namespace.h"
+#include "kernels.h"
+#include "loss.h"
+#include "rasterize.h"
 
-#if defined(__SSE2__)
-#include <immintrin.h>
+#if !defined(VS_ISA_NAME)
+#define VS_ISA_NAME "baseline"
 #endif
 
-#include "kernels.h"
-#include "threads.h"
+#define VS_JOIN2(a, b) a##b
+#define VS_JOIN(a, b) VS_JOIN2(a, b)
 
 namespace vs {
 
-[[noreturn]] void throw_too_many();
-
-namespace VS_ISA {
-// clang-format off
-#include "simd.h"
-#include "attributes.h"
-#include "project.h"
-#include "tiles.h"
-#include "blend.h"
-#include "backward.h"
-#include "rasterize.h"
-#include "loss.h"
-// clang-format on
-}  // namespace VS_ISA
-
-#define VS_TABLE2(name) kernels_##name
-#define VS_TABLE(name) VS_TABLE2(name)
-
-const Kernels VS_TABLE(VS_ISA) = {
+const Kernels VS_JOIN(kernels_, VS_ISA) = {
     VS_ISA_NAME,
     VS_ISA::forward<float>,
     VS_ISA::forward<double>,

@@ -1,4 +1,4 @@
-// What the kernels take and give, and the table through which the one that fits the processor is called.
+// Inputs and outputs of the kernels, and the function table through which an instruction set is selected at run time.
 #pragma once
 
 #include <cstddef>
@@ -9,16 +9,18 @@
 
 namespace vs {
 
-constexpr int TILE = 32;                                    // side of a tile, pixels
-constexpr int SLOT = 10;                                    // gradients a (tile, splat) pair: see `Slot` in rasterize.h
-constexpr double DILATION = 0.3;                            // the definition's constants: studio/rasterizer/types.py
+constexpr int TILE = 32;  // tile size, pixels
+constexpr int SLOT = 10;  // values per (tile, splat) pair in the backward pass; see `Slot` in backward.h
+
+// As in studio/rasterizer/types.py.
+constexpr double DILATION = 0.3;
 constexpr double ALPHA_MIN_LOG2 = -7.99435343685885793770;  // log2(1/255)
 constexpr double TRANSMITTANCE_MIN = 1.00001e-4;
 
 struct Camera {
     double rotation[9], translation[3], center[3];
     double fx, fy, cx, cy;
-    double limits[4];  // x/z lowest, highest, y/z lowest, highest
+    double limits[4];  // x/z min, max, y/z min, max for the linearization of the projection
     int width, height;
     double near, alpha_max;
 };
@@ -28,39 +30,39 @@ struct Splats {
     std::int64_t count;
     int coefficients;  // 1, 4, 9 or 16
     const T *means, *quats, *log_scales, *logits, *sh;
-    const T* offsets;  // may be null
+    const T* offsets;  // (N, 2) pixels; may be null
 };
 
-// A projected splat, one cache line in float. u = a dx + b dy and v = c dy, with dx, dy from the center to the pixel;
-// alpha = 2^(log2_opacity - u^2 - v^2): the Cholesky factor of the inverse covariance, scaled for base 2. At a given dy
-// the splat is centered at dx = slant dy, and u changes by 1 over `width` pixels.
+// A projected splat; one cache line in float. With dx, dy from the 2D mean to the pixel, u = a dx + b dy and v = c dy,
+// alpha = 2^(log2_opacity - u^2 - v^2). (a, b, c) is the Cholesky factor of the conic (inverse 2D covariance), scaled
+// for base 2. At a given dy the splat is centered at dx = slant dy, and u changes by 1 per `width` pixels.
 template <typename T>
 struct alignas(16 * sizeof(T)) Projected {
     T x, y, a, b, c, log2_opacity;
     T color[3], depth;
     T slant, width;
-    std::int16_t left, top, right, bottom;  // pixels that may reach 1/255, inclusive; left > right: none
-    std::uint32_t slot;                     // first of the splat's slots, one a tile of its box, row by row
-    std::uint8_t visible, clamped;          // clamped: bit c set where color c was below 0
+    std::int16_t left, top, right, bottom;  // inclusive box of pixels that may reach alpha 1/255; empty if left > right
+    std::uint32_t slot;                     // first of the splat's slots: one per tile of its box, row by row
+    std::uint8_t visible, clamped;          // clamped: bit c is set if color c was below 0
 };
 
 template <typename T>
-struct Intersection {                                                                          // a splat in a tile's list
+struct Intersection {                                                                   // an entry of a tile's list
     typename std::conditional<sizeof(T) == 4, std::uint32_t, std::uint64_t>::type key;  // depth, as sortable bits
     std::uint32_t splat;
 };
 
-// What the backward pass needs of the forward pass.
+// What the backward pass needs from the forward pass.
 template <typename T>
 struct Frame {
     Camera camera;
     std::int64_t count = 0;
     int tiles_x = 0, tiles_y = 0;
-    std::uint64_t pairs = 0;  // (tile, splat)
+    std::uint64_t pairs = 0;  // number of (tile, splat) intersections
     Buffer<Projected<T>> projected;
-    Buffer<Intersection<T>> intersections;      // sorted by depth within each tile
-    Buffer<std::uint32_t> starts;  // (tiles + 1,) into intersections
-    Buffer<std::uint32_t> order;   // tiles, the longest lists first
+    Buffer<Intersection<T>> intersections;  // sorted by depth within each tile
+    Buffer<std::uint32_t> starts;           // (tiles + 1,) first intersection of each tile
+    Buffer<std::uint32_t> order;            // tiles, longest lists first
 };
 
 template <typename T>
@@ -82,9 +84,10 @@ struct LossJob {
     const float *image, *target;  // (H, W, 3)
     double dssim_weight;
     float* gradient;  // may be null
-    double l1, ssim;  // results: means
+    double l1, ssim;  // results: means over pixels and channels
 };
 
+// The kernels, compiled for one instruction set.
 struct Kernels {
     const char* name;
     void (*forward_float)(const Splats<float>&, const Outputs<float>&, Frame<float>&, int threads);

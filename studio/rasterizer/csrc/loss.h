@@ -1,17 +1,30 @@
-// (1 - w) L1 + w (1 - SSIM) and its gradient in one sweep over the image. Included by isa.h, once for each instruction
-// set. SSIM is studio.metrics.ssim: 11x11 Gaussian window, sigma 1.5, zeros outside the image.
+// The photometric loss (1 - w) L1 + w (1 - SSIM) and its gradient in one sweep over the image. SSIM as in
+// studio.metrics.ssim: 11x11 Gaussian window, sigma 1.5, zero padding.
 //
-// Rows go through two rings of eleven: blurred along the row (x, y, x^2 + y^2, x y), then, from the finished sums, the
-// partial derivatives by those four means, blurred along the row again. The columns of both rings give SSIM and the
-// gradient. RGB stays interleaved: a neighbor is three floats away.
+// Each row passes through two ring buffers of eleven rows. The first holds x, y, x^2 + y^2 and x y, blurred along the
+// row; its columns give SSIM and the partial derivatives of SSIM by those four means. The second holds the derivatives,
+// blurred along the row; its columns give the gradient. RGB stays interleaved, so a neighboring pixel is three floats
+// away.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "buffers.h"
+#include "isa_namespace.h"
+#include "kernels.h"
+#include "parallel_for.h"
+#include "simd.h"
+
+namespace vs::VS_ISA {
 
 constexpr int TAPS = 11, HALF = 5, REACH = 3 * HALF;
 
 struct LossWeights {
-    float tap[HALF + 1];  // the center first
+    float tap[HALF + 1];  // center first
 };
 
-// out[i] = sum_k tap_k in[i + 3 k], `in` with REACH floats to spare on both sides
+// out[i] = sum_k tap_k in[i + 3 k]; `in` has REACH floats of padding on both sides
 VS_INLINE void blur_row(const LossWeights& w, const float* in, float* out, int count) {
     for (int i = 0; i < count; i += LANES) {
         VFloat s = w.tap[0] * load<float>(in + i);
@@ -26,30 +39,32 @@ VS_INLINE VFloat blur_column(const LossWeights& w, float* const* ring, int i) {
     return s;
 }
 
+// Rows [begin, end) of the image: the gradient, and the sums of L1 and SSIM per row.
 static void loss_band(const LossJob& job, const LossWeights& w, int begin, int end, float* scratch, double* row_l1,
                       double* row_ssim) {
-    const int floats = 3 * job.width, wide = (floats + LANES - 1) / LANES * LANES, padded = wide + 2 * REACH + 2;
+    const int floats = 3 * job.width, stride = (floats + LANES - 1) / LANES * LANES,
+              padded_stride = stride + 2 * REACH + 2;
     const float c1 = 0.01f * 0.01f, c2 = 0.03f * 0.03f, n = float(floats) * float(job.height);
     const float l1_scale = float(1 - job.dssim_weight) / n, ssim_scale = float(-job.dssim_weight) / n;
     float* x_row = scratch + REACH;
-    float* y_row = x_row + padded;
-    float* part[3];
-    for (int k = 0; k < 3; k++) part[k] = y_row + (k + 1) * padded;
-    float* first = scratch + 5 * padded;      // [4][TAPS][wide]
-    float* second = first + 4 * TAPS * wide;  // [3][TAPS][wide]
+    float* y_row = x_row + padded_stride;
+    float* partial[3];
+    for (int k = 0; k < 3; k++) partial[k] = y_row + (k + 1) * padded_stride;
+    float* first_ring = scratch + 5 * padded_stride;      // [4][TAPS][wide]
+    float* second_ring = first_ring + 4 * TAPS * stride;  // [3][TAPS][wide]
     auto slot = [](int row) { return (row + 4 * TAPS) % TAPS; };
-    for (int i = 0; i < 5 * padded; i++) scratch[i] = 0;
+    for (int i = 0; i < 5 * padded_stride; i++) scratch[i] = 0;
 
     for (int r = begin - 2 * HALF; r < end + 2 * HALF; r++) {
-        // along row r
+        // blur along row r
         float* blurred[4];
-        for (int k = 0; k < 4; k++) blurred[k] = first + (k * TAPS + slot(r)) * wide;
+        for (int k = 0; k < 4; k++) blurred[k] = first_ring + (k * TAPS + slot(r)) * stride;
         if (r < 0 || r >= job.height) {
-            for (int k = 0; k < 4; k++) __builtin_memset(blurred[k], 0, sizeof(float) * wide);
+            for (int k = 0; k < 4; k++) __builtin_memset(blurred[k], 0, sizeof(float) * stride);
         } else {
             __builtin_memcpy(x_row, job.image + std::size_t(r) * floats, sizeof(float) * floats);
             __builtin_memcpy(y_row, job.target + std::size_t(r) * floats, sizeof(float) * floats);
-            for (int i = 0; i < wide; i += LANES) {
+            for (int i = 0; i < stride; i += LANES) {
                 VFloat x = load<float>(x_row + i), y = load<float>(y_row + i);
                 VFloat sx = w.tap[0] * x, sy = w.tap[0] * y, ss = w.tap[0] * (x * x + y * y), sp = w.tap[0] * (x * y);
                 for (int k = 1; k <= HALF; k++) {
@@ -70,16 +85,16 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
         // SSIM and its partial derivatives at row m
         const int m = r - HALF;
         if (m < begin - HALF) continue;
-        float* again[3];
-        for (int k = 0; k < 3; k++) again[k] = second + (k * TAPS + slot(m)) * wide;
+        float* blurred_again[3];
+        for (int k = 0; k < 3; k++) blurred_again[k] = second_ring + (k * TAPS + slot(m)) * stride;
         if (m < 0 || m >= job.height) {
-            for (int k = 0; k < 3; k++) __builtin_memset(again[k], 0, sizeof(float) * wide);
+            for (int k = 0; k < 3; k++) __builtin_memset(blurred_again[k], 0, sizeof(float) * stride);
         } else {
             float* ring[4][TAPS];
             for (int k = 0; k < 4; k++)
-                for (int j = 0; j < TAPS; j++) ring[k][j] = first + (k * TAPS + slot(m - HALF + j)) * wide;
+                for (int j = 0; j < TAPS; j++) ring[k][j] = first_ring + (k * TAPS + slot(m - HALF + j)) * stride;
             double total = 0;
-            for (int i = 0; i < wide; i += LANES) {
+            for (int i = 0; i < stride; i += LANES) {
                 VFloat mx = blur_column(w, ring[0], i), my = blur_column(w, ring[1], i);
                 VFloat squares = blur_column(w, ring[2], i), product = blur_column(w, ring[3], i);
                 VFloat mm = mx * my, mxx_myy = mx * mx + my * my;
@@ -87,20 +102,20 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
                 VFloat b1 = mxx_myy + c1, b2 = squares - mxx_myy + c2;
                 VFloat ib1 = 1.0f / b1, ib2 = 1.0f / b2, ib = ib1 * ib2;
                 VFloat ssim = a1 * a2 * ib;
-                if (i + LANES > floats) {  // lanes beyond the row's end count nothing
+                if (i + LANES > floats) {  // lanes past the end of the row do not count
                     for (int j = 0; j < LANES; j++)
                         if (i + j >= floats) ssim[j] = mx[j] = my[j] = ib[j] = ib1[j] = ib2[j] = 0;
                 }
                 total += double(sum<float>(ssim));
                 if (job.gradient != nullptr) {
-                    store<float>(part[0] + i, 2.0f * (my * (a2 - a1) * ib - mx * ssim * (ib1 - ib2)));
-                    store<float>(part[1] + i, -ssim * ib2);
-                    store<float>(part[2] + i, 2.0f * a1 * ib);
+                    store<float>(partial[0] + i, 2.0f * (my * (a2 - a1) * ib - mx * ssim * (ib1 - ib2)));
+                    store<float>(partial[1] + i, -ssim * ib2);
+                    store<float>(partial[2] + i, 2.0f * a1 * ib);
                 }
             }
             if (m >= begin && m < end) row_ssim[m] = total;
             if (job.gradient != nullptr)
-                for (int k = 0; k < 3; k++) blur_row(w, part[k], again[k], wide);
+                for (int k = 0; k < 3; k++) blur_row(w, partial[k], blurred_again[k], stride);
         }
 
         // the gradient at row o
@@ -108,30 +123,31 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
         if (o < begin || o >= end) continue;
         float* ring[3][TAPS];
         for (int k = 0; k < 3; k++)
-            for (int j = 0; j < TAPS; j++) ring[k][j] = second + (k * TAPS + slot(o - HALF + j)) * wide;
+            for (int j = 0; j < TAPS; j++) ring[k][j] = second_ring + (k * TAPS + slot(o - HALF + j)) * stride;
         const float *xs = job.image + std::size_t(o) * floats, *ys = job.target + std::size_t(o) * floats;
         double total = 0;
-        for (int i = 0; i < wide; i += LANES) {
+        for (int i = 0; i < stride; i += LANES) {
             VFloat x{}, y{};
-            const int here = floats - i < LANES ? floats - i : LANES;
-            if (here == LANES)
+            const int valid = floats - i < LANES ? floats - i : LANES;
+            if (valid == LANES)
                 x = load<float>(xs + i), y = load<float>(ys + i);
             else
-                for (int j = 0; j < here; j++) x[j] = xs[i + j], y[j] = ys[i + j];
+                for (int j = 0; j < valid; j++) x[j] = xs[i + j], y[j] = ys[i + j];
             VFloat difference = x - y;
             VFloat size = difference < 0.0f ? -difference : difference;
             total += double(sum<float>(size));
             if (job.gradient == nullptr) continue;
             const VFloat zero{};
-            VFloat sign = difference > zero ? broadcast<float>(l1_scale) : (difference < zero ? broadcast<float>(-l1_scale) : zero);
+            VFloat sign = difference > zero ? broadcast<float>(l1_scale)
+                                            : (difference < zero ? broadcast<float>(-l1_scale) : zero);
             VFloat g =
                 blur_column(w, ring[0], i) + 2.0f * x * blur_column(w, ring[1], i) + y * blur_column(w, ring[2], i);
             g = sign + ssim_scale * g;
             float* out = job.gradient + std::size_t(o) * floats + i;
-            if (here == LANES)
+            if (valid == LANES)
                 store<float>(out, g);
             else
-                for (int j = 0; j < here; j++) out[j] = g[j];
+                for (int j = 0; j < valid; j++) out[j] = g[j];
         }
         row_l1[o] = total;
     }
@@ -146,22 +162,24 @@ static void photometric_loss(LossJob& job, int threads) {
     }
     for (int k = 0; k <= HALF; k++) w.tap[k] = float(taps[k] / total);
 
-    // Each band repeats twenty rows of its neighbors, so there are as few bands as keep all threads busy.
+    // Each band recomputes twenty rows of its neighbors, so use no more bands than keep all threads busy.
     int bands = threads > 1 ? 2 * threads : 1;
     if (bands > job.height / 32 + 1) bands = job.height / 32 + 1;
-    const int wide = (3 * job.width + LANES - 1) / LANES * LANES, padded = wide + 2 * REACH + 2;
-    const std::size_t each = std::size_t(5 * padded + 7 * TAPS * wide + LANES);
-    Buffer<float> scratch(each * bands);
+    const int stride = (3 * job.width + LANES - 1) / LANES * LANES, padded_stride = stride + 2 * REACH + 2;
+    const std::size_t band_floats = std::size_t(5 * padded_stride + 7 * TAPS * stride + LANES);
+    Buffer<float> scratch(band_floats * bands);
     Buffer<double> rows(2 * std::size_t(job.height));
     double *row_l1 = rows.get(), *row_ssim = rows.get() + job.height;
     auto band = [&](int b) {
         loss_band(job, w, int(std::int64_t(job.height) * b / bands), int(std::int64_t(job.height) * (b + 1) / bands),
-                  scratch.get() + each * b, row_l1, row_ssim);
+                  scratch.get() + band_floats * b, row_l1, row_ssim);
     };
-    parallel(bands, threads, band);
+    parallel_for(bands, threads, band);
     job.l1 = job.ssim = 0;
     for (int r = 0; r < job.height; r++) job.l1 += row_l1[r], job.ssim += row_ssim[r];
     const double n = 3.0 * job.width * job.height;
     job.l1 /= n;
     job.ssim /= n;
 }
+
+}  // namespace vs::VS_ISA

@@ -1,6 +1,6 @@
-// The Python module studio.rasterizer._kernels: raw arrays in, raw arrays out (DLPack, so torch tensors pass without a
-// copy and without linking to torch). Checks what would otherwise read or write outside an array; meaning and further
-// checks are the Python wrappers' (cpu.py, photometric.py).
+// The Python module studio.rasterizer._kernels. Arrays are passed by DLPack: torch tensors without a copy, and without
+// linking to torch. This file checks array sizes, so that no call can read or write out of bounds. All other checks are
+// in the Python wrappers (cpu.py, photometric.py).
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -9,21 +9,22 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "buffers.h"
+#include "errors.h"
 #include "kernels.h"
 
 namespace nb = nanobind;
 
 namespace vs {
-
-[[noreturn]] void throw_too_many() {
-    throw std::length_error("The splats touch more than 4 billion tiles; they are too large or too many to draw.");
-}
 
 namespace {
 
@@ -67,7 +68,7 @@ Splats<T> splats_of(const In<T>& means, const In<T>& quats, const In<T>& log_sca
     s.coefficients = sh.ndim() == 3 ? int(sh.shape(1)) : 0;
     if (s.coefficients != 1 && s.coefficients != 4 && s.coefficients != 9 && s.coefficients != 16)
         throw std::invalid_argument("sh must be (N, 1, 4, 9 or 16, 3)");
-    if (n > 0xfffffff0u) throw_too_many();
+    if (n > 0xfffffff0u) throw_too_many_tiles();
     expect(means, 3 * n, "means");
     expect(quats, 4 * n, "quats");
     expect(log_scales, 3 * n, "log_scales");
@@ -81,7 +82,7 @@ Splats<T> splats_of(const In<T>& means, const In<T>& quats, const In<T>& log_sca
     return s;
 }
 
-// A new torch tensor in memory that is kept for the next frame when the tensor goes.
+// A new torch tensor whose memory is recycled when the tensor is freed.
 template <typename T>
 nb::ndarray<nb::pytorch, T> empty(const std::vector<std::size_t>& shape) {
     std::size_t count = 1;
@@ -137,7 +138,8 @@ void backward(const Frame<T>& frame, In<T> means, In<T> quats, In<T> log_scales,
               std::optional<In<T>> d_depth, Out<T> d_means, Out<T> d_quats, Out<T> d_log_scales, Out<T> d_logits,
               Out<T> d_sh, std::optional<Out<T>> d_offsets, int threads) {
     const Splats<T> splats = splats_of<T>(means, quats, log_scales, logits, sh, std::nullopt);
-    if (splats.count != frame.count) throw std::invalid_argument("these are not the splats of the forward pass");
+    if (splats.count != frame.count)
+        throw std::invalid_argument("the number of splats differs from that of the forward pass");
     const std::size_t n = std::size_t(splats.count);
     const std::size_t pixels = std::size_t(frame.camera.width) * std::size_t(frame.camera.height);
     expect(image, 3 * pixels, "image");
@@ -181,7 +183,7 @@ std::pair<double, double> loss(In<float> image, In<float> target, int width, int
 
 template <typename T>
 void add(nb::module_& m, const char* frame_name) {
-    nb::class_<Frame<T>>(m, frame_name, "What a backward pass needs of its forward pass.")
+    nb::class_<Frame<T>>(m, frame_name, "What the backward pass needs from the forward pass.")
         .def_prop_ro("pairs", [](const Frame<T>& f) { return f.pairs; }, "Number of (tile, splat) pairs.");
     m.def("forward", &forward<T>, nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
           nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
@@ -201,7 +203,7 @@ void add(nb::module_& m, const char* frame_name) {
 }  // namespace vs
 
 NB_MODULE(_kernels, m) {
-    // A frame that a tensor's graph still holds when the interpreter ends is no leak worth a message.
+    // An autograd graph may still hold a frame when the interpreter exits; that is not worth a leak warning.
     nb::set_leak_warnings(false);
     m.doc() = "C++ kernels of the CPU rasterizer and of the photometric loss; use studio.rasterizer instead.";
     vs::add<float>(m, "FrameFloat");
@@ -210,8 +212,9 @@ NB_MODULE(_kernels, m) {
           nb::arg("height"), nb::arg("dssim_weight"), nb::arg("gradient").noconvert().none(), nb::arg("threads"),
           "Mean absolute difference and mean SSIM; writes the gradient of (1 - w) L1 + w (1 - SSIM).");
     m.def("empty_float", &vs::empty<float>, nb::arg("shape"),
-          "A float32 torch tensor, contents undefined, from recycled memory.");
-    m.def("empty_double", &vs::empty<double>, nb::arg("shape"), "As empty_float, float64.");
+          "An uninitialized float32 torch tensor in recycled memory.");
+    m.def("empty_double", &vs::empty<double>, nb::arg("shape"),
+          "An uninitialized float64 torch tensor in recycled memory.");
     m.def(
         "instruction_sets",
         [] {
@@ -219,8 +222,8 @@ NB_MODULE(_kernels, m) {
             for (const vs::Kernels* k : vs::supported()) names.emplace_back(k->name);
             return names;
         },
-        "What this machine can run, the fastest first.");
-    m.def("instruction_set", [] { return std::string(vs::kernels->name); }, "The one in use.");
+        "Instruction sets that this machine supports, fastest first.");
+    m.def("instruction_set", [] { return std::string(vs::kernels->name); }, "The instruction set in use.");
     m.def(
         "use_instruction_set",
         [](const std::string& name) {
@@ -229,9 +232,9 @@ NB_MODULE(_kernels, m) {
                     vs::kernels = k;
                     return;
                 }
-            throw std::invalid_argument("this machine cannot run the instruction set " + name);
+            throw std::invalid_argument("unsupported instruction set: " + name);
         },
-        nb::arg("name"), "Choose one of instruction_sets(), for tests and measurements.");
+        nb::arg("name"), "Select one of instruction_sets(); for tests and measurements.");
     m.def("release_idle_buffers", &vs::release_idle_buffers,
-          "Give the working memory that is kept for the next frame back.");
+          "Free the working memory that is kept for the next frame.");
 }

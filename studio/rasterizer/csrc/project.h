@@ -1,22 +1,32 @@
-// Projection of splats to the screen. Included by isa.h, once for each instruction set.
+// EWA projection of splats to the image.
+#pragma once
 
-// Eight splats on their way to the screen: what the forward pass uses and the backward pass computes again.
+#include <cstdint>
+
+#include "attributes.h"
+#include "isa_namespace.h"
+#include "kernels.h"
+#include "simd.h"
+
+namespace vs::VS_ISA {
+
+// Intermediate values of the projection of eight splats. The backward pass recomputes them.
 template <typename T>
-struct Group {
+struct ProjectionLanes {
     using V = Vec<T>;
     V mean[3], x_z, y_z, x_lim, y_lim, depth, inverse_depth;
-    V quat[4], quat_length;  // quat has length 1
+    V quat[4], quat_length;  // quat is normalized; quat_length is the norm before
     V rotation[9], scale[3];
-    V plane_u[3], plane_v[3];      // rows of jacobian * world-to-camera
-    V m_u[3], m_v[3], m_cross[3];  // those times rotation, and their cross product
-    V u[3], v[3];                  // those times scale: the rows of the covariance's factor
-    V xx, xy, yy, det;             // dilated covariance and its determinant
+    V plane_u[3], plane_v[3];      // rows of Jacobian * world_to_camera rotation
+    V m_u[3], m_v[3], m_cross[3];  // the same times the splat's rotation, and their cross product
+    V u[3], v[3];                  // the same times scale: rows of F, with 2D covariance F F^T
+    V xx, xy, yy, det;             // dilated 2D covariance and its determinant
     V log2_opacity, one_minus_opacity;
     V direction[3], distance;
 };
 
 template <typename T>
-VS_INLINE void project_group(const Splats<T>& splats, const Camera& camera, std::int64_t first, Group<T>& g) {
+VS_INLINE void project_lanes(const Splats<T>& splats, const Camera& camera, std::int64_t first, ProjectionLanes<T>& g) {
     using V = Vec<T>;
     V logit, log_scale[3];
     gather<T>(splats.means, 3, first, splats.count, g.mean);
@@ -69,8 +79,8 @@ VS_INLINE void project_group(const Splats<T>& splats, const Camera& camera, std:
     g.xy = g.u[0] * g.v[0] + g.u[1] * g.v[1] + g.u[2] * g.v[2];
     g.xx = uu + d;
     g.yy = vv + d;
-    // |u|^2 |v|^2 - (u.v)^2 = |u x v|^2, and u x v is the viewing ray in the splat's axes, scaled: for needles this
-    // keeps the digits that the difference loses.
+    // |u|^2 |v|^2 - (u.v)^2 = |u x v|^2, where u x v is the scaled viewing ray in the splat's axes. For needle-shaped
+    // splats this avoids the cancellation in the difference.
     V ray[3], area = fx_z * fy_z, cross = V{};
     for (int k = 0; k < 3; k++) ray[k] = g.x_lim * w[k] + g.y_lim * w[3 + k] + w[6 + k];
     for (int k = 0; k < 3; k++) {
@@ -84,17 +94,18 @@ VS_INLINE void project_group(const Splats<T>& splats, const Camera& camera, std:
     g.log2_opacity = -vlog2(T(1) + t_opacity);
     g.one_minus_opacity = t_opacity / (T(1) + t_opacity);
 
-    V away[3];
-    for (int k = 0; k < 3; k++) away[k] = g.mean[k] - T(camera.center[k]);
-    g.distance = vsqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2]);
+    V offset[3];
+    for (int k = 0; k < 3; k++) offset[k] = g.mean[k] - T(camera.center[k]);
+    g.distance = vsqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]);
     V inverse_distance = T(1) / vmax<T>(g.distance, broadcast<T>(T(1e-12)));
-    for (int k = 0; k < 3; k++) g.direction[k] = away[k] * inverse_distance;
+    for (int k = 0; k < 3; k++) g.direction[k] = offset[k] * inverse_distance;
 }
 
-struct Range {
+struct Range {  // of splats
     std::int64_t begin, end;
 };
-// Pass A for splats [begin, end): fill `projected` and `radii`, add to `tile_counts`; returns the number of pairs.
+// Projects splats [begin, end): writes `projected` and `radii`, counts intersections per tile in `tile_counts`, and
+// returns the total number of intersections.
 template <typename T>
 static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera, Range range, Projected<T>* projected,
                                    T* radii, int tiles_x, int tiles_y, std::uint32_t* tile_counts) {
@@ -102,14 +113,14 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
     using M = Mask<T>;
     const int floats = 3 * splats.coefficients;
     const T width = T(camera.width), height = T(camera.height);
-    const T huge = sizeof(T) == 4 ? T(1e30) : T(1e250);
+    const T too_large = sizeof(T) == 4 ? T(1e30) : T(1e250);
     std::uint64_t pairs = 0;
     for (int i = 0; i < tiles_x * tiles_y; i++) tile_counts[i] = 0;
     for (std::int64_t first = range.begin; first < range.end; first += LANES) {
         const int valid = range.end - first < LANES ? int(range.end - first) : LANES;
         prefetch_ahead<T>(splats.sh, floats, first, splats.count);
-        Group<T> g;
-        project_group<T>(splats, camera, first, g);
+        ProjectionLanes<T> g;
+        project_lanes<T>(splats, camera, first, g);
         V mx = T(camera.fx) * g.x_z + T(camera.cx), my = T(camera.fy) * g.y_z + T(camera.cy);
         if (splats.offsets != nullptr) {
             V offset[2];
@@ -117,17 +128,18 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
             mx += offset[0];
             my += offset[1];
         }
-        // 2 ln 2 turns the exponent of base 2 into half a squared distance in standard deviations.
-        V reach = vsqrt(vmax<T>(T(1.3862943611198906) * (g.log2_opacity - T(ALPHA_MIN_LOG2)), V{}));
-        V half_x = reach * vsqrt(g.xx), half_y = reach * vsqrt(g.yy);
-        // Comparisons with NaN are false: such splats are not drawn.
-        M shown = ge<T>(g.depth, broadcast<T>(T(camera.near))) & ge<T>(g.log2_opacity, broadcast<T>(T(ALPHA_MIN_LOG2)));
-        shown &= gt<T>(g.quat_length, V{}) & lt<T>(g.quat_length, broadcast<T>(huge));
-        shown &= gt<T>(g.det, V{}) & lt<T>(g.det, broadcast<T>(huge)) & lt<T>(g.depth, broadcast<T>(huge));
-        shown &= gt<T>(mx + half_x, V{}) & lt<T>(mx - half_x, broadcast<T>(width));
-        shown &= gt<T>(my + half_y, V{}) & lt<T>(my - half_y, broadcast<T>(height));
-        shown &= lt<T>(half_x, broadcast<T>(huge)) & lt<T>(half_y, broadcast<T>(huge));
-        if (!any(shown)) {
+        // Distance in standard deviations at which alpha falls to 1/255; 2 ln 2 converts from base 2.
+        V extent = vsqrt(vmax<T>(T(1.3862943611198906) * (g.log2_opacity - T(ALPHA_MIN_LOG2)), V{}));
+        V half_x = extent * vsqrt(g.xx), half_y = extent * vsqrt(g.yy);
+        // Comparisons with NaN are false, so such splats are not drawn.
+        M visible =
+            ge<T>(g.depth, broadcast<T>(T(camera.near))) & ge<T>(g.log2_opacity, broadcast<T>(T(ALPHA_MIN_LOG2)));
+        visible &= gt<T>(g.quat_length, V{}) & lt<T>(g.quat_length, broadcast<T>(too_large));
+        visible &= gt<T>(g.det, V{}) & lt<T>(g.det, broadcast<T>(too_large)) & lt<T>(g.depth, broadcast<T>(too_large));
+        visible &= gt<T>(mx + half_x, V{}) & lt<T>(mx - half_x, broadcast<T>(width));
+        visible &= gt<T>(my + half_y, V{}) & lt<T>(my - half_y, broadcast<T>(height));
+        visible &= lt<T>(half_x, broadcast<T>(too_large)) & lt<T>(half_y, broadcast<T>(too_large));
+        if (!any(visible)) {
             for (int i = 0; i < valid; i++) {
                 projected[first + i].visible = 0;
                 radii[first + i] = 0;
@@ -142,7 +154,7 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
         for (int c = 0; c < 3; c++) {
             color[c] = broadcast<T>(T(0.5));
             for (int k = 0; k < splats.coefficients; k++) color[c] += basis[k] * sh[3 * k + c];
-            shown &= lt<T>(color[c], broadcast<T>(huge)) & gt<T>(color[c], broadcast<T>(-huge));
+            visible &= lt<T>(color[c], broadcast<T>(too_large)) & gt<T>(color[c], broadcast<T>(-too_large));
         }
 
         // u = a dx + b dy, v = c dy with u^2 + v^2 = (log2(e) / 2) d^T cov^-1 d
@@ -150,14 +162,14 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
         V ratio = T(1) / vsqrt(g.yy * g.det);
         V a = s * g.yy * ratio, b = -s * g.xy * ratio, c = s / vsqrt(g.yy), slant = g.xy / g.yy;
 
-        // Pixels whose centers lie in the box; a little more than exact, since the pixels are tested one by one.
+        // Pixels whose centers are in the box, with some slack: each pixel is tested again when blending.
         V slack_x = T(1e-3) + half_x * T(1e-5), slack_y = T(1e-3) + half_y * T(1e-5);
         V low_x = vmax<T>(mx - half_x - T(0.5) - slack_x, broadcast<T>(T(-1))),
           high_x = vmin<T>(mx + half_x - T(0.5) + slack_x, broadcast<T>(width - T(1)));
         V low_y = vmax<T>(my - half_y - T(0.5) - slack_y, broadcast<T>(T(-1))),
           high_y = vmin<T>(my + half_y - T(0.5) + slack_y, broadcast<T>(height - T(1)));
 
-        const unsigned shown_bits = bits(shown);
+        const unsigned visible_bits = movemask(visible);
         T lanes[16][LANES];
         const V fields[16] = {mx,       my,      a,     b,      c,     g.log2_opacity, color[0], color[1],
                               color[2], g.depth, low_x, high_x, low_y, high_y,         slant,    T(1) / a};
@@ -166,7 +178,7 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
         store<T>(half, vmax<T>(half_x, half_y));
         for (int i = 0; i < valid; i++) {
             Projected<T>& p = projected[first + i];
-            p.visible = shown_bits >> i & 1;
+            p.visible = visible_bits >> i & 1;
             if (!p.visible) {
                 radii[first + i] = 0;
                 continue;
@@ -180,7 +192,7 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
                 p.clamped |= std::uint8_t(lanes[6 + k][i] < 0) << k;
             }
             p.depth = lanes[9][i], p.slant = lanes[14][i], p.width = lanes[15][i];
-            // Bounds lie in [-1, size - 1]: +2 makes truncation a floor.
+            // The bounds are in [-1, size - 1]; adding 2 makes truncation equal to floor.
             int left = int(lanes[10][i] + 2) - 2, top = int(lanes[12][i] + 2) - 2;
             left += T(left) < lanes[10][i];
             top += T(top) < lanes[12][i];
@@ -201,3 +213,5 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
     }
     return pairs;
 }
+
+}  // namespace vs::VS_ISA

@@ -1,17 +1,30 @@
-// Forward and backward passes of the splat rasterizer, for float and double. Included by isa.h, once for each
-// instruction set. The definition is studio/rasterizer/reference.py; names follow it.
+// Forward and backward passes of the rasterizer, for float and double. The definition is
+// studio/rasterizer/reference.py.
 //
-// Forward:  A  project all splats (eight at a time), count the tiles that each touches
-//           B  write (depth, splat) into the lists of those tiles
-//           C  tile by tile: sort the list by depth, blend it splat by splat over blocks of 4x2 pixels
-// Backward: D  tile by tile, front to back again: gradients of each (tile, splat) pair into a slot of its own
-//           E  splat by splat: add its slots, go back through the projection
-// Lists, slots and sums do not depend on the number of threads, so neither does a bit of the result.
+// Forward:   project  project the splats, eight at a time, and count the tiles that each touches
+//            bin      write (depth, splat) into the lists of those tiles
+//            blend    per tile: sort the list by depth, then blend splat by splat over blocks of 4x2 pixels
+// Backward:  tile     per tile, front to back again: gradients of each (tile, splat) pair, each pair in its own slot
+//            splat    per splat: add up its slots and propagate through the projection
+// The order of lists, slots and sums does not depend on the number of threads, so the results are bitwise reproducible.
+#pragma once
 
-template <typename F>
-VS_INLINE void parallel(int tasks, int threads, F& body) {
-    run_tasks(tasks, threads, [](void* context, int task) { (*static_cast<F*>(context))(task); }, &body);
-}
+#include <cstddef>
+#include <cstdint>
+
+#include "attributes.h"
+#include "backward.h"
+#include "blend.h"
+#include "buffers.h"
+#include "errors.h"
+#include "isa_namespace.h"
+#include "kernels.h"
+#include "parallel_for.h"
+#include "project.h"
+#include "simd.h"
+#include "tiles.h"
+
+namespace vs::VS_ISA {
 
 VS_INLINE int chunk_count(std::int64_t splats, int threads) {
     std::int64_t chunks = threads > 1 ? 4 * std::int64_t(threads) : 1;
@@ -19,7 +32,7 @@ VS_INLINE int chunk_count(std::int64_t splats, int threads) {
     return int(chunks);
 }
 
-// Multiples of eight, so that groups of lanes are the same whatever the number of chunks.
+// Chunks begin at multiples of eight, so that the same splats share a vector for any number of chunks.
 VS_INLINE Range chunk_range(std::int64_t splats, int chunks, int chunk) {
     std::int64_t groups = (splats + LANES - 1) / LANES;
     std::int64_t begin = groups * chunk / chunks * LANES, end = groups * (chunk + 1) / chunks * LANES;
@@ -41,12 +54,12 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
     Projected<T>* projected = frame.projected.get();
     std::uint32_t *starts = frame.starts.get(), *order = frame.order.get();
 
-    auto pass_a = [&](int chunk) {
+    auto project_pass = [&](int chunk) {
         chunk_pairs.get()[chunk] =
             project_chunk<T>(splats, camera, chunk_range(splats.count, chunks, chunk), projected, out.radii,
                              frame.tiles_x, frame.tiles_y, counts.get() + std::size_t(chunk) * tiles);
     };
-    parallel(chunks, threads, pass_a);
+    parallel_for(chunks, threads, project_pass);
 
     std::uint64_t total = 0;
     for (int chunk = 0; chunk < chunks; chunk++) {
@@ -54,13 +67,13 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
         chunk_pairs.get()[chunk] = total;
         total += here;
     }
-    if (total > 0xfffffff0u) throw_too_many();
+    if (total > 0xfffffff0u) throw_too_many_tiles();
     frame.pairs = total;
     frame.intersections = Buffer<Intersection<T>>(std::size_t(total));
-    Buffer<Intersection<T>> spare{std::size_t(total)};
+    Buffer<Intersection<T>> scratch{std::size_t(total)};
     Intersection<T>* intersections = frame.intersections.get();
 
-    // Where each chunk writes in each tile's list: after the chunks before it, so that lists are in splat order.
+    // Where each chunk writes in the list of each tile: after the chunks before it, so that lists keep the splat order.
     std::uint32_t position = 0, per_length[34] = {0};
     for (int tile = 0; tile < tiles; tile++) {
         starts[tile] = position;
@@ -84,9 +97,9 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
         order[per_length[length == 0 ? 33 : __builtin_clz(length)]++] = std::uint32_t(tile);
     }
 
-    auto pass_b = [&](int chunk) {
+    auto bin_pass = [&](int chunk) {
         Range range = chunk_range(splats.count, chunks, chunk);
-        std::uint32_t* place = counts.get() + std::size_t(chunk) * tiles;
+        std::uint32_t* next = counts.get() + std::size_t(chunk) * tiles;
         std::uint32_t slot = std::uint32_t(chunk_pairs.get()[chunk]);
         for (std::int64_t i = range.begin; i < range.end; i++) {
             Projected<T>& p = projected[i];
@@ -96,46 +109,48 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
             int x0 = p.left / TILE, x1 = p.right / TILE, y0 = p.top / TILE, y1 = p.bottom / TILE;
             for (int ty = y0; ty <= y1; ty++)
                 for (int tx = x0; tx <= x1; tx++, slot++)
-                    intersections[place[ty * frame.tiles_x + tx]++] = {key, std::uint32_t(i)};
+                    intersections[next[ty * frame.tiles_x + tx]++] = {key, std::uint32_t(i)};
         }
     };
-    parallel(chunks, threads, pass_b);
+    parallel_for(chunks, threads, bin_pass);
 
-    auto pass_c = [&](int task) {
+    auto blend_pass = [&](int task) {
         const int tile = int(order[task]);
         const std::uint32_t begin = starts[tile], count = starts[tile + 1] - begin;
         const TileBox box = tile_box(camera, frame.tiles_x, tile);
-        if (count == 0) return empty_tile<T>(camera, box, out);
-        sort_intersections<T>(intersections + begin, spare.get() + begin, count);
+        if (count == 0) return fill_background<T>(camera, box, out);
+        sort_intersections<T>(intersections + begin, scratch.get() + begin, count);
         blend_tile<T>(camera, box, projected, intersections + begin, count, out);
     };
-    parallel(tiles, threads, pass_c);
+    parallel_for(tiles, threads, blend_pass);
 }
 
 template <typename T>
 static void backward(const Splats<T>& splats, const Gradients<T>& grad, const Frame<T>& frame, int threads) {
     const int tiles = frame.tiles_x * frame.tiles_y;
-    const bool extra = grad.d_alpha != nullptr || grad.d_depth != nullptr;
+    const bool alpha_depth = grad.d_alpha != nullptr || grad.d_depth != nullptr;
     Buffer<T> slots{std::size_t(frame.pairs) * SLOT};
-    auto pass_d = [&](int task) {
+    auto tile_pass = [&](int task) {
         const int tile = int(frame.order.get()[task]);
         const std::uint32_t begin = frame.starts.get()[tile], count = frame.starts.get()[tile + 1] - begin;
         if (count == 0) return;
         const TileBox box = tile_box(frame.camera, frame.tiles_x, tile);
         const Intersection<T>* list = frame.intersections.get() + begin;
-        if (extra)
+        if (alpha_depth)
             backward_tile<T, true>(frame, box, list, count, grad, slots.get(), tile);
         else
             backward_tile<T, false>(frame, box, list, count, grad, slots.get(), tile);
     };
-    parallel(tiles, threads, pass_d);
+    parallel_for(tiles, threads, tile_pass);
 
     const int chunks = chunk_count(splats.count, threads);
-    auto pass_e = [&](int chunk) {
+    auto splat_pass = [&](int chunk) {
         Range range = chunk_range(splats.count, chunks, chunk);
         for (std::int64_t first = range.begin; first < range.end; first += LANES)
-            backward_group<T>(splats, frame, grad, slots.get(), first,
+            backward_lanes<T>(splats, frame, grad, slots.get(), first,
                               range.end - first < LANES ? int(range.end - first) : LANES);
     };
-    parallel(chunks, threads, pass_e);
+    parallel_for(chunks, threads, splat_pass);
 }
+
+}  // namespace vs::VS_ISA

@@ -1,6 +1,16 @@
-// Eight lanes of float or double with the compiler's vector extensions (GCC, clang): the compiler maps them to
-// whatever the target has (2 x SSE, AVX2, 2 x NEON). Included once per instruction set, inside its own namespace,
-// so that no function compiled for a newer processor can be linked into the code for an older one.
+// Vectors of eight floats or doubles, written with the vector extensions of GCC and clang. The compiler maps them to
+// the instructions of the target: 2 x SSE, AVX2, 2 x NEON.
+#pragma once
+
+#include <cstdint>
+
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+#include "isa_namespace.h"
+
+namespace vs::VS_ISA {
 
 constexpr int LANES = 8;
 
@@ -63,7 +73,7 @@ VS_INLINE Mask<T> le(Vec<T> a, Vec<T> b) {
     return (Mask<T>)(a <= b);
 }
 
-// The value where the mask is set, zero elsewhere (NaN there too).
+// The value where the mask is set, else zero, even where the value is NaN.
 template <typename T>
 VS_INLINE Vec<T> zero_unless(Mask<T> m, Vec<T> a) {
     return (Vec<T>)((Mask<T>)a & m);
@@ -72,7 +82,7 @@ template <typename T>
 VS_INLINE Vec<T> select(Mask<T> m, Vec<T> a, Vec<T> b) {
     return (Vec<T>)(((Mask<T>)a & m) | ((Mask<T>)b & ~m));
 }
-// Of two numbers; the second where the first is NaN.
+// Minimum and maximum. Where the first argument is NaN, the result is the second.
 template <typename T>
 VS_INLINE Vec<T> vmin(Vec<T> a, Vec<T> b) {
     return a < b ? a : b;
@@ -82,8 +92,8 @@ VS_INLINE Vec<T> vmax(Vec<T> a, Vec<T> b) {
     return a > b ? a : b;
 }
 
-// One bit a lane.
-VS_INLINE unsigned bits(VInt32 m) {
+// One bit per lane.
+VS_INLINE unsigned movemask(VInt32 m) {
 #if defined(__AVX__)
     return unsigned(_mm256_movemask_ps((__m256)m));
 #elif defined(__SSE2__)
@@ -96,18 +106,18 @@ VS_INLINE unsigned bits(VInt32 m) {
     return unsigned(w[0] | w[1] | w[2] | w[3] | w[4] | w[5] | w[6] | w[7]);
 #endif
 }
-VS_INLINE unsigned bits(VInt64 m) {
+VS_INLINE unsigned movemask(VInt64 m) {
     unsigned out = 0;
     for (int i = 0; i < LANES; i++) out |= unsigned(m[i] & 1) << i;
     return out;
 }
 VS_INLINE bool any(VInt32 m) {
 #if defined(__SSE2__)
-    return bits(m) != 0;
+    return movemask(m) != 0;
 #else
-    typedef int64_t Four __attribute__((vector_size(32)));
-    Four f = (Four)m;
-    return (f[0] | f[1] | f[2] | f[3]) != 0;
+    typedef int64_t FourInt64 __attribute__((vector_size(32)));
+    FourInt64 halves = (FourInt64)m;
+    return (halves[0] | halves[1] | halves[2] | halves[3]) != 0;
 #endif
 }
 VS_INLINE bool any(VInt64 m) { return (m[0] | m[1] | m[2] | m[3] | m[4] | m[5] | m[6] | m[7]) != 0; }
@@ -125,8 +135,9 @@ VS_INLINE VDouble vsqrt(VDouble a) {
     return a;
 }
 
-// 2^x for -126 < x < 127, relative error below 2e-7; any bits outside of that. Rounds with the magic number
-// 1.5 * 2^23, whose low mantissa bits then hold the exponent; minimax polynomial of degree 5 on [-1/2, 1/2].
+// 2^x for -126 < x < 127 with a relative error below 2e-7; undefined outside that range. Adding the magic number
+// 1.5 * 2^23 rounds x and leaves the integer part in the low mantissa bits. The fraction goes through a minimax
+// polynomial of degree 5 on [-1/2, 1/2].
 VS_INLINE VFloat vexp2(VFloat x) {
     const VFloat magic = broadcast<float>(12582912.0f);
     VFloat shifted = x + magic;
@@ -144,10 +155,10 @@ VS_INLINE VDouble vexp2(VDouble x) {
     return x;
 }
 
-// log2(x) for positive normal x, absolute error about 1e-7 of the larger of 1 and the result.
+// log2(x) for positive normal x. The error is about 1e-7 times max(1, |result|).
 VS_INLINE VFloat vlog2(VFloat x) {
     VInt32 i = (VInt32)x;
-    VInt32 e = (i - 0x3f3504f3) >> 23;  // so that the mantissa lies in [sqrt(1/2), sqrt(2))
+    VInt32 e = (i - 0x3f3504f3) >> 23;  // puts the mantissa into [sqrt(1/2), sqrt(2))
     VFloat m = (VFloat)(i - (e << 23));
     VFloat s = (m - 1.0f) / (m + 1.0f);
     VFloat s2 = s * s;
@@ -163,9 +174,9 @@ VS_INLINE VDouble vlog2(VDouble x) {
     return x;
 }
 
-// e^x: as 2^(x log2 e), with the product's rounding error made good; 0 and infinity outside of the type's range.
+// e^x as 2^(x log2 e), compensated for the rounding of the product. 0 or infinity outside the range of the type.
 VS_INLINE VFloat vexp(VFloat x) {
-    const float high = 1.44269502f, low = 1.92596299e-8f;  // log2(e) in two floats
+    const float high = 1.44269502f, low = 1.92596299e-8f;  // log2(e) as a sum of two floats
     VFloat t = x * high;
     VFloat whole = (t + 12582912.0f) - 12582912.0f;
     VFloat part = (x * high - whole) + x * low;
@@ -178,7 +189,7 @@ VS_INLINE VDouble vexp(VDouble x) {
     return x;
 }
 
-// Eight vectors as the rows of an 8x8 matrix, transposed.
+// Transposes an 8x8 matrix whose rows are the eight vectors, in place.
 template <typename V>
 VS_INLINE void transpose(V r[8]) {
     V a[8];
@@ -202,3 +213,5 @@ template <typename T>
 VS_INLINE T sum(Vec<T> v) {
     return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
 }
+
+}  // namespace vs::VS_ISA

@@ -1,12 +1,20 @@
-// Tiles of 32x32 pixels: their lists of splats in order of depth, and which of their pixels a splat reaches.
-// Included by isa.h, once for each instruction set.
+// Tiles of 32x32 pixels: which pixels of a tile a splat touches, and the sorting of a tile's intersections by depth.
+#pragma once
 
-// A tile's pixels lie as blocks of 4x2, eight lanes a block, blocks row by row.
+#include <cstdint>
+
+#include "isa_namespace.h"
+#include "kernels.h"
+#include "simd.h"
+
+namespace vs::VS_ISA {
+
+// The pixels of a tile are stored in blocks of 4x2 pixels, one lane per pixel, blocks row by row.
 constexpr int BLOCK_W = 4, BLOCK_H = 2, BLOCKS_X = TILE / BLOCK_W, BLOCKS_Y = TILE / BLOCK_H,
               BLOCKS = BLOCKS_X * BLOCKS_Y;
 
 struct TileBox {
-    int left, top, width, height;  // pixels of the image
+    int left, top, width, height;  // image pixels
 };
 VS_INLINE TileBox tile_box(const Camera& camera, int tiles_x, int tile) {
     TileBox box;
@@ -17,11 +25,11 @@ VS_INLINE TileBox tile_box(const Camera& camera, int tiles_x, int tile) {
     return box;
 }
 
-// Where the pixels of each column and each row of blocks are, counted from the first pixel's center.
+// Pixel coordinates of each column and each row of blocks, relative to the center of the tile's first pixel.
 template <typename T>
-struct Grid {
+struct PixelGrid {
     Vec<T> x[BLOCKS_X], y[BLOCKS_Y];
-    VS_INLINE void fill(Grid& grid) {
+    VS_INLINE void init(PixelGrid& grid) {
         const Vec<T> lane_x = {0, 1, 2, 3, 0, 1, 2, 3}, lane_y = {0, 0, 0, 0, 1, 1, 1, 1};
         for (int i = 0; i < BLOCKS_X; i++) grid.x[i] = lane_x + T(i * BLOCK_W);
         for (int i = 0; i < BLOCKS_Y; i++) grid.y[i] = lane_y + T(i * BLOCK_H);
@@ -29,37 +37,38 @@ struct Grid {
 };
 
 // A set of blocks: bit 8 * row + column.
-struct Blocks {
+struct BlockSet {
     std::uint64_t half[2];
 };
-static_assert(BLOCKS_X == 8 && BLOCKS == 128 && BLOCK_H == 2, "Blocks holds 16 rows of 8");
+static_assert(BLOCKS_X == 8 && BLOCKS == 128 && BLOCK_H == 2, "BlockSet holds 16 rows of 8");
 
-// Transmittance of the pixels, negative where a pixel is finished or outside the image; and the blocks with work left.
-// P is a struct of the block's arrays: one struct a block, not one array of blocks a quantity, since arrays a multiple
-// of 4096 bytes apart compete for the same cache lines and confuse loads with stores.
+// Sets the transmittance of a tile's pixels and returns the blocks that have unfinished pixels. Transmittance is
+// negative where a pixel is finished or outside the image. P is the per-block pixel state: one struct per block instead
+// of one array per quantity, because arrays that are a multiple of 4096 bytes apart compete for cache lines and cause
+// false store-to-load dependencies.
 template <typename T, typename P>
-VS_INLINE Blocks clear_tile(const TileBox& box, const Grid<T>& grid, P* pixels) {
+VS_INLINE BlockSet init_pixels(const TileBox& box, const PixelGrid<T>& grid, P* pixels) {
     if (box.width == TILE && box.height == TILE) {
         for (int i = 0; i < BLOCKS; i++) pixels[i].transmittance = broadcast<T>(T(1));
         return {{~std::uint64_t(0), ~std::uint64_t(0)}};
     }
-    Blocks alive = {{0, 0}};
+    BlockSet active = {{0, 0}};
     for (int i = 0; i < BLOCKS; i++) {
-        Mask<T> inside =
-            lt<T>(grid.x[i % BLOCKS_X], broadcast<T>(T(box.width))) & lt<T>(grid.y[i / BLOCKS_X], broadcast<T>(T(box.height)));
+        Mask<T> inside = lt<T>(grid.x[i % BLOCKS_X], broadcast<T>(T(box.width))) &
+                         lt<T>(grid.y[i / BLOCKS_X], broadcast<T>(T(box.height)));
         pixels[i].transmittance = select<T>(inside, broadcast<T>(T(1)), broadcast<T>(T(-1)));
-        alive.half[i / 64] |= std::uint64_t(any(inside)) << (i % 64);
+        active.half[i / 64] |= std::uint64_t(any(inside)) << (i % 64);
     }
-    return alive;
+    return active;
 }
 
-// The part of a splat that both passes need at each block; the same arithmetic, so that both see the same bits.
+// A splat relative to a tile. Both passes evaluate alpha through this, so that they get the same bits.
 template <typename T>
-struct Shape {
+struct SplatInTile {
     using V = Vec<T>;
     V x, y, a, b, c, log2_opacity;
 
-    VS_INLINE Shape of(const Projected<T>& p, const TileBox& box) {
+    VS_INLINE SplatInTile of(const Projected<T>& p, const TileBox& box) {
         return {broadcast<T>(p.x - T(box.left) - T(0.5)),
                 broadcast<T>(p.y - T(box.top) - T(0.5)),
                 broadcast<T>(p.a),
@@ -67,8 +76,8 @@ struct Shape {
                 broadcast<T>(p.c),
                 broadcast<T>(p.log2_opacity)};
     }
-    // log2(alpha) over the block (before the clamp), u and v
-    inline __attribute__((always_inline)) V exponent(const Grid<T>& grid, int block, V& u, V& v) const {
+    // log2(alpha) at the pixels of a block, before the clamp; also u and v
+    inline __attribute__((always_inline)) V log2_alpha(const PixelGrid<T>& grid, int block, V& u, V& v) const {
         V dx = grid.x[block % BLOCKS_X] - x, dy = grid.y[block / BLOCKS_X] - y;
         v = c * dy;
         u = a * dx + b * dy;
@@ -76,10 +85,10 @@ struct Shape {
     }
 };
 
-// Blocks that the splat may reach: for each row of pixels, the span in which u^2 + v^2 is small enough; eight rows of
-// blocks at a time. Never too few but for rounding at the very edge, where alpha is 1/255.
+// Blocks that a splat may touch: for each row of pixels, the interval in which u^2 + v^2 is small enough, eight rows of
+// blocks at a time. Conservative, except for rounding at the very edge, where alpha is 1/255.
 template <typename T>
-VS_INLINE Blocks cover(const Projected<T>& p, const TileBox& box) {
+VS_INLINE BlockSet touched_blocks(const Projected<T>& p, const TileBox& box) {
     using V = Vec<T>;
     using M = Mask<T>;
     typedef std::uint8_t Bytes __attribute__((vector_size(8)));
@@ -89,7 +98,7 @@ VS_INLINE Blocks cover(const Projected<T>& p, const TileBox& box) {
     bottom = (bottom < TILE ? bottom : TILE - 1) / BLOCK_H;
     const V steps = {0, 2, 4, 6, 8, 10, 12, 14};
     const V budget = broadcast<T>(p.log2_opacity - T(ALPHA_MIN_LOG2) + T(1e-4));
-    Blocks found = {{0, 0}};
+    BlockSet found = {{0, 0}};
     for (int row = top; row <= bottom; row += 8) {
         V dy0 = steps + (T(row * BLOCK_H) - y), dy1 = dy0 + T(1);
         V v0 = p.c * dy0, v1 = p.c * dy1;
@@ -97,11 +106,11 @@ VS_INLINE Blocks cover(const Projected<T>& p, const TileBox& box) {
         V half0 = p.width * vsqrt(vmax<T>(rest0, V{})), half1 = p.width * vsqrt(vmax<T>(rest1, V{}));
         V mid0 = x + p.slant * dy0, mid1 = x + p.slant * dy1;
         const V far = broadcast<T>(T(1e6));
-        const M there0 = ge<T>(rest0, V{}), there1 = ge<T>(rest1, V{});
-        V low = vmin<T>(select<T>(there0, mid0 - half0, far), select<T>(there1, mid1 - half1, far));
-        V high = vmax<T>(select<T>(there0, mid0 + half0, -far), select<T>(there1, mid1 + half1, -far));
+        const M valid0 = ge<T>(rest0, V{}), valid1 = ge<T>(rest1, V{});
+        V low = vmin<T>(select<T>(valid0, mid0 - half0, far), select<T>(valid1, mid1 - half1, far));
+        V high = vmax<T>(select<T>(valid0, mid0 + half0, -far), select<T>(valid1, mid1 + half1, -far));
         low = vmin<T>(vmax<T>(low + T(0.998), V{}), broadcast<T>(T(TILE)));
-        high = vmin<T>(vmax<T>(high + T(1.002), V{}), broadcast<T>(T(TILE)));  // one more than the last pixel
+        high = vmin<T>(vmax<T>(high + T(1.002), V{}), broadcast<T>(T(TILE)));  // one past the last pixel
         M first = __builtin_convertvector(low, M), end = __builtin_convertvector(high, M);
         M one = M{} + 1;
         M mask = ((one << ((end + 3) >> 2)) - (one << (first >> 2))) & (M)(first < end);
@@ -118,29 +127,29 @@ VS_INLINE Blocks cover(const Projected<T>& p, const TileBox& box) {
     return found;
 }
 
-// Some intersections of a tile's list, in order, with the blocks that each reaches. Finding them for many splats before any
-// is blended lets the processor work on several at once, and know how often each inner loop runs before it gets there.
+// A run of a tile's intersections with the blocks that each touches. Computing the blocks of many splats before
+// blending any of them overlaps their latencies and makes the trip counts of the inner loops known early.
 template <typename T>
 struct Batch {
-    static constexpr int MOST = 64;
-    const Projected<T>* splats[MOST];
-    Blocks reach[MOST];
+    static constexpr int CAPACITY = 64;
+    const Projected<T>* splats[CAPACITY];
+    BlockSet touched[CAPACITY];
     int size;
 
-    // Takes intersections from `n` on, leaves out those that reach nothing alive; returns where to go on.
+    // Reads intersections from index `n`, drops those that touch no active block, and returns the next index.
     inline __attribute__((always_inline)) std::uint32_t fill(const Projected<T>* projected, const Intersection<T>* list,
                                                              std::uint32_t n, std::uint32_t count, const TileBox& box,
-                                                             const Blocks& alive) {
-        const std::uint32_t end = count - n < std::uint32_t(MOST) ? count : n + MOST;
+                                                             const BlockSet& active) {
+        const std::uint32_t end = count - n < std::uint32_t(CAPACITY) ? count : n + CAPACITY;
         size = 0;
         for (; n < end; n++) {
             if (n + 8 < count) __builtin_prefetch(&projected[list[n + 8].splat]);
             const Projected<T>* p = &projected[list[n].splat];
-            Blocks found = cover<T>(*p, box);
-            found.half[0] &= alive.half[0];
-            found.half[1] &= alive.half[1];
+            BlockSet found = touched_blocks<T>(*p, box);
+            found.half[0] &= active.half[0];
+            found.half[1] &= active.half[1];
             splats[size] = p;
-            reach[size] = found;
+            touched[size] = found;
             size += (found.half[0] | found.half[1]) != 0;
         }
         return end;
@@ -150,7 +159,7 @@ struct Batch {
 VS_INLINE std::uint32_t depth_key(float depth) {
     std::uint32_t key;
     __builtin_memcpy(&key, &depth, sizeof(key));
-    return key;  // depths are positive: their bits sort as they do
+    return key;  // depths are positive, so their bits sort like their values
 }
 VS_INLINE std::uint64_t depth_key(double depth) {
     std::uint64_t key;
@@ -158,9 +167,9 @@ VS_INLINE std::uint64_t depth_key(double depth) {
     return key;
 }
 
-// Stable sort by key: insertion for short lists, else by bytes of the key's distance from the least.
+// Stable sort by key: insertion sort for short lists, else radix sort of the bytes of key - min_key.
 template <typename T>
-static void sort_intersections(Intersection<T>* list, Intersection<T>* spare, std::uint32_t count) {
+static void sort_intersections(Intersection<T>* list, Intersection<T>* scratch, std::uint32_t count) {
     if (count < 2) return;
     if (count <= 32) {
         for (std::uint32_t i = 1; i < count; i++) {
@@ -171,26 +180,28 @@ static void sort_intersections(Intersection<T>* list, Intersection<T>* spare, st
         }
         return;
     }
-    auto least = list[0].key, most = list[0].key;
+    auto min_key = list[0].key, max_key = list[0].key;
     for (std::uint32_t i = 1; i < count; i++) {
-        least = list[i].key < least ? list[i].key : least;
-        most = list[i].key > most ? list[i].key : most;
+        min_key = list[i].key < min_key ? list[i].key : min_key;
+        max_key = list[i].key > max_key ? list[i].key : max_key;
     }
-    const auto span = most - least;
-    Intersection<T>*from = list, *to = spare;
-    for (int shift = 0; shift < int(8 * sizeof(span)) && (span >> shift) != 0; shift += 8) {
-        std::uint32_t place[256] = {0};
-        for (std::uint32_t i = 0; i < count; i++) place[(from[i].key - least) >> shift & 255]++;
+    const auto range = max_key - min_key;
+    Intersection<T>*from = list, *to = scratch;
+    for (int shift = 0; shift < int(8 * sizeof(range)) && (range >> shift) != 0; shift += 8) {
+        std::uint32_t next[256] = {0};
+        for (std::uint32_t i = 0; i < count; i++) next[(from[i].key - min_key) >> shift & 255]++;
         std::uint32_t total = 0;
         for (int k = 0; k < 256; k++) {
-            std::uint32_t here = place[k];
-            place[k] = total;
-            total += here;
+            std::uint32_t count_k = next[k];
+            next[k] = total;
+            total += count_k;
         }
-        for (std::uint32_t i = 0; i < count; i++) to[place[(from[i].key - least) >> shift & 255]++] = from[i];
+        for (std::uint32_t i = 0; i < count; i++) to[next[(from[i].key - min_key) >> shift & 255]++] = from[i];
         Intersection<T>* swap = from;
         from = to;
         to = swap;
     }
     if (from != list) __builtin_memcpy(list, from, count * sizeof(Intersection<T>));
 }
+
+}  // namespace vs::VS_ISA

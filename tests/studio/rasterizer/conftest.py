@@ -1,4 +1,4 @@
-"""Scenes, and the comparison of a backend with the reference."""
+"""Scenes, and the comparison of a backend with the reference implementation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def make_camera(
     turn: float = 0.3,
     distance: float = 3.0,
 ) -> Camera:
-    """A camera `distance` in front of the origin, turned about the y axis."""
+    """A camera at `distance` from the origin, rotated by `turn` radians about the y axis."""
     cx, cy = principal if principal is not None else (0.44 * width, 0.51 * height)
     pose = np.eye(4)
     pose[:3, :3] = [[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]]
@@ -38,7 +38,7 @@ def make_camera(
 def make_splats(
     count: int, *, degree: int = 3, seed: int = 0, log_scale: float = -3.0, spread: float = 0.5, opacity: float = 2.0
 ) -> Gaussians:
-    """Random float64 splats about the origin whose values float32 holds exactly."""
+    """Random float64 splats around the origin whose values are exactly representable in float32."""
     generator = torch.Generator().manual_seed(seed)
 
     def normal(*shape: int) -> Tensor:
@@ -54,10 +54,10 @@ def make_splats(
 
 
 def sturdy_pixels(splats: Gaussians, camera: Camera, alpha_max: float = 0.99, near: float = 0.01) -> Tensor:
-    """(H, W) True where no yes-or-no decision of the definition hangs on less than float32's rounding.
+    """(H, W) True where no threshold of the definition is within float32 rounding.
 
-    The image jumps by up to 1/255 where a splat's alpha crosses 1/255, where transmittance crosses 1e-4, and where two
-    splats at one depth change places; a float32 backend may fall on the other side there.
+    The image is discontinuous where the alpha of a splat crosses 1/255, where transmittance crosses 1e-4, and where two
+    splats of equal depth swap. A float32 backend may take the other branch there.
     """
     pinhole = Pinhole.of(camera)
     splats = splats.detach().to(torch.float64)
@@ -70,10 +70,10 @@ def sturdy_pixels(splats: Gaussians, camera: Camera, alpha_max: float = 0.99, ne
     sigma = (cov2d[:, 2] * dx * dx - 2 * cov2d[:, 1] * dx * dy + cov2d[:, 0] * dy * dy) / (2 * det)
     alpha = splats.opacities[index] * torch.exp(-sigma)
     drawn = torch.where(alpha >= ALPHA_MIN, alpha.clamp_max(alpha_max), 0.0)
-    through = torch.cumprod(1 - drawn, dim=1)
-    matters = torch.cat([torch.ones_like(through[:, :1]), through[:, :-1]], 1) > 0.99 * TRANSMITTANCE_MIN
+    transmittance = torch.cumprod(1 - drawn, dim=1)
+    matters = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], 1) > 0.99 * TRANSMITTANCE_MIN
     sturdy = ~(((alpha / ALPHA_MIN - 1).abs() < 1e-4) & matters).any(1)
-    sturdy &= ((through / TRANSMITTANCE_MIN - 1).abs() > 1e-3).all(1)
+    sturdy &= ((transmittance / TRANSMITTANCE_MIN - 1).abs() > 1e-3).all(1)
     close = (depths[1:] - depths[:-1]).abs() < 2e-6 * depths[1:]
     tied = torch.zeros_like(drawn, dtype=torch.bool)
     tied[:, 1:] |= close
@@ -104,7 +104,7 @@ def draw_with_gradients(
     alpha_max: float | None = 0.99,
     device: str = "cpu",
 ) -> Drawn:
-    """Draw and go back through a random linear loss; `weight` (H, W) multiplies the loss of each pixel."""
+    """Render and backpropagate a random linear loss; `weight` (H, W) scales the loss of each pixel."""
     leaves = splats.map(lambda tensor: tensor.detach().to(device, dtype, copy=True).requires_grad_())
     offsets = torch.zeros(len(splats), 2, dtype=dtype, device=device, requires_grad=True)
     background = torch.tensor([0.2, 0.5, 1.0], dtype=dtype, device=device, requires_grad=True)
@@ -133,7 +133,7 @@ def draw_with_gradients(
 def assert_same(
     ours: Drawn, truth: Drawn, *, where: Tensor | None = None, image: float = 1e-4, gradient: float = 1e-3
 ) -> None:
-    """Images within `image`, every gradient within `gradient` of its own size."""
+    """Assert that images agree within `image`, and gradients within `gradient` relative to their norm."""
     where = torch.ones_like(truth.alpha, dtype=torch.bool) if where is None else where
     for name in ("image", "alpha"):
         error = (getattr(ours, name) - getattr(truth, name)).abs()[where]
@@ -144,13 +144,13 @@ def assert_same(
         mine = ours.gradients[name]
         assert torch.isfinite(mine).all(), f"the gradient of {name} is not finite"
         size, error = true.norm(), (mine - true).norm()
-        # What rounding leaves where everything cancels out is measured against one pixel's worth of loss.
+        # The absolute term covers rounding where everything cancels.
         assert error <= gradient * size + 1e-6, f"the gradient of {name} is off by {error / size:.2e} of {size:.2e}"
 
 
 @pytest.fixture
 def helpers() -> Callable[..., None]:
-    """This module's functions, for the tests beside it."""
+    """The functions of this module, for the tests in this folder."""
 
     class Helpers:
         camera = staticmethod(make_camera)

@@ -1,4 +1,4 @@
-"""The CPU kernels against the reference, on ordinary and on awkward scenes."""
+"""The CPU kernels against the reference, on ordinary scenes and on corner cases."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import threading
 import pytest
 import torch
 
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.rasterizer.cpu import load_kernels
+from tests.support.errors import refuses
 
 
 def compare(helpers, splats, camera, **options) -> None:  # type: ignore[no-untyped-def]
-    """float64 to rounding, float32 to the bounds that every backend must keep."""
+    """float64 up to rounding, float32 within the bounds that all backends must meet."""
     truth = helpers.draw(splats, camera, "reference", **options)
     exact = helpers.draw(splats, camera, "cpu", **options)
     helpers.assert_same(exact, truth, image=1e-9, gradient=1e-8)
@@ -88,7 +88,7 @@ def test_opacity_zero_and_one(helpers) -> None:
 
 
 def test_on_the_border_and_on_tile_edges(helpers) -> None:
-    """Centers exactly on the image's corners and on multiples of the tiles' sides (32 here, 16 in the reference)."""
+    """Means exactly on the image corners and on tile boundaries (32 pixels here, 16 in the reference)."""
     camera = helpers.camera(96, 64, focal=64.0, principal=(32.0, 32.0), turn=0.0, distance=4.0)
     spots = [(x, y) for x in (0.0, 16.0, 31.5, 32.0, 64.0, 96.0) for y in (0.0, 0.5, 32.0, 63.5, 64.0)]
     splats = helpers.splats(len(spots), log_scale=-2.5)
@@ -109,7 +109,7 @@ def test_principal_point_outside(helpers, principal) -> None:
     compare(helpers, helpers.splats(400, spread=3.0, log_scale=-2.0), camera)
 
 
-def test_a_crop_is_a_part_of_the_whole(helpers) -> None:
+def test_a_crop_equals_that_part_of_the_full_image(helpers) -> None:
     camera, splats = helpers.camera(300, 200, focal=240.0), helpers.splats(500).to(torch.float32)
     whole = rasterize(splats, camera, backend="cpu")
     part = rasterize(splats, camera.cropped(101, 53, 90, 70), backend="cpu")
@@ -144,7 +144,7 @@ def test_screen_offsets_move_splats(helpers) -> None:
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_same_bits_whatever_the_number_of_threads(helpers, dtype) -> None:
+def test_same_bits_for_any_number_of_threads(helpers, dtype) -> None:
     splats, camera = helpers.splats(3000), helpers.camera(200, 150, focal=150.0)
     before = torch.get_num_threads()
     try:
@@ -158,7 +158,7 @@ def test_same_bits_whatever_the_number_of_threads(helpers, dtype) -> None:
         for name in ("image", "alpha", "depth", "radii"):
             assert torch.equal(getattr(run, name), getattr(runs[0], name))
         for name, gradient in run.gradients.items():
-            if name != "background":  # a sum that torch makes
+            if name != "background":  # summed by torch
                 assert torch.equal(gradient, runs[0].gradients[name]), name
 
 
@@ -190,16 +190,16 @@ def test_instruction_sets_agree(helpers) -> None:
 @pytest.mark.parametrize("attribute", ["means", "quats", "log_scales", "logit_opacities", "sh"])
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
 def test_a_value_that_is_not_finite(helpers, attribute, value, backend) -> None:
-    """Checked: an error that names it. Unchecked: the splat is left out and harms nothing else."""
+    """Checked: an error that names it. Unchecked: the splat is not drawn and affects nothing else."""
     camera, splats = helpers.camera(), helpers.splats(40)
     broken = splats.clone()
     getattr(broken, attribute).view(40, -1)[7, 0] = value
-    with pytest.raises(StudioError, match=rf"{attribute} of splat 7"):
+    with refuses("gaussians.not_finite", attribute=attribute, splat=7, count=1):
         rasterize(broken, camera, backend=backend, checked=True)
     if attribute == "logit_opacities" and value == math.inf:
-        return  # opacity 1, which can be drawn
+        return  # opacity 1 is valid
     if attribute == "log_scales" and value == -math.inf:
-        return  # a splat of no thickness, which can be drawn
+        return  # zero thickness is valid
     rest = splats[torch.arange(40) != 7]
     drawn, truth = helpers.draw(broken, camera, backend), helpers.draw(rest, camera, backend)
     torch.testing.assert_close(drawn.image, truth.image)
@@ -212,7 +212,7 @@ def test_a_value_that_is_not_finite(helpers, attribute, value, backend) -> None:
 def test_a_quaternion_of_length_zero(helpers) -> None:
     camera, splats = helpers.camera(), helpers.splats(10)
     splats.quats[3] = 0
-    with pytest.raises(StudioError, match="splat 3 has length 0"):
+    with refuses("gaussians.zero_quaternion", splat=3):
         rasterize(splats, camera, backend="cpu", checked=True)
     for backend in ("cpu", "reference"):
         drawn = helpers.draw(splats, camera, backend)
@@ -220,7 +220,7 @@ def test_a_quaternion_of_length_zero(helpers) -> None:
         assert torch.isfinite(drawn.gradients["quats"]).all()
 
 
-def test_values_at_the_end_of_the_range_neither_crash_nor_hang(helpers) -> None:
+def test_extreme_values_neither_crash_nor_hang(helpers) -> None:
     camera = helpers.camera()
     splats = helpers.splats(64).to(torch.float32)
     splats.means[0] = 3e38
@@ -245,7 +245,7 @@ def test_views_of_other_tensors(helpers) -> None:
     assert torch.equal(rasterize(strided, camera, backend="cpu").image, rasterize(splats, camera, backend="cpu").image)
 
 
-def test_no_gradient_where_none_is_asked_for(helpers) -> None:
+def test_no_gradient_where_none_is_required(helpers) -> None:
     camera, splats = helpers.camera(), helpers.splats(30)
     assert not rasterize(splats, camera, backend="cpu").image.requires_grad
     splats.sh.requires_grad_()
@@ -278,7 +278,7 @@ def test_several_python_threads_at_once(helpers) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a_forked_child_draws_too(helpers) -> None:
+def test_rendering_in_a_forked_child(helpers) -> None:
     camera, splats = helpers.camera(), helpers.splats(300).to(torch.float32)
     truth = rasterize(splats, camera, backend="cpu").image
     child = os.fork()

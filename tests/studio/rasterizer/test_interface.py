@@ -1,4 +1,4 @@
-"""Which backend draws, and what is refused."""
+"""Selection of the backend, and invalid arguments."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from studio.cameras import Camera
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer import available_backends, preferred_device, rasterize, set_kernel_threads
 from studio.rasterizer.cpu import kernel_threads
+from tests.support.errors import refuses
 
 
 def test_cpu_and_reference_are_there() -> None:
@@ -29,8 +29,9 @@ def test_auto_draws_cpu_splats_with_the_kernels(helpers) -> None:  # type: ignor
 def test_cuda_says_why_it_cannot(helpers) -> None:  # type: ignore[no-untyped-def]
     assert "cuda" not in available_backends()
     assert preferred_device() == torch.device("cpu")
-    with pytest.raises(StudioError, match="needs an NVIDIA GPU"):
+    with refuses("rasterizer.backend_unavailable", value="cuda") as caught:
         rasterize(helpers.splats(1), helpers.camera(), backend="cuda")
+    assert "NVIDIA GPU" in caught.value.problem
 
 
 def test_importing_the_rasterizer_leaves_gsplat_alone() -> None:
@@ -39,38 +40,52 @@ def test_importing_the_rasterizer_leaves_gsplat_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "code", "fields"),
     [
-        ({"backend": "metal"}, "no rasterizer 'metal'"),
-        ({"background": torch.zeros(4)}, r"\(3,\), found \(4,\)"),
-        ({"screen_offsets": torch.zeros(4, 2)}, r"must be \(5, 2\), found \(4, 2\)"),
-        ({"near": 0.0}, "above 0"),
-        ({"near": float("nan")}, "above 0"),
-        ({"alpha_max": 1.5}, "0.5 to 1, found 1.5"),
-        ({"screen_offsets": torch.zeros(5, 2, dtype=torch.float16)}, "dtype"),
+        ({"backend": "metal"}, "rasterizer.unknown_backend", {"value": "metal"}),
+        ({"background": torch.zeros(4)}, "rasterizer.wrong_shape", {"argument": "background", "value": (4,)}),
+        (
+            {"screen_offsets": torch.zeros(4, 2)},
+            "rasterizer.wrong_shape",
+            {"argument": "screen_offsets", "value": (4, 2), "expected": (5, 2)},
+        ),
+        ({"near": 0.0}, "rasterizer.invalid_argument", {"argument": "near", "value": 0.0}),
+        ({"near": float("nan")}, "rasterizer.invalid_argument", {"argument": "near"}),
+        ({"alpha_max": 1.5}, "rasterizer.invalid_argument", {"argument": "alpha_max", "value": 1.5}),
+        (
+            {"screen_offsets": torch.zeros(5, 2, dtype=torch.float16)},
+            "rasterizer.mixed_tensors",
+            {"argument": "screen_offsets"},
+        ),
     ],
 )
-def test_bad_arguments(helpers, options, message) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(StudioError, match=message):
+def test_invalid_arguments(helpers, options, code, fields) -> None:  # type: ignore[no-untyped-def]
+    with refuses(code, **fields):
         rasterize(helpers.splats(5), helpers.camera(), **options)
+
+
+def test_an_error_is_a_readable_sentence(helpers) -> None:  # type: ignore[no-untyped-def]
+    with refuses("rasterizer.unknown_backend") as caught:
+        rasterize(helpers.splats(5), helpers.camera(), backend="metal")
+    assert str(caught.value) == "unknown backend 'metal'. Use auto, reference, cpu, cuda."
 
 
 def test_mixed_and_unusable_dtypes(helpers) -> None:  # type: ignore[no-untyped-def]
     splats = helpers.splats(5)
     mixed = Gaussians(splats.means.float(), splats.quats, splats.log_scales, splats.logit_opacities, splats.sh)
-    with pytest.raises(StudioError, match="share a dtype"):
+    with refuses("rasterizer.mixed_tensors", argument="quats"):
         rasterize(mixed, helpers.camera())
-    with pytest.raises(StudioError, match=r"float32 and float64, found torch\.float16"):
+    with refuses("rasterizer.dtype", value="torch.float16"):
         rasterize(splats.to(torch.float16), helpers.camera())
 
 
 def test_a_camera_that_is_no_pinhole(helpers) -> None:  # type: ignore[no-untyped-def]
     K = np.array([[50.0, 0, 20], [0, 50, 20], [0, 0, 1]])
     bent = Camera("bent", 40, 40, K, np.eye(4), np.array([0.1, 0, 0, 0]))
-    with pytest.raises(StudioError, match="'bent' has lens distortion"):
+    with refuses("camera.distortion", camera="bent"):
         rasterize(helpers.splats(1), bent)
     K[0, 1] = 3.0
-    with pytest.raises(StudioError, match="'skewed' has skew"):
+    with refuses("camera.skew", camera="skewed", value=3.0):
         rasterize(helpers.splats(1), Camera("skewed", 40, 40, K, np.eye(4)))
 
 
@@ -86,7 +101,7 @@ def test_the_kernels_own_number_of_threads() -> None:
     try:
         set_kernel_threads(1)
         assert kernel_threads() == 1
-        with pytest.raises(StudioError, match="at least one thread, found 0"):
+        with refuses("rasterizer.invalid_argument", argument="count", value=0):
             set_kernel_threads(0)
     finally:
         set_kernel_threads(None)

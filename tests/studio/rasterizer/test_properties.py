@@ -1,4 +1,4 @@
-"""Scenes that hypothesis draws: the CPU kernels keep to the reference on all of them."""
+"""The CPU kernels against the reference on scenes drawn by hypothesis."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 @st.composite
 def scenes(draw):  # type: ignore[no-untyped-def]
-    """Arguments of the helpers' `splats` and `camera`, and what to do to the splats."""
+    """Arguments of the helpers `splats` and `camera`, and changes to the splats."""
     width, height = draw(st.integers(1, 80)), draw(st.integers(1, 70))
     return {
         "splats": {
@@ -65,8 +65,8 @@ def test_single_precision(helpers, scene) -> None:  # type: ignore[no-untyped-de
 
 @settings(max_examples=30, **COMMON)  # type: ignore[arg-type]
 @given(scene=scenes())
-def test_nothing_is_brighter_than_its_parts(helpers, scene) -> None:  # type: ignore[no-untyped-def]
-    """Blending is a mean: alpha is from 0 to 1, and depth lies between the splats that are drawn."""
+def test_alpha_and_depth_are_within_bounds(helpers, scene) -> None:  # type: ignore[no-untyped-def]
+    """Blending is a weighted mean: alpha is between 0 and 1, and depth between those of the visible splats."""
     splats, camera = build(helpers, scene)
     ours = helpers.draw(splats, camera, "cpu", torch.float32)
     assert ours.alpha.min() >= 0

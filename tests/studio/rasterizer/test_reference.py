@@ -1,4 +1,4 @@
-"""The definition itself, against closed forms, sampling and finite differences."""
+"""The reference implementation against closed forms, sampling and finite differences."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AHEAD = Camera("ahead", 21, 15, np.array([[30.0, 0, 10.5], [0, 30.0, 7.5], [0, 0
 
 
 def ball(z: float, scale: float, opacity: float, color: tuple[float, float, float]) -> Gaussians:
-    """A round splat on the axis of `AHEAD`, of one color."""
+    """An isotropic splat of one color on the optical axis of `AHEAD`."""
     one = torch.ones(1, dtype=torch.float64)
     return Gaussians(
         means=torch.tensor([[0.0, 0.0, z]], dtype=torch.float64),
@@ -53,7 +53,7 @@ def test_one_ball_is_a_gaussian_over_the_background() -> None:
     np.testing.assert_allclose(depth, np.where(a > 0, 2.0, 0.0), atol=1e-12)
 
 
-def test_nearer_splat_covers_the_farther_whatever_their_order() -> None:
+def test_a_nearer_splat_occludes_a_farther_one_in_either_order() -> None:
     near, far = ball(2.0, 0.1, 0.6, (1, 0, 0)), ball(3.0, 0.4, 0.9, (0, 0, 1))
     a, b = expected_alpha(2.0, 0.1, 0.6), expected_alpha(3.0, 0.4, 0.9)
     for splats in (Gaussians.cat(near, far), Gaussians.cat(far, near)):
@@ -72,11 +72,11 @@ def test_equal_depth_keeps_the_given_order() -> None:
     assert image[7, 10, 2] == pytest.approx(0.09, abs=1e-3)
 
 
-def test_alpha_is_clamped_and_a_finished_pixel_takes_no_more() -> None:
+def test_alpha_is_clamped_and_a_finished_pixel_does_not_change() -> None:
     opaque = [ball(2.0 + 0.1 * i, 5.0, 1.0, (1, 1, 1)) for i in range(4)]
     _, alpha, _ = draw(opaque[0])
     assert alpha[7, 10] == pytest.approx(0.99)
-    # 0.01^2 is not above 1e-4, so the second splat already ends the pixel and is not drawn.
+    # 0.01^2 is not above 1e-4, so the pixel stops before the second splat.
     _, alpha, _ = draw(Gaussians.cat(*opaque))
     assert alpha[7, 10] == pytest.approx(0.99)
     _, alpha, _ = draw(Gaussians.cat(*opaque), alpha_max=0.9)
@@ -93,20 +93,20 @@ def test_a_splat_too_faint_or_too_near_is_not_drawn() -> None:
     assert rasterize(ball(2.0, 0.2, 0.004, (1, 1, 1)), AHEAD, backend="reference").radii[0] > 0
 
 
-def test_radius_is_where_alpha_reaches_a_255th() -> None:
+def test_the_radius_is_where_alpha_is_1_255() -> None:
     render = rasterize(ball(2.0, 0.15, 0.8, (1, 1, 1)), AHEAD, backend="reference")
     variance = (30 * 0.15 / 2) ** 2 + 0.3
     assert render.radii[0].item() == pytest.approx(math.sqrt(2 * math.log(0.8 * 255) * variance))
 
 
 def test_covariance_is_that_of_projected_samples(helpers) -> None:  # type: ignore[no-untyped-def]
-    """A small splat's covariance on the screen, by projecting points drawn from it with Camera.project."""
+    """The 2D covariance of a small splat equals that of samples projected with Camera.project."""
     camera = helpers.camera(640, 480, focal=700.0)
     splats = helpers.splats(3, log_scale=-5.5, spread=0.2)
     means2d, cov2d, det, depths, _ = project(splats, Pinhole.of(camera))
     rng = np.random.default_rng(0)
     for i in range(3):
-        # scalar-first quaternion to matrix through the rotation it makes of each axis: q v q*
+        # wxyz quaternion to matrix: rotate each axis, q v q*
         w, *v = (splats.quats[i] / splats.quats[i].norm()).tolist()
         v = np.array(v)
         axes = np.stack([e + 2 * np.cross(v, np.cross(v, e) + w * e) for e in np.eye(3)], axis=1)
@@ -122,7 +122,7 @@ def test_covariance_is_that_of_projected_samples(helpers) -> None:  # type: igno
 
 
 def test_spherical_harmonics_are_orthonormal() -> None:
-    """Integrals of products over the sphere, by Gauss-Legendre in z and equal steps around."""
+    """Integrals of products over the sphere: Gauss-Legendre in z, equal steps in azimuth."""
     nodes, weights = np.polynomial.legendre.leggauss(12)
     angle = np.arange(24) * 2 * np.pi / 24
     z = np.repeat(nodes, 24)
@@ -135,7 +135,7 @@ def test_spherical_harmonics_are_orthonormal() -> None:
     )
 
 
-def test_spherical_harmonics_have_the_order_and_signs_of_3dgs() -> None:
+def test_spherical_harmonics_match_the_order_and_signs_of_3dgs() -> None:
     x, y, z = torch.eye(3, dtype=torch.float64)
     first = sh_basis(torch.stack([x, y, z]), 1)[:, 1:]
     c = 0.4886025119029199
@@ -153,7 +153,7 @@ def test_color_is_never_negative() -> None:
     assert sh_colors(torch.tensor([[0.0, 0, 1]]), sh).tolist() == [[0, 0, 0]]
 
 
-def test_a_crop_is_a_part_of_the_whole(helpers) -> None:  # type: ignore[no-untyped-def]
+def test_a_crop_equals_that_part_of_the_full_image(helpers) -> None:  # type: ignore[no-untyped-def]
     camera, splats = helpers.camera(), helpers.splats(60)
     whole = rasterize(splats, camera, backend="reference")
     part = rasterize(splats, camera.cropped(20, 10, 33, 21), backend="reference")

@@ -1,4 +1,4 @@
-"""The sparse hash grid against a slow, literal version of Mueller et al. 2022, section 3."""
+"""The sparse hash grid against a slow, literal implementation of Mueller et al. 2022, section 3."""
 
 import itertools
 
@@ -35,7 +35,7 @@ def make_grid() -> HashGrid:
     return grid
 
 
-def test_encoding_equals_the_literal_version() -> None:
+def test_encoding_equals_the_literal_implementation() -> None:
     grid = make_grid()
     assert grid.rows[0] < 512, "a dense level is tested"
     assert grid.rows[-1] == 512, "a hashed level is tested"

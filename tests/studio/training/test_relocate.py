@@ -1,4 +1,4 @@
-"""Relocation: splats that share a place look like the one that stood there."""
+"""Relocation: copies of a splat together look like the original."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ def splats(opacities: list[float]) -> Gaussians:
     )
 
 
-# not so many copies that each falls under the alpha of 1/255 at which a splat is no longer drawn
+# few enough copies that each stays above the alpha threshold of 1/255
 @pytest.mark.parametrize(("opacity", "copies"), [(0.2, 1), (0.2, 3), (0.6, 2), (0.6, 5), (0.95, 17)])
-def test_copies_at_one_place_draw_what_the_one_drew(copies: int, opacity: float) -> None:
+def test_copies_render_like_the_original(copies: int, opacity: float) -> None:
     one = splats([opacity])
     new, factor = shared_opacity_and_scale(torch.tensor([opacity]), torch.tensor([copies]))
-    # N copies on top of each other let through what the one let through
+    # N copies on top of each other have the transmittance of the original
     assert float((1 - new) ** copies) == pytest.approx(1 - opacity, rel=1e-5)
     many = one[torch.zeros(copies, dtype=torch.long)]
     many = Gaussians(many.means, many.quats, many.log_scales + factor.log(), torch.logit(new).repeat(copies), many.sh)
     before, after = rasterize(one, CAMERA).alpha, rasterize(many, CAMERA).alpha
-    # equation 9 keeps the integral along the middle row (one dimension), not each pixel
+    # equation 9 preserves the integral along a line, not each pixel
     assert float(after[32].sum()) == pytest.approx(float(before[32].sum()), rel=0.05)
     assert float(after.max()) == pytest.approx(float(before.max()), rel=0.02)
 
 
-def test_dead_splats_go_to_live_ones() -> None:
+def test_dead_splats_move_to_live_ones() -> None:
     optimizer = SplatOptimizer(splats([0.001, 0.5, 0.002, 0.9, 0.001]), LearningRates(), 1.0)
     places = optimizer.gaussians.means.detach().clone()
     assert relocate_dead(optimizer, torch.Generator().manual_seed(0)) == 3
@@ -50,7 +50,7 @@ def test_dead_splats_go_to_live_ones() -> None:
     live = places[[1, 3]]
     distance = torch.cdist(after.means, live).amin(1)
     assert float(distance.max()) == 0
-    assert relocate_dead(optimizer, torch.Generator()) == 0, "nobody is dead now"
+    assert relocate_dead(optimizer, torch.Generator()) == 0, "no splat is dead now"
 
 
 def test_growth_ends_at_the_budget_and_new_splats_train() -> None:
@@ -67,10 +67,10 @@ def test_growth_ends_at_the_budget_and_new_splats_train() -> None:
     assert torch.isfinite(optimizer.gaussians.logit_opacities).all()
 
 
-def test_noise_moves_only_what_is_nearly_transparent_and_along_its_own_shape() -> None:
+def test_noise_moves_nearly_transparent_splats_along_their_own_axes() -> None:
     start = splats([0.001, 0.9] * 50)
     start.log_scales = torch.log(torch.tensor([0.5, 0.01, 0.01])).repeat(100, 1)
-    half = torch.tensor([0.5**0.5, 0.0, 0.0, 0.5**0.5])  # a quarter turn about z: the long axis points along y
+    half = torch.tensor([0.5**0.5, 0.0, 0.0, 0.5**0.5])  # rotated by 90 degrees about z: the long axis is y
     start.quats = half.repeat(100, 1)
     optimizer = SplatOptimizer(start, LearningRates(means=1e-6), 1.0)
     add_noise(optimizer, 1.0, torch.Generator().manual_seed(2))

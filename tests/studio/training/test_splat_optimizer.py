@@ -1,4 +1,4 @@
-"""Rows of splats and their Adam moments stay together when splats come and go."""
+"""Splats keep their Adam moments when others are added and removed."""
 
 import pytest
 import torch
@@ -31,7 +31,7 @@ def drive(optimizer: SplatOptimizer, weights: torch.Tensor, steps: int) -> None:
         optimizer.step()
 
 
-def test_kept_rows_train_on_as_if_alone() -> None:
+def test_kept_splats_train_as_if_alone() -> None:
     everything = splats(12)
     weights = torch.linspace(-1, 1, 12)
     kept = torch.tensor([1, 4, 7])
@@ -46,7 +46,7 @@ def test_kept_rows_train_on_as_if_alone() -> None:
         assert torch.allclose(one, other, atol=1e-6), name
 
 
-def test_appended_rows_do_not_disturb_the_others() -> None:
+def test_appended_splats_do_not_affect_the_others() -> None:
     first, extra = splats(5), splats(3)
     grown = SplatOptimizer(first, LearningRates(), 1.0)
     plain = SplatOptimizer(first, LearningRates(), 1.0)
@@ -61,7 +61,7 @@ def test_appended_rows_do_not_disturb_the_others() -> None:
         assert torch.allclose(one, other, atol=1e-6), name
 
 
-def test_frozen_positions_stay() -> None:
+def test_frozen_means_do_not_change() -> None:
     start = splats(6)
     optimizer = SplatOptimizer(start, LearningRates(), 1.0, train_means=False)
     drive(optimizer, torch.ones(6), 3)
@@ -69,7 +69,7 @@ def test_frozen_positions_stay() -> None:
     assert not torch.equal(optimizer.gaussians.log_scales, start.log_scales)
 
 
-def test_pruning_removes_the_least_opaque_and_keeps_the_count() -> None:
+def test_pruning_removes_the_splats_with_the_lowest_opacity() -> None:
     start = splats(100)
     optimizer = SplatOptimizer(start, LearningRates(), 1.0)
     prune_by_opacity(optimizer, 0.3)
@@ -78,20 +78,20 @@ def test_pruning_removes_the_least_opaque_and_keeps_the_count() -> None:
     assert float(left.min()) >= float(start.opacities.sort().values[30]) - 1e-7
 
 
-def test_rounds_reach_the_cap() -> None:
+def test_pruning_rounds_reach_the_limit() -> None:
     settings = TrainSettings(max_splats=1000, prune_ratio=0.3, prune_rounds=1)
     assert prune_rounds(settings, 500) == 1
     assert prune_rounds(settings, 4000) == 4  # 2800, 1960, 1372, 961
 
 
-def test_opacity_reset_caps() -> None:
+def test_opacity_reset_clamps() -> None:
     optimizer = SplatOptimizer(splats(50), LearningRates(), 1.0)
     drive(optimizer, torch.ones(50), 1)
     optimizer.cap_opacity(0.01)
     assert float(optimizer.gaussians.opacities.max()) <= 0.01 + 1e-6
 
 
-def test_densification_clones_small_splits_large_and_drops_invisible() -> None:
+def test_densification_clones_small_splits_large_and_removes_transparent_splats() -> None:
     start = splats(4)
     start.logit_opacities = torch.tensor([2.0, 2.0, 2.0, -9.0])
     start.log_scales = torch.log(torch.tensor([0.001, 0.5, 0.001, 0.001]))[:, None].repeat(1, 3)
@@ -106,7 +106,7 @@ def test_densification_clones_small_splits_large_and_drops_invisible() -> None:
     assert torch.allclose(sizes[-2:], torch.tensor(0.5 / 1.6), rtol=1e-4)
 
 
-def test_budget_bounds_densification() -> None:
+def test_densification_respects_the_maximum() -> None:
     start = splats(40)
     start.logit_opacities = torch.full((40,), 2.0)
     optimizer = SplatOptimizer(start, LearningRates(), 1.0)
@@ -116,7 +116,7 @@ def test_budget_bounds_densification() -> None:
     assert len(optimizer) == 45
 
 
-def test_first_splats_are_as_large_as_their_neighbors_are_far() -> None:
+def test_initial_scales_are_the_distances_to_neighbors() -> None:
     grid = torch.stack(torch.meshgrid(*[torch.arange(5.0)] * 3, indexing="ij"), -1).reshape(-1, 3) * 0.2
     first = initial_gaussians(grid, torch.full((125, 3), 0.25), 0)
     assert torch.allclose(first.scales, torch.full((125, 3), 0.2), rtol=1e-4)

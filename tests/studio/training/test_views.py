@@ -1,4 +1,4 @@
-"""Crops, composites and plates of training views."""
+"""Crops, compositing and clean plates of training views."""
 
 import numpy as np
 import pytest
@@ -6,17 +6,17 @@ import torch
 
 from studio.cameras import Camera
 from studio.capture import FootageView
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.training import TrainingView, TrainSettings
 from studio.training.step import Stepper, dropped
 from studio.training.views import matte_box, surroundings
+from tests.support.errors import refuses
 
 SIZE = 120
 
 
 def captured(with_plate: bool) -> FootageView:
-    """A gray square of half covered border pixels before a bright, uneven wall."""
+    """A gray rectangle with half-covered border pixels in front of a bright, noisy wall."""
     rng = np.random.default_rng(0)
     plate = rng.integers(120, 250, (SIZE, SIZE, 3)).astype(np.uint8)
     matte = np.zeros((SIZE, SIZE), np.uint8)
@@ -33,7 +33,7 @@ def test_box_is_padded_and_clipped() -> None:
     assert matte_box(matte, 0.1, "a") == (50 - 18, 40 - 20, 20 + 36, 40 + 40)
     full = np.full((30, 20), 255, np.uint8)
     assert matte_box(full, 0.5, "a") == (0, 0, 20, 30)
-    with pytest.raises(StudioError, match="Camera 'a': the mask is empty"):
+    with refuses("matte.empty", camera="a"):
         matte_box(np.zeros_like(matte), 0.1, "a")
 
 
@@ -89,13 +89,13 @@ def test_surroundings_are_a_square_about_each_pixel() -> None:
     assert torch.equal(surroundings(matte), whole)
 
 
-def test_large_pictures_are_kept_as_bytes_and_seen_as_floats(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_images_are_stored_as_bytes_and_read_as_floats(monkeypatch: pytest.MonkeyPatch) -> None:
     source = captured(True)
     small = TrainingView.from_view(source)
-    monkeypatch.setattr("studio.training.views.KEPT_PIXELS", SIZE)
+    monkeypatch.setattr("studio.training.views.CACHED_PIXELS", SIZE)
     view = TrainingView.from_view(source)
-    assert small._kept is not None
-    assert view._kept is None
+    assert small._cached is not None
+    assert view._cached is None
     assert torch.equal(small.composited(torch.ones(3)), view.composited(torch.ones(3)))
     assert all(part.dtype == torch.uint8 for part in (view._image, view._matte, view._plate) if part is not None)
     color = torch.tensor([0.2, 0.9, 0.4])
@@ -105,12 +105,12 @@ def test_large_pictures_are_kept_as_bytes_and_seen_as_floats(monkeypatch: pytest
     assert torch.equal(view.backdrop(color), floats.backdrop(color))  # type: ignore[arg-type]
 
 
-def test_a_crop_does_not_hold_the_whole_picture() -> None:
+def test_a_crop_does_not_keep_the_full_image_in_memory() -> None:
     view = TrainingView.from_view(captured(False), crop_margin=0.1)
     assert view._image.untyped_storage().nbytes() == view._image.numel() < SIZE * SIZE * 3
 
 
-def test_nothing_drawn_over_the_plate_shows_the_plate() -> None:
+def test_an_empty_render_over_the_plate_is_the_plate() -> None:
     view = TrainingView.from_view(captured(True))
     nothing = Gaussians(
         torch.tensor([[0.0, 0.0, -5.0]]), torch.ones(1, 4), torch.zeros(1, 3), torch.zeros(1), torch.zeros(1, 1, 3)
@@ -122,7 +122,7 @@ def test_nothing_drawn_over_the_plate_shows_the_plate() -> None:
     assert float(step.render.image[~near].abs().max()) == 0
 
 
-def test_dropout_leaves_a_share_out_and_keeps_the_density() -> None:
+def test_dropout_removes_a_fraction_and_keeps_the_total_opacity() -> None:
     many = Gaussians(
         torch.rand(4000, 3),
         torch.ones(4000, 4),
@@ -138,9 +138,9 @@ def test_dropout_leaves_a_share_out_and_keeps_the_density() -> None:
     assert torch.isfinite(dropped(opaque, 0.5, torch.Generator())[0].logit_opacities).all()
 
 
-def test_what_dropout_left_out_was_not_drawn() -> None:
+def test_dropped_splats_are_not_drawn() -> None:
     view = TrainingView.from_view(captured(False))
-    # equal splats before the camera: every one that takes part is drawn, and moves the picture
+    # equal splats in front of the camera: each one that is not dropped is drawn and gets a gradient
     n = 40
     many = Gaussians(
         torch.tensor([[0.0, 0.0, 2.0]]).repeat(n, 1),
