@@ -95,7 +95,10 @@ def stage_of(setting: str) -> str:
 
 
 def matching(fields: Sequence[SettingField], words: str) -> list[SettingField]:
-    """Fields whose name, label, heading or documentation contains all of the words."""
+    """Fields whose name, label, heading or documentation contains all words; a full name matches only its field."""
+    exact = [field for field in fields if field.name == words.strip()]
+    if exact:
+        return exact
     searched = words.lower().split()
 
     def text(field: SettingField) -> str:
