@@ -11,7 +11,7 @@ FRESH_ARGS ?=
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo gui web web-lint web-test test fresh-test tsan lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo examples gui web web-lint web-test test fresh-test tsan lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -27,6 +27,9 @@ setup-tests: system-tests ## the same, and what tests and linters need
 demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses the take folder)
 	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
+
+examples: setup ## run the scripts of examples/
+	@for script in examples/[0-9]*.py; do echo "== $$script"; $(PY) "$$script"; done
 
 gui: setup ## open the window (TAKE=DIR: on that take or stream)
 	@.venv/bin/v3studio-gui $(if $(TAKE),"$(TAKE)")

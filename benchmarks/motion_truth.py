@@ -23,7 +23,9 @@ from typing import Any
 
 import numpy as np
 
-import studio  # noqa: F401  (before torch: it sets how threads wait)
+from studio.environment import passive_openmp
+
+passive_openmp()  # before torch is imported
 
 _NEAR = 0.02
 

@@ -10,11 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 
+from studio.environment import passive_openmp
 from studio.errors import StudioError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. Returns the exit status: 0, or 2 where the window cannot be opened."""
+    passive_openmp()
     parser = argparse.ArgumentParser(
         prog="v3studio-gui",
         description="From footage to a reviewed Gaussian video: run the stages of a take, play and compare.",

@@ -1,6 +1,8 @@
 """`v3studio ...`: the command line.
 
-Exit codes: 0 done, 1 bad input or a failure (one sentence on stderr), 2 wrong usage, 130 stopped.
+Exit codes: 0 success; 1 an error, reported as `error: ...` on stderr; 2 wrong usage; 130 cancelled (Ctrl-C, SIGTERM).
+With `--json`, an error is also reported as the last line on stdout: the event `run_finished` with the outcome "failed"
+and the error's code and fields.
 """
 
 from __future__ import annotations
@@ -16,34 +18,53 @@ from typing import Any, TextIO
 
 from pipelines.commands.board import add_board_command, add_sync_command
 from pipelines.events.cancellation import EXIT_CANCELLED
+from studio.environment import passive_openmp
 from studio.errors import Cancelled, StudioError
 from studio.standard_output import as_utf8, claim_stdout, discard
 
 STAGE_HELP = {
-    "calibrate": "find the cameras: from the capture's calibration, else from the footage",
-    "initialize": "carve the visual hull of each group's keyframe and sample points on it",
-    "train": "train the Gaussians, frame after frame",
-    "bake": "write the stream",
-    "evaluate": "decode the stream, compare with held-out cameras, write evaluation.json and report.html",
+    "calibrate": "read the cameras from a file, or calibrate them",
+    "initialize": "sample initial points on the visual hull of each keyframe",
+    "train": "train the Gaussians",
+    "bake": "encode the trained Gaussians as a stream",
+    "evaluate": "measure the quality on held-out cameras and write the report",
 }
+GROUPS = {
+    "Make a stream from footage": ("run", "status", "config"),
+    "Stages": tuple(STAGE_HELP),
+    "Prepare a capture": ("board", "sync"),
+    "Use streams and takes": ("play", "serve", "export", "import"),
+    "Research": ("ablate",),
+}
+"""Commands in the order of `v3studio --help`."""
+
+_EXAMPLES = """Examples:
+    v3studio run sample_configs/quickstart.yaml --take takes/first
+    v3studio run takes/first --bake.qp 24
+    v3studio status takes/first
+    v3studio export takes/first --format ply --out plys
+
+Exit codes: 0 success, 1 error, 2 wrong usage, 130 cancelled.
+`v3studio COMMAND --help` shows the options of a command.
+"""
 _SETTINGS_NOTE = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
-  overrides a setting of the configuration, as in --train.max-splats 20000; `v3studio config` prints them all.
+  Overrides a setting; example: --train.max-splats 20000. `v3studio config` lists all settings.
 """
 
 
 def main() -> int:
-    """Run the command in `sys.argv`; returns the exit code. A stopped run ends the process at once.
+    """Run the command in `sys.argv` and return the exit code. If it is cancelled, the process ends at once.
 
-    Standard output gets what the command prints and nothing else: what native libraries print, here or in child
-    processes, goes to standard error.
+    Only output of the command goes to stdout; output of native libraries, here or in child processes, goes to stderr.
     """
+    passive_openmp()
     claim_stdout()
     code = execute(sys.argv[1:])
     if "--json" in sys.argv:
-        sys.stdout = sys.stderr  # for what Python code prints while the process exits
+        sys.stdout = sys.stderr  # for anything printed while the process exits
     if code == EXIT_CANCELLED:
-        # tearing down torch and its threads takes a while on a busy machine; who pressed Ctrl-C waits for nothing
+        # shutting down torch and its threads takes a while on a busy machine
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
@@ -51,10 +72,10 @@ def main() -> int:
 
 
 def execute(arguments: Sequence[str]) -> int:
-    """Run a command inside this process; returns the exit code (SystemExit with 2 for wrong usage)."""
-    arguments = _stages_of_now(arguments)
+    """Run a command in this process and return the exit code; wrong usage raises SystemExit(2)."""
+    arguments = _current_stages(arguments)
     parser, commands = _parser()
-    # what is wrong with a command's arguments is told with that command's usage, not with that of all
+    # errors in the arguments of a command show the usage of that command
     named = commands.get(arguments[0], parser) if arguments else parser
     plain = _long_settings_as_set(arguments, named)
     known, unknown = parser.parse_known_args(plain)
@@ -64,11 +85,15 @@ def execute(arguments: Sequence[str]) -> int:
         known.overrides = _overrides(known)
         command: Callable[[argparse.Namespace], int] = known.command
         with _json_output() if getattr(known, "json", False) else nullcontext(sys.stdout) as known.output:
-            code = command(known)
+            try:
+                code = command(known)
+            except StudioError as error:
+                if getattr(known, "json", False) and not getattr(known, "reported", False):
+                    _print_failure(error, known.output)
+                raise
             known.output.flush()
         return code
     except StudioError as error:
-        # with --json too: what fails before the first event would otherwise fail without a word
         print(f"error: {error}", file=sys.stderr)
         return 1
     except (Cancelled, KeyboardInterrupt):
@@ -78,9 +103,18 @@ def execute(arguments: Sequence[str]) -> int:
         return 1
 
 
+def _print_failure(error: StudioError, output: TextIO) -> None:
+    """The last event of a command with `--json`."""
+    from pipelines.events import RunFinished
+
+    event = RunFinished(outcome="failed", seconds=0.0, **RunFinished.parts(error.message))
+    with suppress(BrokenPipeError):
+        print(event.to_json(), file=output, flush=True)
+
+
 @contextmanager
 def _json_output() -> Iterator[TextIO]:
-    """Standard output, for JSON alone: what Python code prints inside the block goes to standard error."""
+    """Standard output, reserved for JSON: anything else that Python code prints in the block goes to stderr."""
     output = sys.stdout
     as_utf8(output)
     with redirect_stdout(sys.stderr):
@@ -92,32 +126,41 @@ def _json_output() -> Iterator[TextIO]:
 
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    """The parser, and that of each command."""
+    """The parser, and those of the commands by name."""
     from pipelines.commands import ablate, export, import_splats, play, serve
-    from pipelines.takes.take import program_version
+    from pipelines.version import program_version
 
     parser = _Parser(
         prog="v3studio",
-        description="From synchronized multi-camera footage of a performer to a streamable Gaussian video.",
+        description="Turns synchronized multi-camera footage of a performer into a streamable Gaussian video.",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"v3studio {program_version()}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    parser.commands = commands
 
-    run = _stage_parser(commands, "run", "bring a take up to date: every stage that must run, and no other")
+    run = _stage_parser(commands, "run", "run all stages that are not up to date")
     run.add_argument(
-        "--until", choices=list(STAGE_HELP), metavar="STAGE", help=f"stop after this stage ({', '.join(STAGE_HELP)})"
+        "--until",
+        choices=list(STAGE_HELP),
+        metavar="STAGE",
+        help=f"stop after this stage: {', '.join(STAGE_HELP)}",
     )
     run.set_defaults(command=_run, stage=None)
     for name, text in STAGE_HELP.items():
-        stage = _stage_parser(commands, name, f"run one stage: {text}")
-        stage.add_argument("--force", action="store_true", help="run it from its beginning, even if it is up to date")
+        stage = _stage_parser(commands, name, text)
+        stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
         if name == "bake":
             _add_targets(stage)
         stage.set_defaults(command=_run, stage=name, until=None)
 
-    status = commands.add_parser("status", help="tell what is done, stale or missing in a take", allow_abbrev=False)
-    status.add_argument("take", type=Path, metavar="DIR", help="the take's folder")
+    status = commands.add_parser(
+        "status",
+        help="show which stages of a take are up to date, and why not",
+        description="Show which stages of a take are up to date, and why the others are not.",
+        allow_abbrev=False,
+    )
+    status.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
     status.add_argument("--json", action="store_true", help="print JSON")
     status.set_defaults(command=_status)
 
@@ -133,30 +176,47 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     config = commands.add_parser(
         "config",
         help="print all settings with their documentation",
+        description="Print all settings with their documentation, as YAML that can be edited and used for a run.",
         epilog=_SETTINGS_NOTE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    config.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="show the values of this file")
+    config.add_argument(
+        "config", type=Path, nargs="?", metavar="CONFIG", help="YAML file to take values from (default: the defaults)"
+    )
     config.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     config.set_defaults(command=_config)
     return parser, dict(commands.choices)
 
 
 class _Parser(argparse.ArgumentParser):
-    """Reads numbers with errors in plain words; its commands' parsers are of this kind too."""
+    """With clear errors for numbers, and with commands in groups; used for the commands too."""
+
+    commands: Any = None
+    """The commands, in the main parser."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self.register("type", int, _whole)
+        self.register("type", int, _integer)
         self.register("type", float, _number)
 
+    def format_help(self) -> str:
+        """Called by argparse. The main parser lists commands by group."""
+        if self.commands is None:
+            return super().format_help()
+        summaries = {action.dest: action.help for action in self.commands._choices_actions}
+        lines = ["usage: v3studio [--help] [--version] COMMAND ...", "", str(self.description), ""]
+        for title, names in GROUPS.items():
+            lines += [f"{title}:", *(f"    {name:<12}{summaries[name]}" for name in names), ""]
+        lines += ["Options:", "    -h, --help  show this help", "    --version   show the version", "", _EXAMPLES]
+        return "\n".join(lines)
 
-def _whole(text: str) -> int:
+
+def _integer(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number; give one, as in 24") from None
+        raise argparse.ArgumentTypeError(f"'{text}' is not an integer; example: 24") from None
 
 
 def _number(text: str) -> float:
@@ -165,12 +225,12 @@ def _number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is no number; give one, as in 2.5")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number; example: 2.5")
     return value
 
 
 class _Target(argparse.Action):
-    """A target of the bake as `--set`, clearing the other one, which the take may remember; the last given wins."""
+    """Sets one bake target and clears the other, which may be set in the take; the last option wins."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
@@ -181,10 +241,10 @@ class _Target(argparse.Action):
 
 
 def _add_targets(stage: argparse.ArgumentParser) -> None:
-    """What people bake for, as options of their own beside --set."""
+    """Bake targets as options."""
     for name, metavar, text in (
-        ("target_kb_per_frame", "KB", "search the QP of each group for at most this many kilobytes a frame"),
-        ("target_psnr", "DB", "search the QP of each group for at least this PSNR against the trained frames, drawn"),
+        ("target_kb_per_frame", "KB", "search the QP of each group for at most this many kilobytes per frame"),
+        ("target_psnr", "DB", "search the QP of each group for at least this PSNR of decoded against trained renders"),
     ):
         stage.add_argument(f"--{name.replace('_', '-')}", action=_Target, const=name, metavar=metavar, help=text)
 
@@ -203,16 +263,16 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
         type=Path,
         nargs="?",
         metavar="CONFIG",
-        help="YAML file; without it, or with a take's folder in its place, the take's own settings",
+        help="YAML file of settings, or the folder of a take (default: the settings in the take)",
     )
-    parser.add_argument("--take", type=Path, metavar="DIR", help="the take's folder; made if needed")
+    parser.add_argument("--take", type=Path, metavar="DIR", help="folder of the take; created if needed")
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     return parser
 
 
 def _long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentParser) -> list[str]:
-    """`--section.name VALUE` and `--section.name=VALUE` as `--set section.name=VALUE`; the rest as it is."""
+    """Rewrite `--section.name VALUE` and `--section.name=VALUE` as `--set section.name=VALUE`."""
     plain: list[str] = []
     words = iter(arguments)
     for word in words:
@@ -229,8 +289,8 @@ def _long_settings_as_set(arguments: Sequence[str], parser: argparse.ArgumentPar
     return plain
 
 
-def _stages_of_now(arguments: Sequence[str]) -> list[str]:
-    """Stages by the names of now, as a command and after `--until`."""
+def _current_stages(arguments: Sequence[str]) -> list[str]:
+    """Replace old names of stages, as the command and after `--until`."""
     words = list(arguments)
     if not words or words[0].startswith("-"):
         return words
@@ -248,7 +308,7 @@ def _stages_of_now(arguments: Sequence[str]) -> list[str]:
 
 
 def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
-    given = getattr(arguments, "set", [])  # not every command takes settings
+    given = getattr(arguments, "set", [])  # not every command has settings
     if not given:
         return []
     from pipelines.config.loading import parse_override
@@ -265,17 +325,28 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.config, arguments.take = None, arguments.config
     if arguments.take is None:
         if arguments.config is not None and not arguments.config.exists():
-            raise StudioError(f"{arguments.config}: there is no such file or folder; give a YAML file and --take DIR.")
-        raise StudioError("No take is named; give its folder, as in --take takes/first.")
+            raise StudioError(
+                "settings.file_not_found",
+                "no such file or folder",
+                file=arguments.config,
+                fix="Specify a YAML file and --take DIR.",
+            )
+        raise StudioError(
+            "command.no_take", "no take is specified", fix="Example: --take takes/first.", option="--take"
+        )
     if arguments.config is not None and arguments.config.is_dir():
         raise StudioError(
-            f"{arguments.config} is a folder, and --take names one too; leave it out, or give a YAML file in its place."
+            "command.two_takes",
+            "is a folder, but --take is specified too",
+            file=arguments.config,
+            fix="Specify a YAML file, or leave out one of the folders.",
+            option="--take",
         )
     if arguments.config is None:
         take = Take.open(arguments.take)
         config = load_config(take.config, arguments.overrides)
     else:
-        # settings are checked before a folder is made
+        # validate settings before creating the folder
         config = load_config(arguments.config, arguments.overrides)
         with disk_errors(arguments.take):
             take = Take.create(arguments.take)
@@ -288,14 +359,17 @@ def _run(arguments: argparse.Namespace) -> int:
     else:
         stages = ALL_STAGES[: ALL_STAGES.index(arguments.until) + 1] if arguments.until else ALL_STAGES
     with JsonLines(arguments.output) if arguments.json else Bars() as show:
-        run(
-            take,
-            config,
-            show,
-            stages=stages,
-            force=bool(arguments.stage and arguments.force),
-            command=f"v3studio {arguments.stage or 'run'}",
-        )
+        try:
+            run(
+                take,
+                config,
+                show,
+                stages=stages,
+                force=bool(arguments.stage and arguments.force),
+                command=f"v3studio {arguments.stage or 'run'}",
+            )
+        finally:
+            arguments.reported = isinstance(show, JsonLines) and show.finished
     if not arguments.json and "evaluate" in stages:
         from pipelines.reports.tables import print_evaluation
 

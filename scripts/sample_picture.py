@@ -1,9 +1,9 @@
-"""The README's picture, from a take that ran to its end.
+"""Renders the image in the README from a finished take.
 
     python scripts/sample_picture.py TAKE docs/images/sample.jpg [--frame 14]
 
-A row a held-out camera: footage, performer cut out by the exact matte, trained splats, decoded stream, and the
-difference between performer and decoded stream times 4.
+One row per held-out camera: footage, performer cut out with the exact matte, trained Gaussians, decoded stream, and
+the difference between performer and decoded stream times 4.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TITLES = ("held-out footage", "performer", "trained", "decoded stream", "differe
 
 
 def row(context: Context, camera: str, index: int) -> list[np.ndarray]:
-    """The five pictures of one camera, cropped to the performer and HEIGHT high."""
+    """The five images of one camera, cropped to the performer, HEIGHT pixels high."""
     footage = context.footage.calibrated
     frame = footage.frames[index]
     group = next(one for one in context.groups if index in one.indices)
@@ -44,7 +44,7 @@ def row(context: Context, camera: str, index: int) -> list[np.ndarray]:
     heat = cv2.applyColorMap(np.clip(4 * error, 0, 255).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
     box = padded_box(exact, context.config.evaluate.crop_padding)
     if box is None:
-        raise SystemExit(f"{camera} does not see the performer in frame {frame}; choose another by --frame.")
+        raise SystemExit(f"{camera} does not see the performer in frame {frame}; choose another with --frame.")
     pictures = [view.image, performer, *drawn, heat]
     cropped = [np.ascontiguousarray(picture[box]).astype(np.uint8) for picture in pictures]
     scale = HEIGHT / cropped[0].shape[0]

@@ -1,1 +1,1 @@
-"""Ablation studies: one take per variant, and the table that compares them."""
+"""Ablation studies: one take per variant, and a comparison of their rate-distortion curves."""

@@ -1,4 +1,4 @@
-"""The ablation for people: a table and the paper's figure, PSNR against kilobytes a frame."""
+"""Report of an ablation: a table and the paper's figure, PSNR over kilobytes per frame."""
 
 from __future__ import annotations
 
@@ -6,53 +6,57 @@ import base64
 import html
 import io
 from pathlib import Path
-from typing import Any
 
-from pipelines.takes.atomic_files import atomic_path, write_text
+from pipelines.ablation.results import AblationResults
+from pipelines.takes.atomic_files import write_bytes, write_text
 
 
-def table_rows(results: dict[str, Any], qp: int) -> list[list[str]]:
-    """Header and a row a variant: at the given QP, and over the whole curve."""
-    rows = [["variant", f"KB a frame at QP {qp}", "PSNR trained", "PSNR decoded", "BD-rate", "BD-PSNR"]]
-    perceptual = any("lpips_decoded" in point for entry in results["variants"] for point in entry["points"])
+def table_rows(results: AblationResults, qp: int) -> list[list[str]]:
+    """A header row, and one row per variant: figures at `qp`, and over the whole curve."""
+    rows = [["variant", f"KB per frame at QP {qp}", "PSNR trained", "PSNR decoded", "BD-rate", "BD-PSNR"]]
+    perceptual = any(point.lpips_decoded is not None for entry in results.variants for point in entry.points)
     if perceptual:
         rows[0].insert(4, "LPIPS decoded")
-    for index, entry in enumerate(results["variants"]):
-        point = next((point for point in entry["points"] if point["qp"] == qp), None)
+    for index, entry in enumerate(results.variants):
+        point = next((point for point in entry.points if point.qp == qp), None)
         figures = ["", "", ""]
         if point is not None:
-            figures = [f"{point['kb_per_frame']:.1f}", f"{point['psnr_trained']:.2f}", f"{point['psnr_decoded']:.2f}"]
+            figures = [f"{point.kb_per_frame:.1f}", _fixed(point.psnr_trained, 2), f"{point.psnr_decoded:.2f}"]
         if perceptual:
-            figures.append("" if point is None else f"{point['lpips_decoded']:.4f}")
+            figures.append("" if point is None else _fixed(point.lpips_decoded, 4))
         against = ["", ""]
         if index:
-            rate, quality = entry["bd_rate_percent"], entry["bd_psnr_db"]
+            rate, quality = entry.bd_rate_percent, entry.bd_psnr_db
             against = [
-                "no overlap" if rate is None else f"{rate:+.1f} %",
+                "no overlap" if rate is None else f"{rate:+.1f}%",
                 "" if quality is None else f"{quality:+.2f} dB",
             ]
-        rows.append([entry["title"], *figures, *against])
+        rows.append([entry.title, *figures, *against])
     return rows
 
 
-def write_plot(results: dict[str, Any], path: Path) -> None:
-    """The rate-distortion curves as a PNG."""
-    data = _plot(results)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
+def _fixed(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
 
 
-def write_report(results: dict[str, Any], qp: int, path: Path) -> None:
-    """One HTML file with the protocol, the plot and the table."""
-    protocol = results["protocol"]
-    sentences = [
-        f"{'Held-out' if protocol['held_out'] else 'Training'} cameras {', '.join(protocol['cameras'])}",
-        ", ".join(f"{name} {size[0]}x{size[1]}" for name, size in protocol["resolution"].items()),
-        f"{len(protocol['frames'])} frames",
-        protocol["crop"],
-        f"background {protocol['background']}",
-        f"bytes: {protocol['total_bytes_are']}",
-    ]
+def write_plot(results: AblationResults, path: Path) -> None:
+    """Write the rate-distortion curves as PNG."""
+    write_bytes(path, _plot(results))
+
+
+def write_report(results: AblationResults, qp: int, path: Path) -> None:
+    """Write one HTML file with the protocol, the plot and the table."""
+    protocol = results.protocol
+    sentences = []
+    if protocol is not None:
+        sentences = [
+            f"{'Held-out' if protocol.held_out else 'Training'} cameras {', '.join(protocol.cameras)}",
+            ", ".join(f"{name} {size[0]}x{size[1]}" for name, size in protocol.resolution.items()),
+            f"{len(protocol.frames)} frames",
+            protocol.crop,
+            f"background {list(protocol.background)}",
+            f"bytes: {protocol.total_bytes_are}",
+        ]
     header, *rows = table_rows(results, qp)
     body = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
     picture = base64.b64encode(_plot(results)).decode()
@@ -62,19 +66,19 @@ def write_report(results: dict[str, Any], qp: int, path: Path) -> None:
         "<style>body{font:15px system-ui;margin:2rem auto;max-width:60rem;color:#222}td,th{padding:.3rem .8rem;"
         "text-align:right}td:first-child,th:first-child{text-align:left}tr:nth-child(even){background:#f3f3f3}</style>"
         f"<h1>Ablation</h1><p>{html.escape('; '.join(sentences))}.</p>"
-        f"<img style='max-width:100%' alt='PSNR against kilobytes a frame' src='data:image/png;base64,{picture}'>"
+        f"<img style='max-width:100%' alt='PSNR over kilobytes per frame' src='data:image/png;base64,{picture}'>"
         f"<table><tr>{''.join(f'<th>{html.escape(cell)}</th>' for cell in header)}</tr>{body}</table>"
-        "<p>BD-rate: mean difference in bytes at equal decoded PSNR against the first row; below zero is smaller.</p>",
+        "<p>BD-rate: mean difference in bytes from the first row at equal decoded PSNR; negative is smaller.</p>",
     )
 
 
-def _plot(results: dict[str, Any]) -> bytes:
+def _plot(results: AblationResults) -> bytes:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 5.5), layout="constrained")
     axes = figure.add_subplot()
-    for index, entry in enumerate(results["variants"]):
-        points = sorted((point["kb_per_frame"], point["psnr_decoded"]) for point in entry["points"])
+    for index, entry in enumerate(results.variants):
+        points = sorted((point.kb_per_frame, point.psnr_decoded) for point in entry.points)
         axes.plot(
             [rate for rate, _ in points],
             [quality for _, quality in points],
@@ -82,9 +86,9 @@ def _plot(results: dict[str, Any]) -> bytes:
             markersize=4,
             linewidth=2.5 if index == 0 else 1.2,
             zorder=3 if index == 0 else 2,
-            label=entry["title"],
+            label=entry.title,
         )
-    axes.set_xlabel("KB a frame")
+    axes.set_xlabel("KB per frame")
     axes.set_ylabel("PSNR of the decoded stream, dB")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")

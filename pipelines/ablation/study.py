@@ -1,4 +1,4 @@
-"""The paper's ablation on any capture: which part of training is worth its place, in PSNR against kilobytes a frame."""
+"""The paper's ablation on any capture: what each part of training contributes, as PSNR over kilobytes per frame."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipelines.ablation.results import AblationResults, RatePoint, VariantResult
 from pipelines.ablation.variants import Variant
 from pipelines.config import Config, load_config
 from pipelines.config.loading import digest_text
 from pipelines.events import Emit
 from pipelines.runs.runner import run
-from pipelines.takes.atomic_files import digest_of, read_json, write_json
+from pipelines.takes.atomic_files import digest_of, read_model, write_model
+from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 
 _KEPT = ("psnr_decoded", "psnr_trained", "ssim_decoded", "lpips_decoded")
@@ -26,33 +28,32 @@ def ablate(
     variants: Sequence[Variant],
     qps: Sequence[int],
     emit: Callable[[str], Emit],
-) -> dict[str, Any]:
-    """Train each variant, bake it at each QP, decode and measure it, and write `out`/ablation.json as it grows.
+) -> AblationResults:
+    """Train each variant, bake it at each QP, decode and measure it; update `out`/ablation.json after each variant.
 
-    Each variant is a take of its own under `out`/takes. What variants share (cameras, initial points, keyframes that
-    are trained alike) is copied, not made again; points that are measured already are not measured again.
+    Each variant is a take under `out`/takes. Results that variants share (cameras, initial points, keyframes) are
+    copied, and measured points are reused.
 
     Args:
-        config_path: the configuration of the full method.
-        out: folder for the takes and the results.
-        overrides: settings on top of the file, for all variants.
-        variants: the first one is what the others are compared with.
-        qps: ascending or not; at least four, or no rate can be compared.
-        emit: told what is done, gives who hears of that work's events.
+        config_path: settings of the full method.
+        out: folder for takes and results.
+        overrides: settings for all variants, on top of the file.
+        variants: the others are compared with the first.
+        qps: in any order; BD-rate needs at least four.
+        emit: called with a description of each run; returns the receiver of its events.
 
     Returns:
-        What stands in ablation.json: `variants`, each with `points` (qp, kb_per_frame, psnr_decoded, psnr_trained,
-        ssim_decoded, and lpips_decoded where evaluate.lpips asks for it) and, but for the first, `bd_rate_percent` and
-        `bd_psnr_db` against it (None where the curves do not overlap).
+        the content of ablation.json.
 
     Raises:
-        StudioError, Cancelled: as of `run`.
+        StudioError, Cancelled: as `run`; ablation.json is damaged (`take.damaged`).
     """
     results_path = out / "ablation.json"
     out.mkdir(parents=True, exist_ok=True)
-    before = read_json(results_path) if results_path.is_file() else {"variants": []}
-    known = {entry["name"]: entry for entry in before["variants"]}
-    results: dict[str, Any] = {"protocol": None, "qps": sorted(qps), "variants": []}
+    before = read_model(results_path, AblationResults) if results_path.is_file() else AblationResults()
+    known = {entry.name: entry for entry in before.variants}
+    entries: list[VariantResult] = []
+    results = AblationResults()
     base: Take | None = None
     for variant in variants:
         config = load_config(config_path, [*overrides, *variant.settings.items()])
@@ -61,44 +62,44 @@ def ablate(
             base = take
         else:
             share(base, take)
-        entry = known.get(variant.name, {})
         digest = digest_of(digest_text(config))
-        if entry.get("settings") != digest:
-            entry = {"points": []}
-        entry.update(name=variant.name, title=variant.title, settings=digest)
-        results["variants"].append(entry)
-        _measure(take, config, variant, entry, qps, emit)
-        results["protocol"] = read_json(take.evaluation)["protocol"]
-        compare(results["variants"])
-        write_json(results_path, results)
+        last = known.get(variant.name)
+        points = last.points if last is not None and last.settings == digest else ()
+        points = _measure(take, config, variant, points, qps, emit)
+        entries.append(VariantResult(name=variant.name, title=variant.title, settings=digest, points=points))
+        results = AblationResults(
+            protocol=read_evaluation(take.evaluation).protocol, qps=tuple(sorted(qps)), variants=compare(entries)
+        )
+        write_model(results_path, results)
     return results
 
 
 def _measure(
-    take: Take, config: Config, variant: Variant, entry: dict[str, Any], qps: Sequence[int], emit: Callable[[str], Emit]
-) -> None:
-    have = {point["qp"] for point in entry["points"]}
+    take: Take,
+    config: Config,
+    variant: Variant,
+    points: tuple[RatePoint, ...],
+    qps: Sequence[int],
+    emit: Callable[[str], Emit],
+) -> tuple[RatePoint, ...]:
+    """The points of the variant, with those that were missing."""
+    have = {point.qp for point in points}
     missing = [qp for qp in qps if qp not in have]
     if not missing:
-        return
+        return points
     run(take, config, emit(f"{variant.title}: training"), stages=("calibrate", "initialize", "train"))
     for qp in missing:
         settings = {"qp": qp, "target_kb_per_frame": None, "target_psnr": None}
         baked = config.model_copy(update={"bake": config.bake.model_copy(update=settings)})
         run(take, baked, emit(f"{variant.title}: QP {qp}"), stages=("bake", "evaluate"))
-        summary = read_json(take.evaluation)["summary"]
-        entry["points"].append(
-            {
-                "qp": qp,
-                "kb_per_frame": round(summary["bytes_per_frame"] / 1000, 3),
-                **{name: summary[name] for name in _KEPT if name in summary},
-            }
-        )
-    entry["points"].sort(key=lambda point: point["qp"])
+        summary = read_evaluation(take.evaluation).summary
+        measures = {name: value for name, value in summary.measures.items() if name in _KEPT}
+        points += (RatePoint(qp=qp, kb_per_frame=round(summary.bytes_per_frame / 1000, 3), **measures),)
+    return tuple(sorted(points, key=lambda point: point.qp))
 
 
 def share(source: Take, target: Take) -> None:
-    """Copy cameras, initial points and keyframes to a take that has none; the runner checks whether they fit it."""
+    """Copy cameras, initial points and keyframes to a take without them; the runner checks whether they are valid."""
     for name in ("calibrate", "initialize"):
         if (source.root / name).is_dir() and not (target.root / name).exists():
             shutil.copytree(source.root / name, target.root / name)
@@ -116,34 +117,35 @@ def share(source: Take, target: Take) -> None:
                 shutil.copy2(path, target.root / "train" / folder.name / path.name)
 
 
-def compare(variants: list[dict[str, Any]]) -> None:
-    """Write into each entry but the first how its rate-distortion curve lies against the first one's (Bjontegaard).
+def compare(variants: Sequence[VariantResult]) -> tuple[VariantResult, ...]:
+    """Compare rate-distortion curves with that of the first variant (Bjontegaard).
 
-    `bd_rate_percent`: mean difference in bytes at equal PSNR, below 0 is smaller than the first; `bd_psnr_db`: mean
-    difference in PSNR at equal bytes. Piecewise cubic interpolation (pchip), over the range that both curves cover.
+    Piecewise cubic interpolation (pchip) over the range that both curves cover.
+
+    Returns:
+        the variants; all but the first have `bd_rate_percent` and `bd_psnr_db`.
     """
     import bjontegaard
 
-    anchor = _curve(variants[0]["points"])
+    anchor = _curve(variants[0].points)
+    found = [variants[0]]
     for entry in variants[1:]:
-        rates, qualities = _curve(entry["points"])
-        entry["bd_rate_percent"] = entry["bd_psnr_db"] = None
-        if min(len(rates), len(anchor[0])) < 4:
-            continue
-        overlap = min(max(qualities), max(anchor[1])) - max(min(qualities), min(anchor[1]))
-        if overlap > 0:
-            value = bjontegaard.bd_rate(*anchor, rates, qualities, **_METHOD)
-            entry["bd_rate_percent"] = round(float(value), 2)
-        if min(max(rates), max(anchor[0])) > max(min(rates), min(anchor[0])):
-            value = bjontegaard.bd_psnr(*anchor, rates, qualities, **_METHOD)
-            entry["bd_psnr_db"] = round(float(value), 3)
+        rates, qualities = _curve(entry.points)
+        bd_rate = bd_psnr = None
+        if min(len(rates), len(anchor[0])) >= 4:
+            if min(max(qualities), max(anchor[1])) > max(min(qualities), min(anchor[1])):
+                bd_rate = round(float(bjontegaard.bd_rate(*anchor, rates, qualities, **_METHOD)), 2)
+            if min(max(rates), max(anchor[0])) > max(min(rates), min(anchor[0])):
+                bd_psnr = round(float(bjontegaard.bd_psnr(*anchor, rates, qualities, **_METHOD)), 3)
+        found.append(entry.model_copy(update={"bd_rate_percent": bd_rate, "bd_psnr_db": bd_psnr}))
+    return tuple(found)
 
 
-def _curve(points: Sequence[dict[str, Any]]) -> tuple[list[float], list[float]]:
-    """Kilobytes a frame and PSNR, both rising; a point that costs more and is no better is left out."""
+def _curve(points: Sequence[RatePoint]) -> tuple[list[float], list[float]]:
+    """Kilobytes per frame and PSNR, both increasing; points that cost more without being better are dropped."""
     rates: list[float] = []
     qualities: list[float] = []
-    for rate, quality in sorted((point["kb_per_frame"], point["psnr_decoded"]) for point in points):
+    for rate, quality in sorted((point.kb_per_frame, point.psnr_decoded) for point in points):
         if not qualities or quality > qualities[-1]:
             rates.append(rate)
             qualities.append(quality)

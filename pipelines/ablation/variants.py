@@ -1,4 +1,4 @@
-"""What `v3studio ablate` leaves out. Nothing heavy is imported: the command line names these in its help."""
+"""The variants of `v3studio ablate`. Imports nothing heavy, since the command line lists them in its help."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _WHOLE_TAKE = 1000
 
 @dataclass(frozen=True)
 class Variant:
-    """One way of training.
+    """One variant of training.
 
     Attributes:
-        name: as on the command line and in the folder.
+        name: on the command line, and of its take's folder.
         title: what it leaves out, for people.
-        settings: overrides of the base configuration, by dotted name.
+        settings: overrides of the settings, by dotted name.
     """
 
     name: str
@@ -46,33 +46,39 @@ VARIANTS = (
     Variant("no-grouping", "one group for the whole take", {"train.group_size": _WHOLE_TAKE}),
     *(Variant(f"group-{size}", f"groups of {size}", {"train.group_size": size}) for size in (10, 15, 20, 25, 30)),
 )
-"""The paper's (section 6 and its figure of groups) and group sizes around its 20."""
+"""The paper's ablations (section 6 and its figure on group size), and group sizes around its 20."""
 
 OPTIONS = (
     Variant("by-motion", "groups that follow the motion", {"train.grouping": "motion"}),
-    Variant("no-velocity", "no velocity guess", {"train.motion_velocity": False}),
-    Variant("splat-velocity", "velocity of each splat alone", {"train.motion_velocity_neighbors": 0}),
-    Variant("warm-start", "motion network of the frame before", {"train.motion_warm_start": True}),
-    Variant("fixed-positions", "positions are not fine-tuned", {"train.finetune_means": False}),
+    Variant("no-velocity", "no velocity prediction", {"train.motion_velocity": False}),
+    Variant("splat-velocity", "velocity per splat, not smoothed", {"train.motion_velocity_neighbors": 0}),
+    Variant("warm-start", "motion network starts from the previous frame", {"train.motion_warm_start": True}),
+    Variant("fixed-positions", "means are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
     Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
     Variant("regularize-motion", "losses on what the motion profile codes", {"train.regularize": "motion"}),
-    Variant("simulated-quantization", "fine-tuned on rounded attributes", {"train.simulate_quantization": True}),
+    Variant("simulated-quantization", "fine-tuned with quantized attributes", {"train.simulate_quantization": True}),
     Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),
     Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
 )
-"""Settings beyond the paper, measured where they are asked for by name."""
+"""Settings beyond the paper, only measured when named."""
 
 
 def chosen(names: Sequence[str]) -> tuple[Variant, ...]:
-    """Variants by name, the full method first; all of `VARIANTS` where none is named.
+    """Variants by name, the full method first; all of `VARIANTS` if no name is given.
 
     Raises:
-        StudioError: no variant is called that.
+        StudioError: an unknown name (`ablation.unknown_variant`).
     """
     known = {variant.name: variant for variant in (*VARIANTS, *OPTIONS)}
     for name in names:
         if name not in known:
-            raise StudioError(f"There is no variant '{name}'; there are {', '.join(known)}.")
+            raise StudioError(
+                "ablation.unknown_variant",
+                f"unknown variant '{name}'",
+                value=name,
+                fix=f"Available: {', '.join(known)}.",
+                expected=list(known),
+            )
     wanted = {FULL, *(names or [variant.name for variant in VARIANTS])}
     return tuple(variant for variant in known.values() if variant.name in wanted)

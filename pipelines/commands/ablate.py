@@ -1,4 +1,4 @@
-"""`v3studio ablate`: each part of training left out in turn, and what that does to quality and size."""
+"""`v3studio ablate`: leaves out each part of training in turn, and compares quality and size."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-_HELP = "train without each part of the method in turn and compare quality and size"
-_NOTE = """The first variant is the full method as CONFIG has it. Each other one leaves a part out, is trained (cameras,
-initial points and keyframes are shared where they are the same), baked at several QPs, decoded and measured on the
-held-out cameras. DIR gets ablation.json, ablation.png, ablation.html and a take for each variant; a stopped run goes
-on where it stopped. This trains once for each variant: try few frames first, as in --capture.stop 20.
+_HELP = "train variants without parts of the method, and compare quality and size"
+_NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
+Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
+and
+measured on held-out cameras. Writes ablation.json, ablation.png, ablation.html and one take per variant to DIR. A
+cancelled run can be resumed. Every variant is trained in full: try a few frames first, with --capture.stop 20.
 """
 
 
@@ -28,16 +29,16 @@ def register(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("config", type=Path, metavar="CONFIG", help="the full method, as for `v3studio run`")
+    parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings of the full method")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for results and takes")
     parser.add_argument(
         "--variants",
         default="",
         metavar="A,B",
-        help=f"only these ({names}), or settings beyond the paper ({more}); the full method is always there",
+        help=f"variants (default: {names}); beyond the paper: {more}; the full method is always included",
     )
     parser.add_argument(
-        "--qps", default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default %(default)s)"
+        "--qps", default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default: %(default)s)"
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.set_defaults(command=_ablate)
@@ -57,11 +58,11 @@ def _ablate(arguments: argparse.Namespace) -> int:
     qps = sorted({*qps, default})
     with Bars() as show:
 
-        def told(what: str) -> Any:
+        def announced(what: str) -> Any:
             console().print(what)
             return show
 
-        results = ablate(arguments.config, arguments.out, arguments.overrides, variants, qps, told)
+        results = ablate(arguments.config, arguments.out, arguments.overrides, variants, qps, announced)
     write_plot(results, arguments.out / "ablation.png")
     write_report(results, default, arguments.out / "ablation.html")
     from rich.table import Table
@@ -71,7 +72,7 @@ def _ablate(arguments: argparse.Namespace) -> int:
     for row in rows:
         table.add_row(*row)
     console().print(table)
-    console().print(f"figure and report: {arguments.out / 'ablation.png'}, {arguments.out / 'ablation.html'}")
+    console().print(f"plot and report: {arguments.out / 'ablation.png'}, {arguments.out / 'ablation.html'}")
     return 0
 
 
@@ -81,7 +82,19 @@ def _qps(text: str) -> list[int]:
     try:
         qps = sorted({int(value) for value in text.split(",")})
     except ValueError:
-        raise StudioError(f"--qps is '{text}'; give whole numbers with commas between, as in 12,16,20,24.") from None
+        raise StudioError(
+            "command.invalid_option",
+            f"--qps '{text}' is not a comma-separated list of integers",
+            value=text,
+            fix="Example: 12,16,20,24.",
+            option="--qps",
+        ) from None
     if len(qps) < 4 or not all(0 <= qp <= 51 for qp in qps):
-        raise StudioError(f"--qps is '{text}'; give at least four, each from 0 to 51, or no curve can be compared.")
+        raise StudioError(
+            "command.invalid_option",
+            f"--qps '{text}': comparing curves needs at least four QPs from 0 to 51",
+            value=text,
+            fix="Example: 12,16,20,24.",
+            option="--qps",
+        )
     return qps

@@ -1,4 +1,4 @@
-"""`v3studio board` and `v3studio sync`: what is done before calibrating."""
+"""`v3studio board` and `v3studio sync`: preparing a capture."""
 
 from __future__ import annotations
 
@@ -11,20 +11,27 @@ def add_board_command(commands: Any) -> None:
     """Add the command to the parser's commands."""
     board = commands.add_parser(
         "board",
-        help="make a calibration board to print (PDF, true scale)",
-        description="Make a calibration board to print (PDF, true scale), and print the settings that describe it.",
+        help="write a calibration target to print, as PDF",
+        description="Write a calibration target as PDF, to print at 100%, and print the settings that describe it.",
         allow_abbrev=False,
     )
-    board.add_argument("file", type=Path, metavar="FILE.pdf", help="where to write it")
-    board.add_argument("--kind", choices=("charuco", "chessboard"), default="charuco")
-    board.add_argument("--columns", type=int, default=8, metavar="N", help="squares in a row (8)")
-    board.add_argument("--rows", type=int, default=5, metavar="N", help="rows of squares (5)")
-    board.add_argument("--square", type=float, default=60.0, metavar="MM", help="side of a square in mm (60)")
-    board.add_argument("--marker", type=float, metavar="MM", help="side of a marker in mm (three quarters of a square)")
-    board.add_argument("--dictionary", default="DICT_4X4_50", metavar="NAME", help="of the markers (DICT_4X4_50)")
-    board.add_argument("--inverted", action="store_true", help="exchange black and white")
+    board.add_argument("file", type=Path, metavar="FILE.pdf", help="file to write")
     board.add_argument(
-        "--paper", default="fit", metavar="NAME", help="a4, a3, a2, a1, a0, letter, tabloid, or fit: as large as needed"
+        "--kind", choices=("charuco", "chessboard"), default="charuco", help="pattern (default: charuco)"
+    )
+    board.add_argument("--columns", type=int, default=8, metavar="N", help="squares per row (default: 8)")
+    board.add_argument("--rows", type=int, default=5, metavar="N", help="rows of squares (default: 5)")
+    board.add_argument("--square", type=float, default=60.0, metavar="MM", help="side of a square in mm (default: 60)")
+    board.add_argument("--marker", type=float, metavar="MM", help="side of a marker in mm (default: 3/4 of a square)")
+    board.add_argument(
+        "--dictionary", default="DICT_4X4_50", metavar="NAME", help="marker dictionary (default: DICT_4X4_50)"
+    )
+    board.add_argument("--inverted", action="store_true", help="swap black and white")
+    board.add_argument(
+        "--paper",
+        default="fit",
+        metavar="NAME",
+        help="paper size: a4, a3, a2, a1, a0, letter, tabloid, or fit, the size of the target (default: fit)",
     )
     board.set_defaults(command=_board)
 
@@ -38,18 +45,30 @@ def _board(arguments: argparse.Namespace) -> int:
     from studio.errors import StudioError
 
     if arguments.file.suffix.lower() != ".pdf":
-        raise StudioError(f"{arguments.file}: the board is written as a PDF; give a name that ends in .pdf.")
+        raise StudioError(
+            "command.invalid_option",
+            "the target is written as PDF",
+            file=arguments.file,
+            fix="Specify a file name that ends in .pdf.",
+            option="FILE.pdf",
+        )
     marker = arguments.marker if arguments.marker is not None else 0.75 * arguments.square
-    # told here in millimeters, as they were given: `CalibrationTarget` knows meters
+    # checked here in millimeters, as on the command line; `CalibrationTarget` uses meters
     if not 0 < arguments.square < 10_000:
         raise StudioError(
-            f"--square is {arguments.square:g}; give the side of a square in millimeters, above 0 and below 10000, as "
-            "in 60."
+            "command.invalid_option",
+            f"--square {arguments.square:g}: not between 0 and 10000 mm",
+            value=arguments.square,
+            fix="Specify the side of a square in millimeters; example: 60.",
+            option="--square",
         )
     if arguments.kind == "charuco" and not 0 < marker < arguments.square:
         raise StudioError(
-            f"--marker is {marker:g} mm; give the side of a marker in millimeters, above 0 and below that of a square, "
-            f"which is {arguments.square:g} mm."
+            "command.invalid_option",
+            f"--marker {marker:g}: not between 0 and the side of a square, {arguments.square:g} mm",
+            value=marker,
+            fix="Specify the side of a marker in millimeters.",
+            option="--marker",
         )
     try:
         board = CalibrationTarget(
@@ -69,7 +88,8 @@ def _board(arguments: argparse.Namespace) -> int:
     names += ["inverted"] if board.inverted else []
     values = {"calibrate": {"board": {name: getattr(board, name) for name in names}}}
     print(
-        f"{arguments.file}: {width:g} x {height:g} mm. Print it at 100 %, measure a square, and set what you measure:"
+        f"{arguments.file}: {width:g} x {height:g} mm. Print at 100%, measure a square, and use these settings with "
+        "the measured size:"
     )
     print(yaml.safe_dump(values, sort_keys=False), end="")
     return 0
@@ -79,13 +99,15 @@ def add_sync_command(commands: Any) -> None:
     """Add the command to the parser's commands."""
     sync = commands.add_parser(
         "sync",
-        help="check whether the cameras are synchronized",
-        description="Estimate the offsets between cameras from their sound or from what moves in them.",
+        help="estimate time offsets between cameras",
+        description="Estimate the time offsets between cameras from sound or motion.",
         allow_abbrev=False,
     )
-    sync.add_argument("config", type=Path, metavar="CONFIG", help="YAML file; its capture section is used")
-    sync.add_argument("--method", choices=("auto", "sound", "motion"), default="auto")
-    sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset looked for (1)")
+    sync.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings; uses the section capture")
+    sync.add_argument(
+        "--method", choices=("auto", "sound", "motion"), default="auto", help="what to compare (default: auto)"
+    )
+    sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
     sync.add_argument("--json", action="store_true", help="print JSON")
     sync.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     sync.set_defaults(command=_sync)
@@ -100,7 +122,7 @@ def _sync(arguments: argparse.Namespace) -> int:
     spec = capture.replace(offsets={}, masks="none", evaluation_mattes="")
     footage = open_footage(spec, None, strict=False)
     try:
-        # they do not count here, where offsets are looked for; one that names no camera is a slip all the same
+        # configured offsets are ignored here, but their camera names are checked
         refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "capture.offsets")
         report = check_sync(footage, method=arguments.method, seconds=arguments.seconds)
     finally:
@@ -119,7 +141,7 @@ def _sync(arguments: argparse.Namespace) -> int:
     for warning in report.warnings():
         print(warning)
     if not report.warnings():
-        print(f"By their {report.method} all cameras are within half a frame of each other.")
+        print(f"All cameras are within half a frame of each other (method: {report.method}).")
     elif report.whole:
         words = ", ".join(f"{name}: {offset}" for name, offset in report.whole.items())
         print(f"capture: {{offsets: {{{words}}}}}")

@@ -1,4 +1,4 @@
-"""`v3studio export`: a take's or a stream's frames in the formats of other programs, or as a movie."""
+"""`v3studio export`: writes frames of a take or a stream in formats of other programs, or as a movie."""
 
 from __future__ import annotations
 
@@ -21,55 +21,60 @@ if TYPE_CHECKING:
     from studio.splat_video import SplatVideo
 
 FORMATS = {
-    "ply": "a folder of numbered 3DGS PLY files (or one .ply file of one frame)",
-    "spz": "the same as SPZ, a quarter of the size",
-    "glb": "the same as GLB with KHR_gaussian_splatting",
-    "videogs": "a folder in the layout that the players of the paper's released code read",
-    "turntable": "an MP4 that circles the subject",
-    "camera-path": "an MP4 along the cameras of --path",
+    "ply": "a folder of numbered 3DGS PLY files, or one .ply file",
+    "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY",
+    "glb": "a folder of numbered GLB files with KHR_gaussian_splatting, or one .glb file",
+    "videogs": "a folder in the VideoGS layout, for the players of the paper's released code",
+    "turntable": "an MP4 of a camera circling the performer",
+    "camera-path": "an MP4 along the cameras in --path",
 }
 DEFAULT_OF = "decoded"
-"""What is exported of a take where nobody says: what a player shows. The window's dialog begins with it, too."""
+"""Which frames of a take are exported by default: those that a player shows. Also the default in the window."""
 
 _NOTE = "formats:\n" + "\n".join(f"  {name:12} {text}" for name, text in FORMATS.items())
-_TURNTABLE_SECONDS = 6.0  # at least: faster makes dizzy
+_TURNTABLE_SECONDS = 6.0  # shortest turn; a faster one is hard to watch
 
 
 def register(commands: Any) -> None:
     """Add the command to the command line."""
     export = commands.add_parser(
         "export",
-        help="write frames for other programs, or a movie",
-        description="Write the frames of a take, a stream or an address for other programs, or draw a movie of them.",
+        help="export frames as PLY, SPZ, GLB or VideoGS, or as a movie",
+        description="Export frames of a take or a stream in formats of other programs, or as a movie.",
         epilog=_NOTE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    export.add_argument("source", metavar="SOURCE", help="a take's folder, a stream's, or an http(s):// address")
+    export.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
     export.add_argument("--format", choices=list(FORMATS), required=True, metavar="FORMAT", help=", ".join(FORMATS))
-    export.add_argument("--out", type=Path, required=True, metavar="PATH", help="what to write; must not exist yet")
-    export.add_argument("--frames", metavar="A:B[:S]", help="frames A to B - 1, every S-th, counted from 0")
+    export.add_argument("--out", type=Path, required=True, metavar="PATH", help="file or folder; must not exist yet")
+    export.add_argument("--frames", metavar="A:B[:S]", help="frames A to B - 1 in steps of S, counted from 0")
     export.add_argument(
         "--of",
         choices=("decoded", "trained"),
-        help=f"of a take: what its stream decodes to, or the splats as trained (default: {DEFAULT_OF})",
+        help=f"of a take: frames decoded from its stream, or as trained (default: {DEFAULT_OF})",
     )
     export.add_argument(
         "--axes", choices=("world", "viewer"),
-        help="ply, spz, glb: the capture's axes, or upright by the format's convention (default: world for ply)",
+        help="ply, spz, glb: axes of the capture, or upright by the convention of the format (default: world for ply, "
+        "viewer for spz and glb)",
     )  # fmt: skip
     export.add_argument(
-        "--sh-degree", type=int, choices=range(4), metavar="N", help="cut harmonics to this degree, 0 to 3"
+        "--sh-degree",
+        type=int,
+        choices=range(4),
+        metavar="N",
+        help="truncate spherical harmonics to degree N, 0 to 3",
     )
-    export.add_argument("--qp", type=int, default=20, help="videogs: H.264's QP, 0 to 51, 0 is lossless (default: 20)")
-    export.add_argument("--size", default="1280x720", metavar="WxH", help="movies: pixels (default: 1280x720)")
-    export.add_argument("--seconds", type=float, help="movies: length (default: the path's, the video's)")
-    export.add_argument("--fps", type=float, help="movies: frames a second (default: the video's)")
-    export.add_argument("--crf", type=int, default=18, help="movies: x264's quality, 0 to 51 (default: 18)")
-    export.add_argument("--background", metavar="R,G,B", help="movies: 0 to 1 each (default: the capture's)")
-    export.add_argument("--path", type=Path, metavar="FILE", help="camera-path: cameras keyed in time, or a rig.json")
-    export.add_argument("--turns", type=float, default=1.0, help="turntable: how often round (default: 1)")
-    export.add_argument("--elevation", type=float, default=10.0, help="turntable: degrees above (default: 10)")
+    export.add_argument("--qp", type=int, default=20, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 20)")
+    export.add_argument("--size", default="1280x720", metavar="WxH", help="movies: size in pixels (default: 1280x720)")
+    export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
+    export.add_argument("--fps", type=float, help="movies: frames per second (default: that of the source)")
+    export.add_argument("--crf", type=int, default=18, help="movies: CRF of x264, 0 to 51 (default: 18)")
+    export.add_argument("--background", metavar="R,G,B", help="movies: 0 to 1 each (default: that of the source)")
+    export.add_argument("--path", type=Path, metavar="FILE", help="camera-path: camera keyframes, or a rig.json")
+    export.add_argument("--turns", type=float, default=1.0, help="turntable: number of turns (default: 1)")
+    export.add_argument("--elevation", type=float, default=10.0, help="turntable: elevation in degrees (default: 10)")
     export.add_argument("--json", action="store_true", help="print progress as JSON lines")
     export.set_defaults(command=_export)
 
@@ -77,7 +82,13 @@ def register(commands: Any) -> None:
 def _export(arguments: argparse.Namespace) -> int:
     size = _size(arguments.size)
     if (arguments.path is not None) != (arguments.format == "camera-path"):
-        raise StudioError("A camera path needs --path FILE, and no other format takes one.")
+        needs = arguments.format == "camera-path"
+        raise StudioError(
+            "command.invalid_option",
+            "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} has no --path",
+            fix="Add --path FILE." if needs else "Remove --path.",
+            option="--path",
+        )
     from pipelines.commands.working import working
     from pipelines.takes.videos import decoded_video, is_take, open_reader, trained_video
 
@@ -85,7 +96,14 @@ def _export(arguments: argparse.Namespace) -> int:
         if is_take(arguments.source) and (arguments.of or DEFAULT_OF) == "trained":
             video = trained_video(Path(arguments.source).expanduser())
         elif arguments.of == "trained":
-            raise StudioError(f"{arguments.source}: only a take has trained splats; leave --of out.")
+            raise StudioError(
+                "command.invalid_option",
+                "--of trained needs a take",
+                file=arguments.source,
+                value="trained",
+                fix="Remove --of.",
+                option="--of",
+            )
         else:
             _need_stream(arguments.source)
             video = decoded_video(stack.enter_context(open_reader(arguments.source)))
@@ -97,7 +115,7 @@ def _export(arguments: argparse.Namespace) -> int:
         else:
             written = _frames(video, arguments, progress)
     if not arguments.json:
-        print(f"{written} in {arguments.out}")
+        print(f"{arguments.out}: {written}")
     return 0
 
 
@@ -107,7 +125,11 @@ def _need_stream(source: str) -> None:
 
     if is_take(source) and not Take.open(Path(source).expanduser()).stream.is_dir():
         raise StudioError(
-            f"{source}: this take has no stream yet; run `v3studio bake`, or export what is trained with --of trained."
+            "take.no_stream",
+            "this take has no stream yet",
+            file=source,
+            fix="Run `v3studio bake`, or export trained frames with --of trained.",
+            stage="bake",
         )
 
 
@@ -119,7 +141,13 @@ def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> Splat
         return video
     found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text)
     if found is None:
-        raise StudioError(f"--frames is '{text}'; write A:B or A:B:S, as in 0:20 for frames 0 to 19.")
+        raise StudioError(
+            "command.invalid_option",
+            f"--frames '{text}' is not of the form A:B or A:B:S",
+            value=text,
+            fix="Example: 0:20 for frames 0 to 19.",
+            option="--frames",
+        )
     start, stop, step = found.groups()
     return video.part(int(start or 0), int(stop) if stop else None, int(step or 1))
 
@@ -127,7 +155,13 @@ def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> Splat
 def _size(text: str) -> tuple[int, int]:
     found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     if found is None:
-        raise StudioError(f"--size is '{text}'; write WxH, as in 1280x720.")
+        raise StudioError(
+            "command.invalid_option",
+            f"--size '{text}' is not of the form WxH",
+            value=text,
+            fix="Example: 1280x720.",
+            option="--size",
+        )
     return int(found[1]), int(found[2])
 
 
@@ -137,7 +171,13 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
     out: Path = arguments.out
     if arguments.format == "videogs":
         if arguments.axes == "viewer":
-            raise StudioError("The VideoGS layout keeps the capture's axes; leave --axes out.")
+            raise StudioError(
+                "command.invalid_option",
+                "--axes viewer: the VideoGS layout only has the axes of the capture",
+                value="viewer",
+                fix="Remove --axes.",
+                option="--axes",
+            )
         export_videogs(video, out, qp=arguments.qp, progress=progress)
         return f"{video.frame_count} frames, {len(video.groups)} groups"
     ending = f".{arguments.format}"
@@ -149,8 +189,12 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
         export_frame(video, out, rotation)
     else:
         raise StudioError(
-            f"{out}: {video.frame_count} frames need a folder; give a name without {ending}, or one frame with "
-            "--frames, as in 0:1."
+            "command.invalid_option",
+            f"{video.frame_count} frames cannot be written to one file",
+            file=out,
+            value=video.frame_count,
+            fix=f"Specify a folder, a name without {ending}, or select one frame with --frames 0:1.",
+            option="--out",
         )
     return f"{video.frame_count} frames"
 
@@ -177,14 +221,20 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
     count = render_movie(
         video, arguments.out, camera, frame, seconds, arguments.fps or video.fps, arguments.crf, progress
     )
-    return f"{count} pictures of {size[0]}x{size[1]}"
+    return f"{count} frames of {size[0]}x{size[1]}"
 
 
 def _color(text: str) -> tuple[float, float, float]:
     try:
         red, green, blue = (float(value) for value in text.split(","))
     except ValueError:
-        raise StudioError(f"--background is '{text}'; write three numbers from 0 to 1, as in 1,1,1.") from None
+        red = green = blue = -1.0
     if not all(0 <= value <= 1 for value in (red, green, blue)):
-        raise StudioError(f"--background is '{text}'; each number must be from 0 to 1.")
+        raise StudioError(
+            "command.invalid_option",
+            f"--background '{text}' is not three numbers from 0 to 1",
+            value=text,
+            fix="Example: 1,1,1.",
+            option="--background",
+        )
     return red, green, blue

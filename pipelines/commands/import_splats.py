@@ -1,4 +1,4 @@
-"""`v3studio import`: splats made by other programs, baked to a stream that can be played, served and compared."""
+"""`v3studio import`: bakes Gaussians of other programs to a stream."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     parser = commands.add_parser(
         "import",
-        help="bake splats of other programs to a stream",
-        description="Bake a folder of numbered 3DGS PLY (or SPZ) files, one such file, or a folder in the VideoGS "
-        "layout to a stream. Where the splats cannot be followed from one frame to the next, a new group begins.",
-        epilog="--set bake.qp=22 or --bake.qp 22 overrides a setting of baking; `v3studio config` prints them.",
+        help="bake PLY, SPZ or VideoGS files of other programs to a stream",
+        description="Bake a folder of numbered 3DGS PLY or SPZ files, one such file, or a folder in the VideoGS layout "
+        "to a stream. A new group begins where Gaussians do not correspond to those of the previous frame.",
+        epilog="--set bake.qp=22 or --bake.qp 22 overrides a setting; `v3studio config` lists all settings.",
         allow_abbrev=False,
     )
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the stream's folder; must not exist")
-    parser.add_argument("--fps", type=float, default=30.0, help="frames a second to play at (default: 30)")
-    parser.add_argument("--group-size", type=int, default=20, metavar="N", help="frames a group at most (default: 20)")
-    parser.add_argument("--up", metavar="X,Y,Z", help="what is up (default: as the format has it, 0,-1,0 for PLY)")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream; must not exist")
+    parser.add_argument("--fps", type=float, default=30.0, help="frames per second (default: 30)")
+    parser.add_argument("--group-size", type=int, default=20, metavar="N", help="most frames per group (default: 20)")
+    parser.add_argument("--up", metavar="X,Y,Z", help="up direction (default: that of the format; 0,-1,0 for PLY)")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.add_argument("--json", action="store_true", help="print progress as JSON lines")
     parser.set_defaults(command=_import)
@@ -31,7 +31,13 @@ def register(commands: Any) -> None:
 
 def _import(arguments: argparse.Namespace) -> int:
     if not 0 < arguments.fps <= 1000:
-        raise StudioError(f"--fps is {arguments.fps:g}; give frames a second above 0, up to 1000.")
+        raise StudioError(
+            "command.invalid_option",
+            f"--fps {arguments.fps:g}: not between 0 and 1000 frames per second",
+            value=arguments.fps,
+            fix="Example: 30.",
+            option="--fps",
+        )
     up = None if arguments.up is None else _vector(arguments.up)
     from dataclasses import replace
 
@@ -44,7 +50,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
     config = load_config(None, arguments.overrides)
     json_output = arguments.output if arguments.json else None
-    with working("look", json_output) as progress:
+    with working("read", json_output) as progress:
         video = open_import(arguments.source, arguments.fps, progress)
     if up is not None:
         video = replace(video, up=np.array(up))
@@ -54,8 +60,8 @@ def _import(arguments: argparse.Namespace) -> int:
         )
     if not arguments.json:
         print(
-            f"{manifest.frame_count} frames in {len(manifest.groups)} groups, {manifest.total_bytes:,} bytes, "
-            f"in {arguments.out}"
+            f"{arguments.out}: {manifest.frame_count} frames in {len(manifest.groups)} groups, "
+            f"{manifest.total_bytes:,} bytes"
         )
     return 0
 
@@ -64,8 +70,14 @@ def _vector(text: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(value) for value in text.split(","))
     except ValueError:
-        raise StudioError(f"--up is '{text}'; write three numbers, as in 0,0,1.") from None
+        x = y = z = 0.0
     length = (x * x + y * y + z * z) ** 0.5
     if not 0 < length < float("inf"):
-        raise StudioError(f"--up is '{text}'; it must have a direction.")
+        raise StudioError(
+            "command.invalid_option",
+            f"--up '{text}' is not a direction X,Y,Z",
+            value=text,
+            fix="Example: 0,0,1.",
+            option="--up",
+        )
     return x / length, y / length, z / length

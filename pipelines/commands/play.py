@@ -1,4 +1,4 @@
-"""`v3studio play`: a stream through the player's threads, without a window, and what each frame costs."""
+"""`v3studio play`: plays a stream without a window and measures each frame."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     play = commands.add_parser(
         "play",
-        help="play a stream and tell what each frame costs",
-        description="Play a stream from a folder or a web server and tell what each frame costs. Damaged groups are "
-        "left out and named; the exit code is then 1.",
+        help="decode a stream and measure the time and size of each frame",
+        description="Decode a stream from a folder or a web server and measure the time and size of each frame. "
+        "Damaged groups are skipped and reported, with exit code 1.",
         allow_abbrev=False,
     )
-    play.add_argument("stream", metavar="STREAM", help="a stream's folder, a take's, or an http(s):// address")
-    play.add_argument("--headless", action="store_true", help="without a window: decode only, and print the times")
-    play.add_argument("--realtime", action="store_true", help="at the stream's frame rate, leaving late frames out")
-    play.add_argument("--draw", action="store_true", help="draw each frame from the stream's suggested camera, too")
+    play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, or an http(s):// URL")
+    play.add_argument("--headless", action="store_true", help="play without a window (required)")
+    play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
+    play.add_argument("--draw", action="store_true", help="also render each frame from the stream's suggested camera")
     play.add_argument("--frames", type=int, metavar="N", help="stop after N frames")
     play.add_argument("--json", action="store_true", help="print JSON")
     play.set_defaults(command=_play)
@@ -36,7 +36,12 @@ def register(commands: Any) -> None:
 
 def _play(arguments: argparse.Namespace) -> int:
     if not arguments.headless:
-        raise StudioError("The command line plays without a window only: add --headless, or open v3studio-gui.")
+        raise StudioError(
+            "command.no_window",
+            "this command has no window",
+            fix="Add --headless, or use v3studio-gui.",
+            option="--headless",
+        )
     from pipelines.reports.tables import print_playback
     from pipelines.takes.locate_stream import stream_place
     from studio.playback import play_headless
@@ -57,13 +62,19 @@ def _play(arguments: argparse.Namespace) -> int:
 
 
 def _drawing(metadata: dict[str, Any], stream: str | Path) -> Callable[[Gaussians], object]:
-    """Draws splats from the stream's suggested camera, over the background of its metadata."""
+    """A function that renders Gaussians from the stream's suggested camera over its background."""
     from pipelines.reports.pictures import draw
     from studio.cameras import Camera
 
     values = metadata.get("suggested_camera")
     if not isinstance(values, dict):
-        raise StudioError(f"{stream}: the stream suggests no camera to draw from; leave --draw out.")
+        raise StudioError(
+            "stream.no_camera",
+            "the stream has no suggested camera",
+            file=stream,
+            fix="Remove --draw.",
+            option="--draw",
+        )
     camera: Camera = Camera.from_dict(values).undistorted()
     background = metadata.get("background", (0.0, 0.0, 0.0))
     return lambda gaussians: draw(gaussians, camera, background)

@@ -1,4 +1,4 @@
-"""`v3studio serve`: streams on a web server, for players on other machines and in browsers."""
+"""`v3studio serve`: serves streams over HTTP, for players on other machines and in browsers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from pipelines.takes.locate_stream import stream_place
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -20,35 +19,41 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.json"
 TYPES = {".json": "application/json", ".mp4": "video/mp4"}
-"""Content types by ending; all else is application/octet-stream."""
+"""Content types by suffix; others are application/octet-stream."""
 
-_SHUTDOWN_SECONDS = 1  # for answers under way after Ctrl-C
+_SHUTDOWN_SECONDS = 1  # for pending responses after Ctrl-C
 
 
 def register(commands: Any) -> None:
     """Add the command to the command line."""
     serve = commands.add_parser(
         "serve",
-        help="serve a stream over HTTP",
-        description="Serve a stream, the stream of a take, or all streams and takes that lie in a folder. Only the "
-        "streams' files are served, nothing else of a take. Ctrl-C stops it.",
+        help="serve streams over HTTP",
+        description="Serve a stream, the stream of a take, or all streams and takes in a folder over HTTP. Only files "
+        "of streams are served, no other files of a take. Press Ctrl-C to stop.",
         allow_abbrev=False,
     )
-    serve.add_argument("folder", metavar="DIR", help="a stream's folder, a take's, or a folder of several of them")
-    serve.add_argument("--host", default="127.0.0.1", help="address to listen at; 0.0.0.0 for other machines, too")
-    serve.add_argument("--port", type=int, default=8000, help="port to listen at; 0 takes a free one (default: 8000)")
+    serve.add_argument("folder", metavar="DIR", help="folder of a stream or a take, or a folder of several")
+    serve.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to bind to; 0.0.0.0 for other machines (default: %(default)s)",
+    )
+    serve.add_argument("--port", type=int, default=8000, help="port to bind to; 0: any free port (default: 8000)")
     serve.set_defaults(command=_serve)
 
 
 def find_streams(folder: str) -> dict[str, Path]:
-    """Streams by their path on the server: one at "/", or one a subfolder at "/<name>".
+    """Folders of streams by their path on the server: "/" for a single one, else "/<name>" per subfolder.
 
     Raises:
-        StudioError: there is none.
+        StudioError: no stream in the folder (`serve.no_stream`), or a URL (`serve.not_a_folder`).
     """
+    from pipelines.takes.locate_stream import stream_place
+
     place = stream_place(folder)
     if isinstance(place, str):
-        raise StudioError(f"{folder}: only folders can be served.")
+        raise StudioError("serve.not_a_folder", "only folders can be served", file=folder, fix="Specify a folder.")
     if (place / MANIFEST).is_file():
         return {"/": place}
     found = {}
@@ -57,15 +62,20 @@ def find_streams(folder: str) -> dict[str, Path]:
         if not path.name.startswith(".") and (stream / MANIFEST).is_file():
             found[f"/{path.name}"] = stream
     if not found:
-        raise StudioError(f"{folder}: there is no stream in it (no {MANIFEST}); bake one, or give another folder.")
+        raise StudioError(
+            "serve.no_stream",
+            f"no stream in this folder (no {MANIFEST})",
+            file=folder,
+            fix="Run `v3studio bake`, or specify another folder.",
+        )
     return found
 
 
 def build_app(streams: dict[str, Path]) -> Starlette:
-    """The web application: GET and HEAD of the streams' files, with ranges, CORS and revalidation.
+    """The web application: GET and HEAD of stream files, with ranges, CORS and revalidation.
 
-    Files are found below a stream's folder only; names that begin with a dot, and links that lead out of the folder,
-    are not found. Every answer is to be revalidated (ETag), because a stream that is baked again keeps its names.
+    Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
+    revalidate every response (ETag), since a stream that is baked again keeps its file names.
 
     Args:
         streams: from `find_streams`.
@@ -115,22 +125,48 @@ def build_app(streams: dict[str, Path]) -> Starlette:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A socket that listens.
+    """Open a listening socket.
 
     Raises:
-        StudioError: the port is taken, not allowed, or the host is not one of this machine's.
+        StudioError: an invalid port (`command.invalid_option`), a port in use (`serve.port_in_use`), an unknown host
+            (`serve.unknown_host`), or an address that cannot be bound (`serve.cannot_bind`).
     """
     if not 0 <= port <= 65535:
-        raise StudioError(f"Port {port} does not exist; give one from 0 to 65535.")
+        raise StudioError(
+            "command.invalid_option",
+            f"--port {port}: not between 0 and 65535",
+            value=port,
+            fix="Example: 8000.",
+            option="--port",
+        )
     try:
         family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
         return socket.create_server((host, port), family=family, backlog=128)
     except socket.gaierror as error:
-        raise StudioError(f"Host '{host}' is not known ({error.strerror}); give an address of this machine.") from None
+        raise StudioError(
+            "serve.unknown_host",
+            f"unknown host '{host}' ({error.strerror})",
+            value=host,
+            fix="Specify an address of this machine with --host.",
+            option="--host",
+        ) from None
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            raise StudioError(f"Port {port} is taken by another program; choose one with --port.") from None
-        raise StudioError(f"Cannot listen at {host} port {port} ({error.strerror}); choose another.") from None
+            raise StudioError(
+                "serve.port_in_use",
+                f"port {port} is in use",
+                value=port,
+                fix="Specify another one with --port.",
+                option="--port",
+            ) from None
+        raise StudioError(
+            "serve.cannot_bind",
+            f"cannot listen on {host}, port {port} ({error.strerror})",
+            value=host,
+            fix="Specify another address with --host, or another port with --port.",
+            option="--host",
+            port=port,
+        ) from None
 
 
 def _serve(arguments: argparse.Namespace) -> int:
@@ -145,19 +181,19 @@ def _serve(arguments: argparse.Namespace) -> int:
         )
         base = f"http://{_shown(arguments.host)}:{sock.getsockname()[1]}"
         for path, folder in streams.items():
-            print(f"{folder} is served at {base}{quote(path)}", flush=True)
-        print(f"Play it: v3studio play --headless {base}{quote(next(iter(streams)))}    Stop: Ctrl-C", flush=True)
+            print(f"Serving {folder} at {base}{quote(path)}", flush=True)
+        print(f"To play: v3studio play --headless {base}{quote(next(iter(streams)))}    To stop: Ctrl-C", flush=True)
         server = uvicorn.Server(config)
-        # whoever is cut off by Ctrl-C is no error worth a traceback
+        # connections closed by Ctrl-C need no traceback
         logging.getLogger("uvicorn.error").addFilter(lambda record: not server.should_exit)
-        # uvicorn raises the signal that ended it again, but not always in time for us to see it
+        # uvicorn raises its signal again on exit, but not always before `run` returns
         with contextlib.suppress(KeyboardInterrupt):
             server.run(sockets=[sock])
         return EXIT_CANCELLED if server.should_exit else 0
 
 
 def _shown(host: str) -> str:
-    """A host that others can use in an address."""
+    """A host name for URLs."""
     if host in ("", "0.0.0.0", "::"):
         return socket.gethostname()
     return f"[{host}]" if ":" in host else host

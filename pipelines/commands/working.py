@@ -1,4 +1,4 @@
-"""Progress and Ctrl-C for commands that work for a while but are no run of a take."""
+"""Progress and cancellation for long commands other than runs of a take."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _JSON_SECONDS = 0.2  # between lines
 
 @contextmanager
 def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
-    """A `ProgressFn` that shows a bar (or prints a JSON line now and then) and raises Cancelled after Ctrl-C.
+    """A `ProgressFn` that shows a progress bar or prints JSON lines, and raises Cancelled after Ctrl-C.
 
     Args:
-        what: what is being done, before the bar.
-        json_output: write `{"kind": "progress", "what", "done", "total"}` lines to this stream instead.
+        what: label of the bar.
+        json_output: print `{"kind": "progress", "what", "done", "total"}` lines to this stream instead.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -37,14 +37,14 @@ def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
         transient=True,
         disable=json_output is not None or not screen.is_terminal,
     )
-    told = 0.0
+    printed = 0.0
 
     def progress(done: int, total: int, **figures: Any) -> None:
-        nonlocal told
+        nonlocal printed
         cancellation.check()
         bars.update(task, completed=done, total=total)
-        if json_output is not None and (done >= total or time.monotonic() - told > _JSON_SECONDS):
-            told = time.monotonic()
+        if json_output is not None and (done >= total or time.monotonic() - printed > _JSON_SECONDS):
+            printed = time.monotonic()
             line = json.dumps({"kind": "progress", "what": what, "done": done, "total": total})
             print(line, file=json_output, flush=True)
 

@@ -1,4 +1,4 @@
-"""What a run reports, how it is stopped, and its clock of work."""
+"""Events of a run, cancellation, and a clock that stops while the process is paused."""
 
 from pipelines.events.event_types import (
     MAX_TEXT,
@@ -15,6 +15,7 @@ from pipelines.events.event_types import (
     StageFinished,
     StageStarted,
     Warned,
+    as_message,
     parse_event,
     read_line,
 )
@@ -34,6 +35,7 @@ __all__ = [
     "StageFinished",
     "StageStarted",
     "Warned",
+    "as_message",
     "parse_event",
     "read_line",
 ]

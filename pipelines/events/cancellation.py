@@ -1,10 +1,10 @@
-"""Stopping a run: Ctrl-C and SIGTERM, cleanly, within two seconds.
+"""Cancellation of a run by Ctrl-C or SIGTERM within two seconds.
 
-A signal sets a flag. The stages' progress callbacks look at the flag and raise `Cancelled`, which unwinds the stage.
-A call into C++ that takes long (structure from motion, an import) does not come back in time to look; then a watchdog
-thread ends the process after `GRACE` seconds. That loses nothing: results are only ever moved into place whole. The
-watchdog is woken through `signal.set_wakeup_fd`, because Python's own handlers wait for the main thread; it needs the
-called library to release the interpreter lock, as torch, pycolmap, PyAV and Open3D do in their long calls.
+A signal sets a flag. Progress callbacks check the flag and raise `Cancelled`, which unwinds the stage. A long call into
+C++ (structure from motion, an import) may not return in time; then a watchdog thread ends the process after `GRACE`
+seconds. No results are lost, since files are written atomically. The watchdog is woken through `signal.set_wakeup_fd`,
+because Python's signal handlers only run in the main thread; this requires that the library releases the GIL, as torch,
+pycolmap, PyAV and Open3D do in long calls.
 """
 
 from __future__ import annotations
@@ -19,43 +19,43 @@ from types import FrameType
 from studio.errors import Cancelled
 
 GRACE = 1.4
-"""Seconds that a stage has to end by itself."""
+"""Seconds that a stage has to stop by itself."""
 
 EXIT_CANCELLED = 130
-"""Exit code of a run that was stopped (128 + SIGINT, as shells count)."""
+"""Exit code of a cancelled command (128 + SIGINT)."""
 
 
 class Cancellation:
-    """A flag that says stop; thread safe."""
+    """A thread-safe flag."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
 
     def cancel(self) -> None:
-        """Ask the work to stop."""
+        """Request cancellation."""
         self._event.set()
 
     @property
     def cancelled(self) -> bool:
-        """True once somebody asked."""
+        """Cancellation was requested."""
         return self._event.is_set()
 
     def check(self) -> None:
-        """Raises Cancelled if somebody asked."""
+        """Raise Cancelled if cancellation was requested."""
         if self._event.is_set():
             raise Cancelled
 
 
 @contextmanager
 def stop_on_signals(cancellation: Cancellation, last_words: Callable[[], None]) -> Iterator[None]:
-    """While the block runs, SIGINT and SIGTERM set `cancellation`; the process ends at the latest GRACE later.
+    """Within the block, SIGINT and SIGTERM set `cancellation`; the process ends at most `GRACE` seconds later.
 
     Args:
         cancellation: the flag to set.
-        last_words: called by the watchdog just before it ends the process the hard way.
+        last_words: called by the watchdog before it ends the process.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # signals belong to the main thread; a caller on another one cancels by the flag
+        yield  # only the main thread can handle signals; callers on other threads set the flag
         return
     finished = threading.Event()
     read_end, write_end = os.pipe()

@@ -1,4 +1,4 @@
-"""What a run tells while it goes: typed events, one JSON object a line with `--json`.
+"""Typed events that a run emits; with `--json`, one JSON object per line.
 
 The command line shows them as progress bars; the window reads the lines. `parse_event` is the inverse of `to_json`.
 """
@@ -13,15 +13,16 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, TypeAlias
 
-from studio.errors import StudioError
+from pipelines.config.renamed import STAGES
+from studio.errors import Message, StudioError
 
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """What all events have.
+    """Base of all events.
 
     Attributes:
-        stage: the stage that it is about; "" for the run as a whole.
+        stage: the stage that it is about; "" for the whole run.
         time: seconds since 1970.
     """
 
@@ -30,15 +31,53 @@ class Event:
     time: float = field(default_factory=time.time)
 
     def to_json(self) -> str:
-        """One line, no newline, that can be encoded as UTF-8. NaN and infinity, which JSON lacks, become null."""
+        """One line without a newline, encodable as UTF-8. NaN and infinity, which JSON does not have, become null."""
         text = json.dumps({"event": self.kind, **_finite(asdict(self))}, ensure_ascii=False)
-        # a file name that is not UTF-8 holds lone surrogates, which have no bytes
+        # file names that are not UTF-8 hold lone surrogates, which cannot be encoded
         return _SURROGATE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 @dataclass(frozen=True, kw_only=True)
+class Notice(Event):
+    """Base of events that carry a `studio.errors.Message`; `parts` makes their arguments.
+
+    Attributes:
+        message: the whole sentence, for people.
+        code: what it is ("footage.no_frames"), for programs; "" in logs of earlier versions.
+        file: the file or folder that it is about.
+        value: the value found, where there is one.
+        fix: what to do about it, a sentence.
+        fields: camera, frame, setting, expected, ...
+    """
+
+    message: str = ""
+    code: str = ""
+    file: str | None = None
+    value: Any = None
+    fix: str = ""
+    fields: dict[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def parts(message: Message) -> dict[str, Any]:
+        """The arguments `message`, `code`, `file`, `value`, `fix` and `fields`, JSON-ready and of bounded length."""
+        found = message.to_dict()
+        own: dict[str, Any] = {
+            name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found
+        }
+        return {**own, "fields": found}
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunStarted(Event):
-    """A run begins: `stages` will be run in this order, `done` are up to date already."""
+    """First event of a run.
+
+    Attributes:
+        take: the take's folder.
+        stages: stages that will run, in order.
+        done: stages that are up to date.
+        pid: process id of the run.
+        version: of the program.
+    """
 
     kind: ClassVar[str] = "run_started"
     take: str
@@ -50,7 +89,11 @@ class RunStarted(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class StageStarted(Event):
-    """A stage begins; `reason` says why it must run ("never run", "bake.qp changed from 22 to 30")."""
+    """A stage begins.
+
+    Attributes:
+        reason: why it runs ("never run", "bake.qp changed from 22 to 30").
+    """
 
     kind: ClassVar[str] = "stage_started"
     reason: str
@@ -58,15 +101,15 @@ class StageStarted(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Progress(Event):
-    """How far the stage is.
+    """Progress of the stage and of the run.
 
     Attributes:
-        fraction: 0 to 1, of this stage.
-        total_fraction: 0 to 1, of all stages of this run (an estimate).
-        seconds_left: of this stage; None while nothing can be said.
-        total_seconds_left: of the run; None while nothing can be said.
-        label: what is being done ("group 1, frame 7: motion").
-        figures: loss, psnr, splats, iteration, group, frame ... as the stage knows them.
+        fraction: of the stage, 0 to 1.
+        total_fraction: of all stages of this run, 0 to 1 (an estimate).
+        seconds_left: of the stage; None while unknown.
+        total_seconds_left: of the run; None while unknown.
+        label: the step in progress ("group 1, frame 7: motion").
+        figures: loss, psnr, splats, iteration, group, frame ..., depending on the stage.
     """
 
     kind: ClassVar[str] = "progress"
@@ -80,7 +123,13 @@ class Progress(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Metrics(Event):
-    """Figures that are final for something: a frame that is trained, a group that is baked, an evaluation."""
+    """Final figures of a trained frame, a baked group or an evaluation.
+
+    Attributes:
+        values: by name.
+        group: number of the group, counted from 0; None for all.
+        frame: frame number in the footage; None for all.
+    """
 
     kind: ClassVar[str] = "metrics"
     values: dict[str, Any]
@@ -90,7 +139,14 @@ class Metrics(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Preview(Event):
-    """A picture to look at: `path` is a PNG file inside the take, absolute."""
+    """A preview image.
+
+    Attributes:
+        path: a PNG file in the take, absolute.
+        caption: what it shows.
+        camera: name of the camera that it is rendered from.
+        group, frame, iteration: what was in training.
+    """
 
     kind: ClassVar[str] = "preview"
     path: str
@@ -103,23 +159,27 @@ class Preview(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Log(Event):
-    """A line for those who want to know more."""
+    """A detail that is only shown in logs."""
 
     kind: ClassVar[str] = "log"
     message: str
 
 
 @dataclass(frozen=True, kw_only=True)
-class Warned(Event):
-    """Something the user should look at; the run goes on."""
+class Warned(Notice):
+    """A warning; the run continues."""
 
     kind: ClassVar[str] = "warning"
-    message: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageFinished(Event):
-    """A stage is done; its results stand in the take."""
+    """A stage finished and its results are in the take.
+
+    Attributes:
+        seconds: work time, without pauses.
+        summary: the stage's main figures (`pipelines.stages.summaries`).
+    """
 
     kind: ClassVar[str] = "stage_finished"
     seconds: float
@@ -127,22 +187,29 @@ class StageFinished(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StageFailed(Event):
-    """A stage ended with an error: one sentence, and the traceback where the mistake is ours."""
+class StageFailed(Notice):
+    """A stage failed.
+
+    Attributes:
+        traceback: of an unexpected error, which is a bug; "" for bad input.
+    """
 
     kind: ClassVar[str] = "stage_failed"
-    message: str
     traceback: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunFinished(Event):
-    """The last event: `outcome` is "done", "failed" or "cancelled"."""
+class RunFinished(Notice):
+    """The last event of a command.
+
+    Attributes:
+        outcome: "done", "failed" or "cancelled". If failed, the inherited attributes hold the error.
+        seconds: work time, without pauses.
+    """
 
     kind: ClassVar[str] = "run_finished"
     outcome: str
     seconds: float
-    message: str = ""
 
 
 AnyEvent: TypeAlias = (
@@ -164,28 +231,38 @@ MAX_TEXT = 500
 """Characters kept of a line that is not an event."""
 
 
+def as_message(error: BaseException) -> Message:
+    """The message of a StudioError; of any other exception, one with the code `program.bug`."""
+    if isinstance(error, StudioError):
+        return error.message
+    return Message("program.bug", f"{type(error).__name__}: {error}", fields={"exception": type(error).__name__})
+
+
 def parse_event(line: str) -> Event:
-    """The event in one line of `--json` output. Unknown fields are passed over, so that old windows read new runs.
+    """Parse one line of `--json` output or of a take's events.jsonl.
+
+    Unknown fields are ignored, so that an old window can follow a newer run. Stage names of take format 1 are replaced
+    by the current ones.
 
     Raises:
-        StudioError: the line is no event.
+        StudioError: not an event (`event.invalid`).
     """
     try:
         return _event_of(json.loads(line))
     except (ValueError, RecursionError):
-        raise StudioError(f"Not an event: {line[:200]!r}.") from None
+        raise StudioError("event.invalid", f"not an event: {line[:200]!r}", value=line[:200]) from None
 
 
 def read_line(line: bytes | str) -> tuple[Event | None, str]:
-    """What a line of another process's output holds: an event, text, or text with an event in it.
+    """Split a line of another process's output into an event and the text around it. Never raises.
 
-    Native libraries may print between events, and in front of one where they end no line. Never raises.
+    Native libraries may print between events, or in front of one without a newline.
 
     Args:
         line: with or without its newline; bytes need not be UTF-8.
 
     Returns:
-        The event or None; and the text around it, "" where there is none, cut after `MAX_TEXT` characters.
+        the event or None; the text around it, at most `MAX_TEXT` characters, "" if there is none.
     """
     text = line.decode("utf-8", "replace") if isinstance(line, bytes) else line
     start = text.find(_START)
@@ -195,20 +272,26 @@ def read_line(line: bytes | str) -> tuple[Event | None, str]:
             values, end = json.JSONDecoder().raw_decode(text, start)
             event = _event_of(values)
             text = text[:start] + text[end:]
-        except (ValueError, RecursionError):  # cut short, or not ours
+        except (ValueError, RecursionError):  # truncated, or not an event
             pass
     text = "".join(character if character.isprintable() else " " for character in text[: MAX_TEXT + 1]).strip()
     return event, text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + " ..."
 
 
 def _event_of(values: Any) -> Event:
-    """Raises ValueError where the values are none of an event."""
+    """Raises ValueError if the values are not those of an event."""
     try:
         cls = _KINDS[values.pop("event")]
         known = {f.name for f in fields(cls)}
         kept: dict[str, Any] = {
             name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known
         }
+        kept["stage"] = STAGES.get(kept.get("stage", ""), kept.get("stage", ""))
+        if cls is RunStarted:
+            for name in ("stages", "done"):
+                kept[name] = tuple(STAGES.get(stage, stage) for stage in kept[name])
+        if issubclass(cls, Notice) and cls is not RunFinished:
+            kept["message"]  # required
         return cls(**kept)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"not an event: {error}") from None

@@ -1,9 +1,8 @@
-"""A clock for how long work takes, which stands still while the process is halted.
+"""A clock of work time that stops while the process is suspended.
 
-A run can be paused by the window or by Ctrl-Z, and is told nothing of it: the system simply stops it. When it goes on
-it gets SIGCONT, but by then nobody knows since when it stood. So a thread looks at the time a few times a second; a
-gap between two looks that a SIGCONT follows is a pause. A gap without one (a library that held the interpreter's lock,
-a busy machine) is work.
+The window or Ctrl-Z can suspend a run at any time (SIGSTOP cannot be handled). On resuming, the process gets SIGCONT,
+which does not say how long it was suspended. So a thread samples the time a few times per second: a gap between two
+samples followed by SIGCONT is a pause; any other gap (a library that held the GIL, a busy machine) is work.
 """
 
 from __future__ import annotations
@@ -16,53 +15,53 @@ from contextlib import contextmanager
 from types import FrameType
 
 _LOOK = 0.2
-"""Seconds between two looks."""
+"""Seconds between two samples."""
 
 _GAP = 1.0
-"""Seconds without a look that may be a pause."""
+"""Seconds without a sample that may be a pause."""
 
 _UNEXPLAINED = 60.0
-"""Seconds after which a gap that no SIGCONT followed counts as work; until then as a pause, so that the clock never
-runs backwards. Python tells of signals only when the main thread has time."""
+"""Seconds after which a gap without SIGCONT counts as work; until then it counts as a pause, so that the clock never
+runs backwards. Python calls signal handlers only when the main thread is free."""
 
 
 class WorkClock:
-    """Seconds of a monotonic clock without the pauses. Thread safe.
+    """A monotonic clock in seconds that excludes pauses. Thread-safe.
 
     Args:
-        now: the clock below.
+        now: the underlying clock.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self._lock = threading.Lock()
         self._last = now()
-        self._gap = 0.0  # not explained yet
+        self._gap = 0.0  # not yet known to be a pause or work
         self._gap_ended = now()
         self._continued = False
         self._paused = 0.0
 
     def __call__(self) -> float:
-        """Seconds since some fixed moment."""
+        """Seconds since an arbitrary reference."""
         with self._lock:
             self._look()
             return self._last - self._paused - self._gap
 
     @property
     def paused(self) -> float:
-        """Seconds of pauses so far."""
+        """Total length of pauses in seconds."""
         with self._lock:
             self._look()
             return self._paused
 
     def look(self) -> None:
-        """Call a few times a second."""
+        """Sample the time; call this a few times per second."""
         with self._lock:
             self._look()
 
     def continued(self) -> None:
-        """The process was told to go on."""
-        self._continued = True  # no lock: a signal's handler may come while this thread holds it
+        """The process received SIGCONT."""
+        self._continued = True  # no lock: a signal handler may interrupt the thread that holds it
 
     def _look(self) -> None:
         now = self._now()
@@ -80,8 +79,7 @@ class WorkClock:
 
 @contextmanager
 def counting_pauses() -> Iterator[WorkClock]:
-    """A clock that knows of this process's pauses while the block runs; on another thread than the main one, to which
-    signals belong, it knows of none."""
+    """A clock that excludes pauses of this process; outside the main thread, which handles signals, it sees none."""
     clock = WorkClock()
     if threading.current_thread() is not threading.main_thread():
         yield clock

@@ -1,9 +1,11 @@
-"""The calibration's report for people: a page, a line of figures for events, and what to warn of."""
+"""The calibration report for people: an HTML page, figures for events, and warnings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
+
+from studio.errors import Message
 
 _BANDS = {
     "excellent": "under 0.5 px",
@@ -11,37 +13,37 @@ _BANDS = {
     "review": "over 1 px",
 }
 _SPARSE = 0.4
-"""Share of the image that observations should cover at least, or the lens is a guess in the rest."""
+"""Smallest fraction of the image with observations; elsewhere lens distortion is extrapolated."""
 _UNSURE = 0.02
-"""Share of the distance to the points; what marks leave open beyond it is worth a warning."""
+"""Largest 1-sigma camera position uncertainty, as a fraction of the distance to the points."""
 _FAR_OFF = 5
-"""Times calibrate.tie_world_accuracy that a measured place may be off."""
+"""Largest error of a measured point, in units of calibrate.tie_world_accuracy."""
 _NEAR, _FAR = 0.05, 100
-"""Meters; cameras nearer or farther are likely given in another unit."""
+"""Plausible camera distances in meters."""
 
 
 def calibration_lenses(report: dict[str, Any]) -> list[str]:
-    """Sentences on lenses in common, where the footage was asked."""
+    """Sentences on shared intrinsics, if calibration compared shared and separate ones."""
     from studio.calibration.sfm.shared_intrinsics import LIMIT
     from studio.calibration.sfm.verdict import TRUSTED
 
     found: list[str] = []
     if report.get("match_inlier_ratio", 1.0) < TRUSTED:
-        return found  # what a wrong solution says of lenses means nothing
+        return found  # the comparison means nothing if the poses are wrong
     for each in report.get("sharing", []):
         which = f"{len(each['images'])} cameras ({each['images'][0]} to {each['images'][-1]})"
         if each["shared"]:
-            found.append(f"One lens for {which}: it fits as well as a lens each.")
+            found.append(f"Shared intrinsics for {which}: they fit as well as separate ones.")
         else:
             found.append(
-                f"A lens each for {which}: with one for all the errors grow {each['misfit']:.0f} times as much as by "
-                f"chance (up to {LIMIT:.0f} would pass; calibrate.shared_intrinsics decides it beforehand)."
+                f"Separate intrinsics for {which}: with shared ones the errors grow {each['misfit']:.0f} times more "
+                f"than by chance (limit {LIMIT:.0f}; set calibrate.shared_intrinsics to override)."
             )
     return found
 
 
 def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
-    """The figures that an event carries: over all cameras, and the mean error of each."""
+    """Figures for an event: over all cameras, and the mean reprojection error of each."""
     return {
         **{f"reprojection_{key}": value for key, value in report["reprojection"].items()},
         "quality": report["quality"],
@@ -52,90 +54,154 @@ def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def calibration_warnings(report: dict[str, Any]) -> list[str]:
-    """Sentences on what should be looked at."""
+def calibration_warnings(report: dict[str, Any]) -> list[Message]:
+    """Warnings about a calibration; codes `calibration.*`."""
     from studio.calibration.sfm.verdict import TRUSTED
 
     found = tie_warnings(report)
     if report["reprojection"]["mean"] > 1 and "tie_points" not in report:
+        mean = report["reprojection"]["mean"]
         found.append(
-            f"The cameras' mean reprojection error is {report['reprojection']['mean']:.2f} px; over 1 px something is "
-            "wrong: cameras that moved, footage that is not synchronized, or a lens model with too few terms."
+            Message(
+                "calibration.reprojection_error",
+                f"the mean reprojection error is {mean:.2f} px; more than 1 px means that cameras moved, the footage "
+                "is not synchronized, or the camera model has too few parameters",
+                value=mean,
+                fields={"setting": "calibrate.camera_model"},
+            )
         )
     for name, figures in report["cameras"].items():
         if "usual_focal" in figures:
             found.append(
-                f"Camera '{name}' has a focal length of {figures['focal']:.0f} px where the others have "
-                f"{figures['usual_focal']:.0f}: unless it is zoomed so, its lens was not found; try "
-                "calibrate.shared_intrinsics or intrinsics_groups, or give its lens (calibrate.known_cameras)."
+                Message(
+                    "calibration.focal_length",
+                    f"camera '{name}' has a focal length of {figures['focal']:.0f} px, the others "
+                    f"{figures['usual_focal']:.0f} px; unless it is zoomed, its intrinsics are wrong",
+                    value=figures["focal"],
+                    fix="Try calibrate.shared_intrinsics or calibrate.intrinsics_groups, or set its intrinsics with "
+                    "calibrate.known_cameras.",
+                    fields={
+                        "camera": name,
+                        "expected": figures["usual_focal"],
+                        "setting": "calibrate.shared_intrinsics",
+                    },
+                )
             )
     poor = [name for name, figures in report["cameras"].items() if figures["mean"] > 1]
     if poor and report["reprojection"]["mean"] <= 1:
-        found.append(f"The reprojection error is over 1 px for {', '.join(poor)}; look at them before you train.")
+        found.append(
+            Message(
+                "calibration.poor_cameras",
+                f"the reprojection error is more than 1 px for {', '.join(poor)}",
+                fix="Check these cameras before training.",
+                fields={"cameras": poor},
+            )
+        )
     match_inlier_ratio = report.get("match_inlier_ratio", 1.0)
     if match_inlier_ratio < TRUSTED:
         found.append(
-            f"Only {match_inlier_ratio:.0%} of the matches between cameras agree with where they were put (0.75 and "
-            "more is usual): some may stand wrongly, whatever their reprojection error; try "
-            "calibrate.shared_intrinsics where the lenses are alike, other or more moments (calibrate.frame, frames) "
-            "or a board."
+            Message(
+                "calibration.match_inlier_ratio",
+                f"only {match_inlier_ratio:.0%} of the matches between cameras agree with the camera poses (75% or "
+                "more is normal); some poses may be wrong even if the reprojection error is low",
+                value=match_inlier_ratio,
+                fix="Try calibrate.shared_intrinsics if the lenses are the same, other or more frames "
+                "(calibrate.frame, calibrate.frames), or a calibration target.",
+                fields={"expected": TRUSTED, "setting": "calibrate.shared_intrinsics"},
+            )
         )
     known = report.get("known_lenses", ())
     sparse = [n for n, figures in report["cameras"].items() if figures["coverage"] < _SPARSE and n not in known]
     if sparse:
         found.append(
-            f"Less than {_SPARSE:.0%} of the image holds anything to calibrate by for {', '.join(sparse)}; elsewhere "
-            "their lenses are a guess."
+            Message(
+                "calibration.low_coverage",
+                f"observations cover less than {_SPARSE:.0%} of the image for {', '.join(sparse)}; lens distortion is "
+                "unreliable in the rest",
+                fields={"cameras": sparse},
+            )
         )
     for name, reason in report.get("unregistered", {}).items():
-        found.append(f"Camera '{name}' found no place: {reason}.")
+        found.append(
+            Message(
+                "calibration.unregistered",
+                f"camera '{name}' was not registered: {reason}",
+                fields={"camera": name, "reason": str(reason)},
+            )
+        )
     return found
 
 
-def tie_warnings(report: dict[str, Any]) -> list[str]:
-    """Sentences on points marked by hand."""
+def tie_warnings(report: dict[str, Any]) -> list[Message]:
+    """Warnings about a calibration from tie points; codes `tie_points.*`."""
     if "tie_points" not in report:
         return []
     found = []
-    if report["reprojection"]["mean"] > 1:
+    mean = report["reprojection"]["mean"]
+    if mean > 1:
         found.append(
-            f"The marks lie {report['reprojection']['mean']:.2f} px from where they should, on the mean; over 1 px "
-            "they were set carelessly, in pictures of another size or for other lenses."
+            Message(
+                "tie_points.reprojection_error",
+                f"the mean reprojection error of the tie points is {mean:.2f} px; more than 1 px means that they were "
+                "marked inaccurately, in images of another size, or with other intrinsics",
+                value=mean,
+            )
         )
     unsure = {name: share for name, share in report.get("uncertain", {}).items() if share > _UNSURE}
     if unsure:
         worst = max(unsure, key=lambda name: unsure[name])
         found.append(
-            f"The marks say where {', '.join(unsure)} {'stands' if len(unsure) == 1 else 'stand'} only to "
-            f"{unsure[worst]:.0%} of the distance to the points ({worst}); mark more points there, spread over the "
-            "picture and in depth."
+            Message(
+                "tie_points.position_uncertainty",
+                f"the 1-sigma position uncertainty of {', '.join(unsure)} is up to {unsure[worst]:.0%} of the distance "
+                f"to the points ({worst})",
+                value=unsure[worst],
+                fix="Mark more points in these cameras, spread over the image and in depth.",
+                fields={"cameras": list(unsure), "camera": worst},
+            )
         )
     for mark in report.get("left_out", []):
-        where = "behind the camera" if mark["error"] is None else f"{mark['error']:.1f} px from the mark"
+        where = "behind the camera" if mark["error"] is None else f"{mark['error']:.1f} px away"
         found.append(
-            f"Point '{mark['point']}' was left out in {mark['camera']}: the other marks say that it lies {where}; look "
-            "at it again."
+            Message(
+                "tie_points.rejected",
+                f"point '{mark['point']}' was rejected in {mark['camera']}: the other marks put it {where}",
+                value=mark["error"],
+                fix="Check this mark.",
+                fields={"point": mark["point"], "camera": mark["camera"]},
+            )
         )
     off = {name: point["off"] for name, point in report["tie_points"].items() if "off" in point}
     far = sorted((name for name in off if off[name] > _FAR_OFF * report["world_accuracy"]), key=lambda name: -off[name])
     if far:
         named = ", ".join(f"'{name}' ({off[name]:.3g} m)" for name in far[:3]) + (", ..." if len(far) > 3 else "")
         found.append(
-            f"Measured places lie far from where the marks say: {named}. One of them is wrong, or the axes are not "
-            "right-handed with z up."
+            Message(
+                "tie_points.world_error",
+                f"measured positions disagree with the marks: {named}",
+                fix="Check the measurements; the world axes must be right-handed with z up.",
+                fields={"points": far},
+            )
         )
     away = report["geometry"]["radius"]
     if report["metric"] and not _NEAR < away < _FAR:
-        found.append(f"The cameras stand {away:.3g} m from the point they look at; are places and distances in meters?")
+        found.append(
+            Message(
+                "tie_points.unit",
+                f"the cameras are {away:.3g} m from their common center",
+                value=away,
+                fix="Check that positions and distances are in meters.",
+            )
+        )
     return found
 
 
 def render_calibration(report: dict[str, Any], names: Sequence[str]) -> str:
-    """The page.
+    """Render the HTML page.
 
     Args:
-        report: what calibrate/report.json holds.
-        names: the cameras, in the order to show.
+        report: content of calibrate/report.json.
+        names: cameras in the order to show.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

@@ -1,4 +1,4 @@
-"""The HTML report of a take: one file with pictures and plots in it."""
+"""The HTML report of a take: one file with embedded images and plots."""
 
 from __future__ import annotations
 
@@ -14,22 +14,24 @@ from pipelines.config import Config
 from pipelines.reports.pictures import encode
 from pipelines.reports.plots import mark_rows, plots
 from pipelines.takes.atomic_files import read_json, write_text
+from pipelines.takes.evaluation import Evaluation, read_evaluation
 from pipelines.takes.groups import Group
 from pipelines.takes.marks import read_marks
 from pipelines.takes.migration import current_report
 from pipelines.takes.records import note_rewritten, read_record
-from pipelines.takes.take import Take, program_version
+from pipelines.takes.take import Take
+from pipelines.version import program_version
 from studio.errors import StudioError
 
 _BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
 
 DIFFERENCE_GAIN = 4.0
-"""Differences are shown this many times as strong, or nothing would be seen."""
+"""Differences are amplified by this factor, or they would not be visible."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Pictures of one view, cropped alike: (h, w, 3) float32 in 0 to 1."""
+    """Images of one view, cropped to the same box: (h, w, 3) float32 in 0 to 1."""
 
     frame: int
     camera: str
@@ -39,16 +41,16 @@ class Sample:
 
 
 def render_report(
-    take: Take, config: Config, groups: Sequence[Group], evaluation: dict[str, Any], samples: Sequence[Sample]
+    take: Take, config: Config, groups: Sequence[Group], evaluation: Evaluation, samples: Sequence[Sample]
 ) -> str:
-    """The whole report as text.
+    """Render the report as HTML.
 
     Args:
-        take: what is reported on.
+        take: the take.
         config: its settings.
-        groups: its groups of frames.
-        evaluation: what evaluation.json holds.
-        samples: pictures to show.
+        groups: its groups.
+        evaluation: its evaluation.
+        samples: images to show.
     """
     width = config.evaluate.report_width
     return _rendered(
@@ -56,7 +58,7 @@ def render_report(
         title=take.root.name,
         made=datetime.datetime.now().isoformat(sep=" ", timespec="minutes"),
         version=program_version(),
-        evaluation=evaluation,
+        evaluation=evaluation.to_json(),
         gain=DIFFERENCE_GAIN,
         pictures=[_pictures(sample, width) for sample in samples],
         over_time=_over_time(take, groups, evaluation),
@@ -67,22 +69,30 @@ def render_report(
 
 
 def update_marks(take: Take, groups: Sequence[Group]) -> bool:
-    """Bring the report's marks in line with marks.json without measuring anything; returns whether it has changed.
+    """Update the marks in the report from marks.json, without measuring again.
+
+    Returns:
+        the report changed.
 
     Raises:
-        StudioError: there is no report, or one of an older version, which has no place for marks.
+        StudioError: there is no report (`take.no_report`), or it is of a version without marks (`take.old_report`).
     """
     if not (take.report.is_file() and take.evaluation.is_file()):
-        raise StudioError(f"{take.root}: there is no report yet; run `v3studio evaluate`.")
+        raise StudioError(
+            "take.no_report", "no report yet", file=take.root, fix="Run `v3studio evaluate`.", stage="evaluate"
+        )
     text = take.report.read_text(encoding="utf-8")
     head, begin, rest = text.partition(_BEGIN)
     _, end, tail = rest.partition(_END)
     if not (begin and end):
         raise StudioError(
-            f"{take.report} was written by a version that knew no marks; "
-            f"`v3studio evaluate --take {take.root} --force` writes it anew."
+            "take.old_report",
+            "written by an earlier version, without marks",
+            file=take.report,
+            fix=f"Run `v3studio evaluate --take {take.root} --force`.",
+            stage="evaluate",
         )
-    new = head + _over_time(take, groups, read_json(take.evaluation)) + tail
+    new = head + _over_time(take, groups, read_evaluation(take.evaluation)) + tail
     if new == text:
         return False
     write_text(take.report, new)
@@ -90,12 +100,12 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
     return True
 
 
-def _over_time(take: Take, groups: Sequence[Group], evaluation: dict[str, Any]) -> str:
-    """The part of the report that marks appear in, between two comments that it is found by."""
+def _over_time(take: Take, groups: Sequence[Group], evaluation: Evaluation) -> str:
+    """The part of the report with the marks, between two comments."""
     error, marks = "", dict[int, str]()
     try:
         marks = read_marks(take.marks)
-    except StudioError as found:  # the figures are worth a report all the same
+    except StudioError as found:  # damaged marks must not prevent the report
         error = str(found)
     body = _rendered(
         "over_time.html.j2",
@@ -126,7 +136,7 @@ def _pictures(sample: Sample, width: int) -> dict[str, Any]:
         "images": [
             (label, _embedded(image, width))
             for label, image in (
-                ("filmed", sample.truth),
+                ("ground truth", sample.truth),
                 ("trained", sample.trained),
                 ("decoded", sample.decoded),
                 (f"difference x{DIFFERENCE_GAIN:g}", difference),
@@ -146,7 +156,7 @@ def _embedded(image: np.ndarray, width: int) -> str:
 
 
 def _calibration(take: Take) -> dict[str, Any]:
-    """The plain values of the calibration's report; tables by camera stay in calibrate/report.json."""
+    """Scalars of the calibration report; tables per camera are only in calibrate/report.json."""
     if not take.calibration_report.is_file():
         return {}
     found: dict[str, Any] = {}
@@ -159,10 +169,10 @@ def _calibration(take: Take) -> dict[str, Any]:
 
 
 def _timings(take: Take) -> list[tuple[str, float]]:
-    """Seconds of each stage that went before."""
+    """Duration of each earlier stage in seconds."""
     found = []
     for stage in ("calibrate", "initialize", "train", "bake"):
         record = read_record(take, stage)
-        if record is not None:
-            found.append((stage, float(record["seconds"])))
+        if record is not None and record.seconds is not None:
+            found.append((stage, record.seconds))
     return found

@@ -1,4 +1,4 @@
-"""Pictures for previews and reports: drawing, and PNG or JPEG out."""
+"""Images for previews and reports: rendering, and encoding as PNG or JPEG."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.takes.atomic_files import atomic_path
+from pipelines.takes.atomic_files import write_bytes
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -19,7 +19,18 @@ if TYPE_CHECKING:
 def draw(
     gaussians: Gaussians, camera: Camera, background: Sequence[float], device: str = "cpu", width: int | None = None
 ) -> np.ndarray:
-    """(H, W, 3) float32 in 0 to 1: the splats seen from `camera`, at most `width` pixels wide."""
+    """Render Gaussians.
+
+    Args:
+        gaussians: on any device.
+        camera: to render from, without distortion.
+        background: RGB, 0 to 1.
+        device: torch device to render on.
+        width: largest width in pixels; None: that of the camera.
+
+    Returns:
+        (H, W, 3) float32, 0 to 1.
+    """
     import torch
 
     from studio.rasterizer import rasterize
@@ -33,24 +44,32 @@ def draw(
 
 
 def to_bytes(image: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8 from floats in 0 to 1 (values outside are clamped); uint8 stays as it is."""
+    """Convert an (H, W, 3) image from float, clamped to 0 to 1, to uint8; uint8 is returned as is."""
     if image.dtype == np.uint8:
         return image
     return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def encode(image: np.ndarray, ending: str = ".png", quality: int = 92) -> bytes:
-    """PNG or JPEG file content of an (H, W, 3) RGB image, uint8 or float."""
+    """Encode an (H, W, 3) RGB image, uint8 or float in 0 to 1, as PNG or JPEG.
+
+    Args:
+        ending: ".png" or ".jpg".
+        quality: of JPEG, 0 to 100.
+
+    Raises:
+        StudioError: the image is too large for the format (`image.encode`).
+    """
     import cv2
 
     options = [cv2.IMWRITE_JPEG_QUALITY, quality] if ending == ".jpg" else []
     good, data = cv2.imencode(ending, np.ascontiguousarray(to_bytes(image)[:, :, ::-1]), options)
     if not good:
-        raise StudioError(f"A picture of {image.shape[1]}x{image.shape[0]} pixels could not be written as {ending}.")
+        size = f"{image.shape[1]}x{image.shape[0]}"
+        raise StudioError("image.encode", f"an image of {size} pixels cannot be encoded as {ending}", value=size)
     return data.tobytes()
 
 
 def write_picture(path: Path, image: np.ndarray) -> None:
-    """PNG, atomic."""
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(encode(image))
+    """Write an (H, W, 3) image as PNG, atomically."""
+    write_bytes(path, encode(image))

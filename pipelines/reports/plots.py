@@ -1,4 +1,4 @@
-"""What the report shows over time: plots as SVG, and the marks."""
+"""Timeline plots (SVG) and the table of marks in the report."""
 
 from __future__ import annotations
 
@@ -6,24 +6,26 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pipelines.takes.atomic_files import read_json
+from pipelines.takes.atomic_files import read_model
+from pipelines.takes.evaluation import Evaluation, FrameQuality
 from pipelines.takes.groups import Group
+from pipelines.takes.stage_files import TrainedGroup
 from pipelines.takes.take import Take
 
 MARK_COLOR = "tab:red"
 
 
-def plots(take: Take, groups: Sequence[Group], evaluation: dict[str, Any], marks: Mapping[int, str]) -> dict[str, str]:
-    """SVG text by name: quality, size, train; "" where there is nothing to plot.
+def plots(take: Take, groups: Sequence[Group], evaluation: Evaluation, marks: Mapping[int, str]) -> dict[str, str]:
+    """SVG by name: quality, size, train; "" if there is nothing to plot.
 
     Args:
-        take: what is reported on.
-        groups: its groups of frames.
-        evaluation: what evaluation.json holds.
-        marks: frame, counted from 0, to note.
+        take: the take.
+        groups: its groups.
+        evaluation: its evaluation.
+        marks: notes by frame, counted from 0.
     """
-    rows = evaluation["frames"]
-    marked = [row["frame"] for row in rows if row["index"] in marks]
+    rows = evaluation.frames
+    marked = [row.frame for row in rows if row.index in marks]
     return {
         "quality": _svg(_quality_plot, rows, marked),
         "size": _svg(_size_plot, rows, marked),
@@ -31,9 +33,9 @@ def plots(take: Take, groups: Sequence[Group], evaluation: dict[str, Any], marks
     }
 
 
-def mark_rows(evaluation: dict[str, Any], marks: Mapping[int, str]) -> list[dict[str, Any]]:
-    """Each mark with its note and the frame's row of evaluation.json (None where the frame was not measured)."""
-    rows = {row["index"]: row for row in evaluation["frames"]}
+def mark_rows(evaluation: Evaluation, marks: Mapping[int, str]) -> list[dict[str, Any]]:
+    """For the template: `frame`, `note` and `row` of each mark; `row` is None if the frame was not measured."""
+    rows = {row.index: row for row in evaluation.frames}
     return [{"frame": frame, "note": marks[frame], "row": rows.get(frame)} for frame in sorted(marks)]
 
 
@@ -57,21 +59,21 @@ def _svg(draw_into: Any, data: Any, marked: list[int]) -> str:
     return text[text.index("<svg") :]
 
 
-def _quality_plot(axes: Any, rows: list[dict[str, Any]]) -> bool:
-    frames = [row["frame"] for row in rows]
-    axes.plot(frames, [row["psnr_trained"] for row in rows], "o-", markersize=3, label="trained")
-    axes.plot(frames, [row["psnr_decoded"] for row in rows], "s--", markersize=3, label="decoded")
+def _quality_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
+    frames = [row.frame for row in rows]
+    axes.plot(frames, [row.psnr_trained for row in rows], "o-", markersize=3, label="trained")
+    axes.plot(frames, [row.psnr_decoded for row in rows], "s--", markersize=3, label="decoded")
     for row in rows:
-        if row["keyframe"]:
-            axes.axvline(row["frame"], color="gray", alpha=0.4, linewidth=0.8)
+        if row.keyframe:
+            axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
     axes.set(xlabel="frame (gray: keyframes; red ticks: marks)", ylabel="PSNR, dB")
     axes.legend(frameon=False)
     return True
 
 
-def _size_plot(axes: Any, rows: list[dict[str, Any]]) -> bool:
-    axes.step([row["frame"] for row in rows], [row["bytes"] / 1000 for row in rows], where="mid")
-    axes.set(xlabel="frame", ylabel="KB a frame (mean of its group)", ylim=(0, None))
+def _size_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
+    axes.step([row.frame for row in rows], [row.bytes / 1000 for row in rows], where="mid")
+    axes.set(xlabel="frame", ylabel="KB per frame (mean of its group)", ylim=(0, None))
     return True
 
 
@@ -80,7 +82,7 @@ def _train_plot(axes: Any, seconds: list[tuple[int, float]]) -> bool:
     if not known:
         return False
     axes.bar([frame for frame, _ in known], [value for _, value in known], width=0.8)
-    axes.set(xlabel="frame", ylabel="training, s")
+    axes.set(xlabel="frame", ylabel="training time, s")
     return True
 
 
@@ -89,5 +91,5 @@ def _train_seconds(take: Take, groups: Sequence[Group]) -> list[tuple[int, float
     for group in groups:
         path = take.train_group(group.index) / "group.json"
         if path.is_file():
-            found += zip(group.frames, read_json(path)["seconds"], strict=False)
+            found += zip(group.frames, read_model(path, TrainedGroup).seconds, strict=False)
     return found

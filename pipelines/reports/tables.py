@@ -1,11 +1,11 @@
-"""Tables in the terminal: evaluation, status, playback."""
+"""Tables in the terminal: evaluation and playback."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipelines.reports.terminal import console
-from pipelines.takes.atomic_files import read_json
+from pipelines.takes.evaluation import Quality, read_evaluation
 from pipelines.takes.take import Take
 
 if TYPE_CHECKING:
@@ -17,25 +17,23 @@ _FOUR_DIGITS = ("ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded"
 
 
 def print_evaluation(take: Take) -> None:
-    """A row a frame, the means, and how it was measured."""
-    evaluation = read_json(take.evaluation)
-    summary, protocol = evaluation["summary"], evaluation["protocol"]
+    """Print one row per frame, the means, and how they were measured."""
+    evaluation = read_evaluation(take.evaluation)
+    summary, protocol = evaluation.summary, evaluation.protocol
     screen = console()
-    lpips = ("LPIPS trained", "decoded") if "lpips_trained" in summary else ()
+    lpips = ("LPIPS trained", "decoded") if evaluation.has_lpips else ()
     table = table_of("frame", "group", "splats", "PSNR trained", "decoded", "SSIM trained", "decoded", *lpips, "KB")
-    for row in evaluation["frames"]:
-        mark = "*" if row["keyframe"] else ""
-        table.add_row(
-            f"{row['frame']}{mark}", str(row["group"]), str(row["splats"]), *_quality(row), f"{row['bytes'] / 1000:.1f}"
-        )
+    for row in evaluation.frames:
+        mark = "*" if row.keyframe else ""
+        table.add_row(f"{row.frame}{mark}", str(row.group), str(row.splats), *_quality(row), f"{row.bytes / 1000:.1f}")
     table.add_section()
-    table.add_row("mean", "", "", *_quality(summary), f"{summary['bytes_per_frame'] / 1000:.1f}")
+    table.add_row("mean", "", "", *_quality(summary), f"{summary.bytes_per_frame / 1000:.1f}")
     screen.print(table)
-    which = "held-out" if protocol["held_out"] else "TRAINING (none is held out)"
+    which = "held-out" if protocol.held_out else "TRAINING (none is held out)"
     screen.print(
-        f"{which} cameras {', '.join(protocol['cameras'])}; {protocol['crop']}; background "
-        f"{tuple(protocol['background'])}; {protocol['total_bytes']:,} bytes in all. * keyframe"
-        + (f"\nLPIPS: {protocol['lpips']}" if lpips else ""),
+        f"{which} cameras {', '.join(protocol.cameras)}; {protocol.crop}; background "
+        f"{protocol.background}; {protocol.total_bytes:,} bytes in total. * keyframe"
+        + (f"\nLPIPS: {protocol.lpips}" if lpips else ""),
         style="dim",
         markup=False,
     )
@@ -43,7 +41,7 @@ def print_evaluation(take: Take) -> None:
 
 
 def print_playback(report: PlaybackReport) -> None:
-    """A row a frame and the spread, in milliseconds, as the paper's table of a player's runtime."""
+    """Print one row per frame and statistics, in milliseconds, as the paper's table of player runtime."""
     screen = console()
     figures = ["fetch_ms", "decode_ms", "dequantize_ms"]
     if any(row.render_ms is not None for row in report.frames):
@@ -61,19 +59,21 @@ def print_playback(report: PlaybackReport) -> None:
         table.add_row(name, "", f"{values[0] / 1000:.1f}", *(f"{value:.2f}" for value in values[1:]))
     screen.print(table)
     screen.print(
-        f"{report.shown} frames in {report.seconds:.2f} s: {report.fps:.1f} frames a second, {report.dropped} left out"
-        + (f", {sum(group.frame_count for group in report.skipped)} lost to damage" if report.skipped else "")
+        f"{report.shown} frames in {report.seconds:.2f} s: {report.fps:.1f} frames per second, {report.dropped} dropped"
+        + (f", {sum(group.frame_count for group in report.skipped)} damaged" if report.skipped else "")
     )
 
 
-def _quality(row: dict[str, Any]) -> tuple[str, ...]:
+def _quality(row: Quality) -> tuple[str, ...]:
+    measures = row.measures
     return (
-        f"{row['psnr_trained']:.2f}", f"{row['psnr_decoded']:.2f}",
-        *(f"{row[name]:.4f}" for name in _FOUR_DIGITS if name in row),
+        f"{row.psnr_trained:.2f}", f"{row.psnr_decoded:.2f}",
+        *(f"{measures[name]:.4f}" for name in _FOUR_DIGITS if name in measures),
     )  # fmt: skip
 
 
 def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:
+    """An empty table; columns are right-aligned, except those whose index is in `left`."""
     from rich import box
     from rich.table import Table
 
@@ -84,6 +84,7 @@ def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:
 
 
 def escaped(text: str) -> str:
+    """Text with rich's markup escaped."""
     from rich.markup import escape
 
     return escape(text)

@@ -1,4 +1,4 @@
-"""The terminal that people read, and durations in words."""
+"""The terminal, and durations as text."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
 
 
 def console() -> Console:
-    """Where people read: as wide as the terminal, and wide enough for tables where there is none."""
+    """A rich console as wide as the terminal; 120 columns if there is none."""
     from rich.console import Console
 
     return Console(highlight=False, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
 
 
 def duration(seconds: float) -> str:
-    """12 s, 3 min 05 s, 2 h 07 min."""
+    """Seconds as "12 s", "3 min 05 s" or "2 h 07 min"."""
     if seconds < 60:
         return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
     whole = round(seconds)

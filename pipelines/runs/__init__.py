@@ -1,1 +1,1 @@
-"""What must run, in what order; running it, and showing how it goes."""
+"""Which stages must run and why; running them; showing progress."""

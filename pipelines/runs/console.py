@@ -1,4 +1,4 @@
-"""Events for people: progress bars, warnings and a line a stage; or one JSON object a line for programs."""
+"""Prints the events of a run: progress bars and messages for people, or JSON lines for programs."""
 
 from __future__ import annotations
 
@@ -22,17 +22,22 @@ from studio.standard_output import NativeLines, discard
 
 
 class JsonLines:
-    """Prints each event as a JSON object on a line of its own, at once.
+    """Prints each event at once as one line of JSON.
 
-    When the reader goes away (the window is closed) the run goes on in silence; its log is in the take.
+    If the reader goes away (the window is closed), the run continues silently; its log is in the take.
+
+    Attributes:
+        finished: `RunFinished` was printed.
     """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream: TextIO | None = stream
         self._lock = threading.Lock()
+        self.finished = False
 
     def __call__(self, event: Event) -> None:
         with self._lock:
+            self.finished = self.finished or isinstance(event, RunFinished)
             if self._stream is None:
                 return
             try:
@@ -50,8 +55,10 @@ class JsonLines:
 
 
 class Bars:
-    """Two bars in the terminal, the stage's and the run's, each with the time left; plain lines where there is no
-    terminal. In a terminal, what native libraries print appears above the bars."""
+    """Two progress bars with the time left, for the stage and for the run; plain lines if there is no terminal.
+
+    In a terminal, output of native libraries appears above the bars.
+    """
 
     def __init__(self) -> None:
         from rich.progress import BarColumn, TaskProgressColumn, TextColumn
@@ -98,19 +105,19 @@ class Bars:
         elif isinstance(event, Progress):
             self._progress(event)
         elif isinstance(event, Warned):
-            self._say(f"[yellow]warning[/yellow] {_plain(event.message)}")
+            self._say(f"[yellow]warning:[/yellow] {_plain(event.message)}")
         elif isinstance(event, StageFinished):
             figures = ", ".join(f"{name} {_short(value)}" for name, value in event.summary.items())
             self._say(f"[bold]{event.stage}[/bold]: done in {duration(event.seconds)}. {_plain(figures)}")
             self._drop_stage_bar()
         elif isinstance(event, StageFailed):
-            self._drop_stage_bar()  # the command line prints the sentence, or the traceback
+            self._drop_stage_bar()  # the command line prints the error
         elif isinstance(event, RunFinished):
-            self._stop()  # gives the cursor back, even if the process is about to be ended the hard way
+            self._stop()  # restores the cursor, even if the watchdog is about to end the process
             if event.outcome == "cancelled":
-                self._say(f"[yellow]stopped[/yellow]: {_plain(event.message)}")
+                self._say(f"[yellow]cancelled:[/yellow] {_plain(event.message)}")
         elif isinstance(event, Log | Preview):
-            pass  # for the log and the window
+            pass  # only for logs and the window
 
     def _run_started(self, event: RunStarted) -> None:
         if event.done:
@@ -136,7 +143,7 @@ class Bars:
             self._bars.update(self._stage, completed=event.fraction, left=_left(event.seconds_left), note=note)
         if self._total is not None:
             self._bars.update(self._total, completed=event.total_fraction, left=_left(event.total_seconds_left))
-        if not self.console.is_terminal:  # a log file: a line every five percent
+        if not self.console.is_terminal:  # a log file: one line per five percent
             percent = int(event.fraction * 20) * 5
             if percent > self._last_percent:
                 self._last_percent = percent
@@ -178,7 +185,7 @@ def _short(value: Any) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text from elsewhere, with rich's markup switched off."""
+    """Escape rich's markup."""
     from rich.markup import escape
 
     return escape(text)

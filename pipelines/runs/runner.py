@@ -1,4 +1,4 @@
-"""Which stages must run, in what order; running them; stopping; telling what happens."""
+"""Runs the stages of a take that are not up to date, and reports events."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 import traceback
 from collections.abc import Iterable
 
-from pipelines.config import Config, dump_config
+from pipelines.config import Config
 from pipelines.events import (
     Emit,
     Event,
@@ -19,6 +19,7 @@ from pipelines.events import (
     StageFailed,
     StageFinished,
     StageStarted,
+    as_message,
 )
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from pipelines.events.work_clock import counting_pauses
@@ -28,15 +29,20 @@ from pipelines.stages.base import Context, Stage, StageReporter
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.migration import migrate
 from pipelines.takes.records import write_failure
-from pipelines.takes.take import Take, program_version
-from studio.errors import Cancelled, StudioError
+from pipelines.takes.settings_file import save_config
+from pipelines.takes.take import Take
+from pipelines.version import program_version
+from studio.errors import Cancelled, Message, StudioError
 
-_CUT_SHORT = "the step under way was cut short, what was finished before it is kept; run again to go on"
+_KEPT = Message("run.cancelled", "finished work is kept", fix="Run again to resume.")
+_INTERRUPTED = Message(
+    "run.cancelled", "the current step was interrupted; finished work is kept", fix="Run again to resume."
+)
 ALL_STAGES = tuple(stage.name for stage in STAGES)
 
 
 def status(take: Take, config: Config) -> dict[str, StageStatus]:
-    """How each stage of the take stands under these settings, in order."""
+    """The status of each stage under these settings, in order."""
     return assess_all(STAGES, Context(take, config))
 
 
@@ -50,48 +56,50 @@ def run(
     cancellation: Cancellation | None = None,
     command: str = "v3studio run",
 ) -> None:
-    """Bring stages of a take up to date; what is up to date already is left alone.
+    """Run the stages of a take that are not up to date.
 
     Args:
-        take: the take; locked while this runs.
+        take: the take; locked meanwhile.
         config: all settings; written to the take's config.yaml.
-        emit: receives the events, `RunFinished` last, whatever happens.
-        stages: names; stages that these need must be up to date or be among them.
-        force: run them even if they are up to date, from their beginning.
-        cancellation: set it from another thread to stop; SIGINT and SIGTERM set it too.
-        command: who holds the take, for the message that a second run gets.
+        emit: receives the events; the last is always `RunFinished`.
+        stages: names. Stages that they depend on must be up to date or among them.
+        force: run them from scratch even if they are up to date.
+        cancellation: set it from another thread to cancel; SIGINT and SIGTERM set it too.
+        command: recorded in the lock, for the error that a second run gets.
 
     Raises:
-        StudioError: bad input, a second run, a full disk.
-        Cancelled: asked to stop.
+        StudioError: bad input, a second run (`take.locked`), a full disk (`take.disk_full`), a stage that is not up to
+            date and not among `stages` (`stage.dependency`).
+        Cancelled: the run was cancelled.
     """
     cancellation = cancellation or Cancellation()
     names = [stage.name for stage in STAGES if stage.name in set(stages)]
-    tell = emit
+    report = emit
 
-    def finish(outcome: str, message: str = "") -> None:
-        tell(RunFinished(outcome=outcome, seconds=round(clock() - started, 2), message=message))
+    def finish(outcome: str, message: Message | None = None) -> None:
+        parts = {} if message is None else RunFinished.parts(message)
+        report(RunFinished(outcome=outcome, seconds=round(clock() - started, 2), **parts))
 
-    with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _CUT_SHORT)):
+    with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _INTERRUPTED)):
         started = clock()
         try:
             with disk_errors(take.root), take.locked(command):
                 migrate(take)
-                tell = Logged(emit, take)
-                _run_locked(Context(take, config, tell, cancellation, clock), names, force, started)
+                report = Logged(emit, take)
+                _run_locked(Context(take, config, report, cancellation, clock), names, force, started)
         except Cancelled:
-            finish("cancelled", "what is finished is kept; run again to go on")
+            finish("cancelled", _KEPT)
             raise
         except Exception as error:
-            finish("failed", str(error) if isinstance(error, StudioError) else f"{type(error).__name__}: {error}")
+            finish("failed", as_message(error))
             raise
         finish("done")
 
 
 class Logged:
-    """Passes events on and writes them to the take's log, a JSON object a line; the log of the run before is replaced.
+    """Forwards events and writes them to the take's log, replacing that of the previous run.
 
-    Progress is written every two seconds only, or the log of a long run would fill the disk.
+    Progress is logged every two seconds only, to keep logs of long runs small.
     """
 
     def __init__(self, emit: Emit, take: Take) -> None:
@@ -105,14 +113,14 @@ class Logged:
             if time.monotonic() - self._last_progress < 2:
                 return
             self._last_progress = time.monotonic()
-        # a log that cannot be written (a full disk) must not hide what the event tells
+        # an unwritable log (a full disk) must not stop the event
         with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as file:
             file.write(event.to_json() + "\n")
 
 
 def _run_locked(context: Context, names: list[str], force: bool, run_started: float) -> None:
-    write_text(context.take.config, dump_config(context.config))
-    _ = context.footage.raw, context.footage.digest  # footage that cannot be read is told before anything else
+    save_config(context.take.config, context.config)
+    _ = context.footage.raw, context.footage.digest  # report unreadable footage before anything else
     found = assess_all(STAGES, context)
     todo = [name for name in names if force or found[name].state != DONE]
     _refuse_gaps(todo, found)
@@ -126,43 +134,48 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
         )
     )
     if {"train", "bake", "evaluate"} & set(todo) and context.config.run.device not in ("auto", "cpu"):
-        _ = context.device  # a GPU that is not there is told before the hours of work that come first
+        _ = context.device  # report a missing GPU before hours of work
     if "evaluate" in todo:
-        _ = context.lpips  # nor is a metric that cannot be loaded found out at the very end
+        _ = context.lpips  # likewise LPIPS weights that cannot be loaded
     _limit_threads(context.threads)
     weights = {name: stage_named(name).weight for name in todo}
     reporter: StageReporter | None = None
     for position, name in enumerate(todo):
         stage = stage_named(name)
-        # stages before this one have run by now: what looked stale may be up to date after all
+        # earlier stages have run: if their results did not change, this one may be up to date after all
         now = assess(stage, context, assess_all(STAGES, context))
         if now.state == DONE and not force:
             continue
         reached = reporter.total_fraction if reporter else 0.0
         later = sum(weights[after] for after in todo[position + 1 :])
         reporter = StageReporter(name, context, weights[name], later, context.clock() - run_started, reached)
-        _run_stage(stage, context, reporter, "asked for" if force and now.state == DONE else now.reason, force)
+        _run_stage(stage, context, reporter, "forced" if force and now.state == DONE else now.reason, force)
     if "evaluate" in names and "evaluate" not in todo:
         _update_marks(context)
 
 
 def _update_marks(context: Context) -> None:
-    """What was marked since the report was written; a report that has no place for marks stays as it is."""
+    """Update the marks in the report; a report of an earlier version, which has none, stays as is."""
     from pipelines.reports.evaluation import update_marks
 
     with contextlib.suppress(StudioError):
         if update_marks(context.take, context.groups):
-            context.emit(Log(stage="evaluate", message="the report's marks are those of marks.json again"))
+            context.emit(Log(stage="evaluate", message="updated the marks in the report"))
 
 
 def _refuse_gaps(todo: list[str], found: dict[str, StageStatus]) -> None:
     for name in todo:
         for dependency in stage_named(name).dependencies:
             if dependency not in todo and found[dependency].state != DONE:
+                status, reason = found[dependency].state, found[dependency].reason
                 raise StudioError(
-                    f"The stage {name} needs {dependency}, which is {found[dependency].state}"
-                    f"{f' ({found[dependency].reason})' if found[dependency].reason else ''}; "
-                    f"run `v3studio {dependency}` first, or `v3studio run` for all that is needed."
+                    "stage.dependency",
+                    f"the stage {name} needs {dependency}, which is {status}{f' ({reason})' if reason else ''}",
+                    fix=f"Run `v3studio {dependency}` first, or `v3studio run` for all stages.",
+                    stage=name,
+                    dependency=dependency,
+                    state=status,
+                    reason=reason,
                 )
 
 
@@ -177,23 +190,23 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
             remove(path)
     try:
         with disk_errors(context.take.root):
-            summary = stage.run(context, reporter)
+            summary = stage.run(context, reporter).to_json()
             context.cancellation.check()
             seconds = context.clock() - started
             write_record(stage, context, seconds, summary)
     except Cancelled:
         raise
     except Exception as error:
-        ours = not isinstance(error, StudioError)
-        message = f"{type(error).__name__}: {error}" if ours else str(error)
-        context.emit(StageFailed(stage=stage.name, message=message, traceback=traceback.format_exc() if ours else ""))
+        trace = "" if isinstance(error, StudioError) else traceback.format_exc()
+        message = as_message(error)
+        context.emit(StageFailed(stage=stage.name, traceback=trace, **StageFailed.parts(message)))
         _try_to_note_failure(context, stage.name, message)
         raise
     context.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary))
 
 
-def _try_to_note_failure(context: Context, stage: str, message: str) -> None:
-    # a full disk has no room for the note either; the event and the exit code tell
+def _try_to_note_failure(context: Context, stage: str, message: Message) -> None:
+    # on a full disk the record cannot be written either; the event and the exit code report the failure
     with contextlib.suppress(OSError):
         write_failure(context.take, stage, message)
 

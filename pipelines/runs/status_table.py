@@ -1,4 +1,4 @@
-"""How each stage of a take stands: a table for people, JSON for programs."""
+"""The status of a take's stages: a table for people, JSON for programs."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _COLORS = {"done": "green", "partial": "yellow", "stale": "yellow", "failed": "r
 
 
 def print_status(take: Take, config: Config) -> None:
-    """A row a stage, and who holds the take."""
+    """Print one row per stage, and the run in progress."""
     screen = console()
-    table = table_of("stage", "state", "finished", "took", "why", left=(0, 1, 4))
+    table = table_of("stage", "status", "progress", "time", "reason", left=(0, 1, 4))
     for name, state in status(take, config).items():
         units = f"{state.units_done}/{state.units} {state.unit}" if state.units else ""
         took = duration(state.seconds) if state.seconds is not None and state.state == "done" else ""
@@ -25,10 +25,10 @@ def print_status(take: Take, config: Config) -> None:
     screen.print(table)
     holder = take.running()
     if holder is not None:
-        screen.print(f"running now: process {holder.get('pid')}, {holder.get('command')}", markup=False)
+        screen.print(f"run in progress: process {holder.get('pid')}, {holder.get('command')}", markup=False)
 
 
 def status_json(take: Take, config: Config) -> str:
-    """The same for programs."""
+    """The same as JSON."""
     stages = {name: asdict(state) for name, state in status(take, config).items()}
     return json.dumps({"take": str(take.root), "running": take.running(), "stages": stages}, indent=1)

@@ -1,4 +1,4 @@
-"""The stages in the order they run. Each reads the take, calls `studio`, and writes the take."""
+"""The stages in the order in which they run. Each reads the take, calls `studio`, and writes to the take."""
 
 from pipelines.stages.bake import BakeStage
 from pipelines.stages.base import Stage

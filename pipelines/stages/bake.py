@@ -1,4 +1,4 @@
-"""Baking: trained groups to the stream. The stream folder appears only when all of it is there."""
+"""Bakes trained groups to a stream. The stream's folder is replaced as a whole."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import numpy as np
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.params import Params, key_of, settings_affecting
-from pipelines.takes.atomic_files import digest_of_file, link_or_copy, read_json, remove, write_json
+from pipelines.stages.summaries import BakeSummary
+from pipelines.takes.atomic_files import digest_of_file, link_or_copy, read_model, remove, write_model
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
+from pipelines.takes.stage_files import BakedGroup
 from pipelines.takes.take import group_name
-from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
@@ -25,10 +26,10 @@ if TYPE_CHECKING:
 
 
 class BakeStage:
-    """See the module. A unit is a group.
+    """The stage `bake`; its units are groups.
 
-    Groups are baked into a working folder, each with a note of its recipe; when all are there, the manifest is written
-    and the folder takes the place of the old stream. Groups of the old stream that are still right are taken over.
+    Groups are baked into a work folder, each with a file that says what it was made from. When all are finished, the
+    manifest is written and the folder replaces the old stream. Valid groups of the old stream are reused.
     """
 
     name = "bake"
@@ -38,23 +39,23 @@ class BakeStage:
     dependencies: tuple[str, ...] = ("train",)
 
     def params(self, context: Context) -> Params:
-        """How frames become video, and what the manifest says beside them."""
+        """Encoding settings, and what the manifest holds."""
         return {
             **settings_affecting(context.config, "videos", "manifest"),
             "frames a second": float(context.footage.raw.fps),
         }
 
     def results(self, context: Context) -> list[Path]:
-        """Everything in the stream's folder."""
+        """All files of the stream."""
         return sorted(path for path in context.take.stream.rglob("*") if path.is_file())
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """Groups that are baked by this recipe."""
+        """Groups that are baked with current settings and inputs."""
         groups = context.groups
         return sum(self._place(context, group) is not None for group in groups), len(groups), "groups"
 
-    def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
-        """Bake what is missing, then put the stream in its place."""
+    def run(self, context: Context, reporter: StageReporter) -> BakeSummary:
+        """Bake the groups that are missing, then replace the stream."""
         from studio.stream import GroupEntry, write_manifest
 
         groups = context.groups
@@ -70,7 +71,7 @@ class BakeStage:
             elif place != new / group_name(group.index):
                 remove(new / group_name(group.index))
                 shutil.copytree(place, new / group_name(group.index), copy_function=link_or_copy)
-            entries.append(GroupEntry.from_dict(read_json(self._note(context, group))["entry"]))
+            entries.append(GroupEntry.from_dict(read_model(self._note(context, group), BakedGroup).entry))
             reporter.metrics(
                 {"splats": entries[-1].splats, "bytes": entries[-1].bytes, "frames": entries[-1].frame_count},
                 group=group.index,
@@ -86,18 +87,18 @@ class BakeStage:
             if path.stem not in wanted:
                 remove(path)
         total = manifest.total_bytes
-        return {
-            "groups": len(groups),
-            "frames": manifest.frame_count,
-            "bytes": total,
-            "bytes_per_frame": round(total / manifest.frame_count),
-        }
+        return BakeSummary(
+            groups=len(groups),
+            frames=manifest.frame_count,
+            bytes=total,
+            bytes_per_frame=round(total / manifest.frame_count),
+        )
 
     def _folder(self, context: Context) -> Path:
         return context.take.work(self.name) / "stream"
 
     def _note(self, context: Context, group: Group) -> Path:
-        """Recipe and manifest entry of a baked group."""
+        """File with the key, digests and manifest entry of a baked group."""
         return context.take.work(self.name) / f"{group_name(group.index)}.json"
 
     def _key(self, context: Context, group: Group) -> str:
@@ -108,17 +109,16 @@ class BakeStage:
         )
 
     def _place(self, context: Context, group: Group) -> Path | None:
-        """Folder that holds the group as this recipe bakes it: in the working folder or in the old stream."""
+        """Folder of a valid baked group, in the work folder or in the old stream; None if it must be baked."""
         if not self._note(context, group).is_file():
             return None
-        note = read_json(self._note(context, group))
-        if note.get("key") != self._key(context, group):
+        note = read_model(self._note(context, group), BakedGroup)
+        if note.key != self._key(context, group):
             return None
-        sizes = note["files"]
         for folder in (self._folder(context), context.take.stream):
             place = folder / group_name(group.index)
             found = {path.name: path.stat().st_size for path in place.iterdir()} if place.is_dir() else {}
-            if found == sizes and all(digest_of_file(place / name) == note["digests"][name] for name in sizes):
+            if found == note.files and all(digest_of_file(place / name) == note.digests[name] for name in found):
                 return place
         return None
 
@@ -138,18 +138,18 @@ class BakeStage:
             threads=context.config.run.threads,
         )
         files = sorted((self._folder(context) / group_name(group.index)).iterdir())
-        write_json(
+        write_model(
             self._note(context, group),
-            {
-                "key": self._key(context, group),
-                "files": {path.name: path.stat().st_size for path in files},
-                "digests": {path.name: digest_of_file(path) for path in files},
-                "entry": entry.to_dict(),
-            },
+            BakedGroup(
+                key=self._key(context, group),
+                files={path.name: path.stat().st_size for path in files},
+                digests={path.name: digest_of_file(path) for path in files},
+                entry=entry.to_dict(),
+            ),
         )
 
     def _metadata(self, context: Context) -> dict[str, Any]:
-        """Nothing that changes from run to run: equal takes bake to equal bytes."""
+        """Deterministic, so that equal takes bake to equal bytes."""
         footage = context.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         return {
@@ -159,7 +159,7 @@ class BakeStage:
         }
 
     def _put_in_place(self, context: Context, new: Path) -> None:
-        """Swap folders. A kill between the two renames leaves the new stream complete in the working folder."""
+        """Swap folders. If killed between the renames, the complete new stream is still in the work folder."""
         stream = context.take.stream
         old = context.take.work(self.name) / "old"
         remove(old)
@@ -170,9 +170,9 @@ class BakeStage:
 
 
 class DrawnError:
-    """How far decoded frames look from the trained ones: what `bake.target_psnr` is measured by.
+    """Image error of decoded frames against trained ones, for `bake.target_psnr`.
 
-    Trained frames are drawn from a few cameras around the performer, in the box that holds what is drawn.
+    Both are rendered from a few cameras around the performer and compared in the bounding box of the foreground.
     """
 
     CAMERAS = 4
@@ -203,7 +203,12 @@ class DrawnError:
 
 
 def drawn_box(image: np.ndarray, background: Sequence[float]) -> tuple[slice, slice]:
-    """Rows and columns of an (H, W, 3) image that hold all that differs from the background; all, if nothing does."""
+    """Rows and columns of the bounding box of everything that differs from the background; all if nothing does.
+
+    Args:
+        image: (H, W, 3), 0 to 1.
+        background: RGB, 0 to 1.
+    """
     differs = (np.abs(image - np.array(background, dtype=np.float32)) > 1 / 255).any(axis=2)
     rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
     if rows.size == 0:
@@ -212,7 +217,7 @@ def drawn_box(image: np.ndarray, background: Sequence[float]) -> tuple[slice, sl
 
 
 class TrainedFrames(Sequence["Gaussians"]):
-    """The group's trained frames, each read when asked for."""
+    """The trained frames of a group, read on access."""
 
     def __init__(self, context: Context, group: Group) -> None:
         self._paths = [context.take.trained_frame(group.index, index) for index in group.indices]
@@ -222,5 +227,5 @@ class TrainedFrames(Sequence["Gaussians"]):
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
-            raise StudioError("Trained frames are read one by one, not by slices.")
+            raise TypeError("trained frames do not support slices")
         return read_frame(self._paths[index])

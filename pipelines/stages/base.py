@@ -1,4 +1,4 @@
-"""What a stage is, and what it is given to work with."""
+"""The stage interface, and what stages work with: context and reporter."""
 
 from __future__ import annotations
 
@@ -18,54 +18,67 @@ from pipelines.stages.device import choose_device
 from pipelines.stages.footage import TakeFootage
 from pipelines.stages.grouping import groups_of
 from pipelines.stages.params import Params
+from pipelines.takes.atomic_files import Result
 from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
+from studio.errors import Message
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from studio.perceptual import Lpips
 
 _LEAST_PAUSE = 0.2
-"""Seconds between two progress events of a stage."""
+"""Shortest interval in seconds between two progress events of a stage."""
 
 
 @dataclass
 class Context:
-    """A take at work: its settings, where events go, the flag that stops it, and the footage once it is opened."""
+    """A take with its settings, and what a run needs.
+
+    Attributes:
+        take: the take.
+        config: all settings.
+        emit: receives events.
+        cancellation: flag that cancels the run.
+        clock: work time in seconds; does not advance while the run is paused.
+    """
 
     take: Take
     config: Config
     emit: Emit = lambda event: None
     cancellation: Cancellation = field(default_factory=Cancellation)
     clock: Callable[[], float] = time.monotonic
-    """Seconds of work: a run's stands still while it is paused."""
 
     @cached_property
     def footage(self) -> TakeFootage:
-        """The footage, opened when it is first asked for."""
+        """The footage, opened on first access."""
         return TakeFootage(self.take, self.config)
 
     @property
     def groups(self) -> tuple[Group, ...]:
-        """The take's frames, cut into groups; see `pipelines.stages.grouping`."""
+        """The take's frames in groups; see `pipelines.stages.grouping`."""
         return groups_of(self.footage)
 
     @property
     def threads(self) -> int:
-        """CPU threads that the run may use."""
+        """Number of CPU threads to use."""
         return self.config.run.threads or len(os.sched_getaffinity(0))
 
     @cached_property
     def device(self) -> str:
-        """Where training and drawing run: "cpu", "cuda" or "cuda:1"."""
+        """torch device for training and rendering: "cpu", "cuda" or "cuda:1".
+
+        Raises:
+            StudioError: no such GPU (`run.no_gpu`).
+        """
         return choose_device(self.config.run.device)
 
     @cached_property
     def lpips(self) -> Lpips | None:
-        """What LPIPS is measured with, loaded when it is first asked for; None where it is not to be measured.
+        """The LPIPS metric, loaded on first access; None if `evaluate.lpips` is null.
 
         Raises:
-            StudioError: the network's weights cannot be fetched or read.
+            StudioError: the weights of the network cannot be downloaded or read.
         """
         if self.config.evaluate.lpips is None:
             return None
@@ -76,15 +89,14 @@ class Context:
 
 @dataclass
 class StageReporter:
-    """How a stage talks: progress with time left, figures, pictures, warnings. Checks for cancellation each time.
-    Thread safe.
+    """Emits a stage's events: progress with time left, figures, previews, warnings. Thread-safe.
 
     Attributes:
-        stage: its name.
-        context: where events go and what stops it.
-        own, later: the stage's share of the run and that of the stages after it, before anything is measured.
-        before: seconds that the run took until this stage began.
-        total_fraction: how far the run is, 0 to 1; never goes back.
+        stage: name of the stage.
+        context: receives the events.
+        own, later: expected weight of this stage and of all later ones in the run.
+        before: seconds that the run took before this stage.
+        total_fraction: progress of the run, 0 to 1; never decreases.
     """
 
     stage: str
@@ -101,17 +113,22 @@ class StageReporter:
         self._lock = threading.Lock()
 
     def progress(self, fraction: float, label: str = "", **figures: Any) -> None:
-        """Tell how far the stage is, 0 to 1. Calls that follow each other quickly are not passed on.
+        """Report progress of the stage; calls in quick succession are dropped.
+
+        Args:
+            fraction: 0 to 1.
+            label: the step in progress.
+            figures: loss, psnr, splats, ...
 
         Raises:
-            Cancelled: the run was asked to stop.
+            Cancelled: the run was cancelled.
         """
         self.context.cancellation.check()
         with self._lock:
             self._progress(fraction, label, figures)
 
     def _progress(self, fraction: float, label: str, figures: dict[str, Any]) -> None:
-        # estimates of what is left may grow; what is behind stays behind
+        # estimates of the time left may grow, but progress never decreases
         fraction = self._fraction = max(self._fraction, fraction)
         now = self.context.clock()
         if now - self._last < _LEAST_PAUSE and fraction < 1:
@@ -136,54 +153,56 @@ class StageReporter:
         )
 
     def start_clock(self) -> None:
-        """What went before (checks, warming up) says nothing about how long the rest takes."""
+        """Estimate the time left from now on only: checks and warm-up before say nothing about it."""
         self._clock = self.context.clock()
 
     def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
-        """A callback for library functions that fills the stretch from `start` to `stop` of this stage."""
+        """A progress callback for library functions, mapped to the range `start` to `stop` of this stage."""
 
-        def tell(done: int, total: int, **figures: Any) -> None:
-            share = done / total if total else 0.0
-            self.progress(start + (stop - start) * min(1.0, share), label, **figures)
+        def report(done: int, total: int, **figures: Any) -> None:
+            fraction = done / total if total else 0.0
+            self.progress(start + (stop - start) * min(1.0, fraction), label, **figures)
 
-        return tell
+        return report
 
     def _emit(self, event: Event) -> None:
         with self._lock:
             self.context.emit(event)
 
     def metrics(self, values: dict[str, Any], group: int | None = None, frame: int | None = None) -> None:
-        """Figures that are final for a frame, a group or the stage."""
+        """Report final figures of a frame, a group or the stage."""
         self._emit(Metrics(stage=self.stage, values=values, group=group, frame=frame))
 
     def preview(self, path: Path, caption: str, **where: Any) -> None:
-        """A picture that now stands at `path`; `where` as in `Preview`."""
+        """Report a preview image at `path`; `where`: other attributes of `Preview`."""
         self._emit(Preview(stage=self.stage, path=str(path), caption=caption, **where))
 
     def log(self, message: str) -> None:
-        """A line for those who want to know more."""
+        """Report a detail that is only shown in logs."""
         self._emit(Log(stage=self.stage, message=message))
 
-    def warn(self, message: str) -> None:
-        """Something the user should look at."""
-        self._emit(Warned(stage=self.stage, message=message))
+    def warn(self, message: Message | str) -> None:
+        """Report a warning. Plain text gets the code `STAGE.warning`."""
+        if not isinstance(message, Message):
+            message = Message(f"{self.stage}.warning", message)
+        self._emit(Warned(stage=self.stage, **Warned.parts(message)))
 
 
 def _seconds_left(elapsed: float, fraction: float) -> float | None:
-    """None until two seconds and a hundredth are behind us: earlier estimates jump."""
+    """None during the first two seconds and the first percent: earlier estimates are too noisy."""
     if fraction < 1 and (elapsed < 2 or fraction < 0.01):
         return None
     return elapsed * (1 - fraction) / fraction
 
 
 class Stage(Protocol):
-    """A step from footage to stream. Stages know the take's layout and call `studio`; they hold no state.
+    """A step from footage to stream. Stages read and write the take and call `studio`; they hold no state.
 
     Attributes:
         name: as in the take and on the command line.
-        title: what it does, for people.
-        version: raised whenever its results change meaning or form; older results are then stale.
-        weight: share of a run's time, roughly, before anything is measured.
+        title: for people.
+        version: raised whenever the format or meaning of its results changes; older results are then stale.
+        weight: rough share of a run's time.
         dependencies: stages whose results it reads.
     """
 
@@ -199,27 +218,30 @@ class Stage(Protocol):
     def dependencies(self) -> tuple[str, ...]: ...
 
     def params(self, context: Context) -> Params:
-        """Settings and inputs that the results are made from; other stages' results are added by the runner."""
+        """Settings and inputs that affect the results; the runner adds the results of `dependencies`."""
         ...
 
     def results(self, context: Context) -> list[Path]:
-        """Files that the stage leaves; later stages depend on their content."""
+        """Files that the stage writes; later stages depend on their content."""
         ...
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """Units that are finished and still valid, units in all, what they are called; None where it has none."""
+        """Number of finished valid units, number of all units, their name ("frames"); None if it has no units."""
         ...
 
-    def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
-        """Make the results, going on from finished units; returns figures for the summary line.
+    def run(self, context: Context, reporter: StageReporter) -> Result:
+        """Write the results; finished units are kept.
+
+        Returns:
+            the main figures: a model of `pipelines.stages.summaries`.
 
         Raises:
             StudioError: bad input.
-            Cancelled: the run was asked to stop.
+            Cancelled: the run was cancelled.
         """
         ...
 
 
 def leftover(folder: Path, wanted: Sequence[Path], pattern: str) -> list[Path]:
-    """Entries of `folder` that match `pattern` and are not wanted (of an earlier, longer run)."""
+    """Entries of `folder` that match `pattern` and are not in `wanted`, such as those of an earlier, longer run."""
     return [path for path in sorted(folder.glob(pattern)) if path not in set(wanted)]

@@ -1,4 +1,4 @@
-"""The calibrate stage's boards: from the patterns in the settings to what `studio.calibration` takes."""
+"""Calibration from footage of a calibration target, for the stage `calibrate`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipelines.stages.base import Context, StageReporter
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.calibration import CalibrationResult, TargetObservation
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def board_digest(context: Context) -> list[str]:
-    """What the files with the board are."""
+    """Digests of the files with the calibration target."""
     section = context.config.calibrate
     return [
         _open(context, pattern).digest() for pattern in (section.board_images, section.intrinsics_images) if pattern
@@ -26,10 +26,11 @@ def board_digest(context: Context) -> list[str]:
 
 
 def calibrate_with_boards(context: Context, reporter: StageReporter) -> CalibrationResult:
-    """Cameras from `calibrate.board_images`, their lenses from `calibrate.intrinsics_images` too.
+    """Calibrate the cameras from `calibrate.board_images`, and their intrinsics from `calibrate.intrinsics_images` too.
 
     Raises:
-        StudioError: the footage of the board lacks a camera, or does not fix the cameras.
+        StudioError: a camera has no footage of the target (`target.no_footage`), footage of two sizes
+            (`target.size_mismatch`), or too few observations.
     """
     from studio.calibration import calibrate_from_target
 
@@ -40,10 +41,15 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
         for name, size in own_sizes.items():
             if sizes[name] != size:
                 raise StudioError(
-                    f"Camera '{name}': its lens pictures are {size[0]}x{size[1]}, its board footage is "
-                    f"{sizes[name][0]}x{sizes[name][1]}; film both at one size."
+                    "target.size_mismatch",
+                    f"camera '{name}': calibrate.intrinsics_images is {size[0]}x{size[1]}, but calibrate.board_images "
+                    f"is {sizes[name][0]}x{sizes[name][1]}",
+                    value=size,
+                    fix="Record both at the same size.",
+                    camera=name,
+                    expected=sizes[name],
                 )
-        # moments that no other camera shares
+        # sync frames of their own, shared with no other camera
         alone = min([sync_frame for sync_frame, _ in views] or [0]) - 1
         for number, ((_, name), view) in enumerate(own.items()):
             views[alone - number, name] = view
@@ -58,8 +64,14 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
     left_out, used = result.report["boards"]["views_left_out"], result.report["boards"]["views"]
     if left_out > 0.2 * (left_out + used):
         reporter.warn(
-            f"In {left_out} of {left_out + used} views the board is not where the other cameras see it at that moment; "
-            "they were left out. Are the cameras synchronized, was the board moved slowly?"
+            Message(
+                "target.outlier_views",
+                f"rejected {left_out} of {left_out + used} views: their target pose disagrees with other cameras in "
+                "the same frame",
+                value=left_out,
+                fix="Check that the cameras are synchronized and that the target was moved slowly.",
+                fields={"views": left_out + used},
+            )
         )
     return result
 
@@ -67,10 +79,13 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
 def lenses_from_boards(
     context: Context, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[str, Camera], dict[str, Any]]:
-    """Lenses from `calibrate.intrinsics_images`, and how well they fit.
+    """Calibrate intrinsics from `calibrate.intrinsics_images`.
+
+    Returns:
+        cameras by name, and a report of their reprojection errors.
 
     Raises:
-        StudioError: a camera sees the board too seldom.
+        StudioError: a camera has no footage of the target, or too few observations.
     """
     from studio.calibration import calibrate_lenses
 
@@ -105,11 +120,16 @@ def _views(
     missing = [name for name in names if name not in footage.camera_names]
     if missing:
         raise StudioError(
-            f"The pattern '{pattern}' finds no pictures of camera '{missing[0]}' (it finds "
-            f"{', '.join(footage.camera_names)}); all cameras of the footage need them, under the same names."
+            "target.no_footage",
+            f"the pattern '{pattern}' matches no images of camera '{missing[0]}' (found: "
+            f"{', '.join(footage.camera_names)})",
+            value=pattern,
+            fix="Every camera of the footage needs images of the calibration target, under the same camera name.",
+            camera=missing[0],
+            found=list(footage.camera_names),
         )
     most = context.config.calibrate.board_frames
-    # the same moments of all cameras
+    # the same frames for all cameras
     frames = sorted({frame for name in names for frame in footage.frames_of(name)})
     chosen = {frames[int(index)] for index in np.linspace(0, len(frames) - 1, min(most, len(frames)))}
     sync_frames, readers = {}, {}
@@ -122,7 +142,7 @@ def _views(
             readers,
             sync_frames,
             context.config.calibrate.board,
-            reporter.part("looking for the board", start, stop),
+            reporter.part("detecting the target", start, stop),
         )
     finally:
         footage.close()

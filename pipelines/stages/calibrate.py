@@ -1,4 +1,4 @@
-"""Cameras: those that came with the capture, else structure from motion on one moment of the footage."""
+"""The stage `calibrate`: cameras from a file, a calibration target, tie points, or structure from motion."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ from pipelines.stages.known_cameras import (
     tie_file,
 )
 from pipelines.stages.params import Params, settings_affecting
-from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_json
+from pipelines.stages.summaries import CalibrateSummary
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_json, write_text
 from pipelines.takes.point_files import write_points
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.cameras import Camera, Rig
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 
 class CalibrateStage:
-    """See the module."""
+    """The stage `calibrate`; it has no units."""
 
     name = "calibrate"
     title = "Cameras"
@@ -46,7 +47,7 @@ class CalibrateStage:
     dependencies: tuple[str, ...] = ()
 
     def params(self, context: Context) -> Params:
-        """A calibration file's content, or the footage and how it is calibrated."""
+        """Content of the calibration file, or the footage and calibration settings."""
         given = _given(context)
         config = context.config
         if given is not None:
@@ -73,11 +74,11 @@ class CalibrateStage:
         return [context.take.rig]
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """All or nothing."""
+        """It has none."""
         return None
 
-    def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
-        """Write rig.json and report.json."""
+    def run(self, context: Context, reporter: StageReporter) -> CalibrateSummary:
+        """Write rig.json and report.json; points.ply and report.html if the cameras were calibrated."""
         from studio.camera_files import write_rig
 
         given = _given(context)
@@ -93,22 +94,20 @@ class CalibrateStage:
             write_rig(rig, temporary)
         write_json(context.take.calibration_report, report)
         if "reprojection" in report:
-            page = render_calibration(report, rig.names)
-            with atomic_path(context.take.calibration_report.with_suffix(".html")) as temporary:
-                temporary.write_text(page, encoding="utf-8")
+            write_text(context.take.calibration_report.with_suffix(".html"), render_calibration(report, rig.names))
             reporter.metrics(calibration_figures(report))
             for sentence in calibration_lenses(report):
                 reporter.log(sentence)
-            for sentence in calibration_warnings(report):
-                reporter.warn(sentence)
+            for warning in calibration_warnings(report):
+                reporter.warn(warning)
         context.footage.forget_cameras()
-        reporter.progress(1.0, "cameras stand")
+        reporter.progress(1.0, "done")
         figures = {"cameras": len(rig), "source": report["source"]}
         if "reprojection" in report:
             figures |= {"quality": report["quality"], "mean_error_px": report["reprojection"]["mean"]}
         if "match_inlier_ratio" in report:
             figures["match_inlier_ratio"] = report["match_inlier_ratio"]
-        return figures
+        return CalibrateSummary(**figures)
 
     def _from_file(self, context: Context, path: Path) -> tuple[Any, dict[str, Any]]:
         from studio.camera_files import read_rig
@@ -127,20 +126,30 @@ class CalibrateStage:
         frames = context.footage.raw.frames
         section = context.config.calibrate
         if section.frame is None:
-            # the middles of equal parts: the ends of a take are often empty
+            # centers of equal parts: often nobody is in view at the ends of a take
             count = min(section.frames, len(frames))
             if count == 1:
                 return [int(frames[0])]
             return [int(frames[int((part + 0.5) * len(frames) / count)]) for part in range(count)]
         if section.frames > 1:
             raise StudioError(
-                f"calibrate.frame = {section.frame} names one frame, calibrate.frames = {section.frames} asks for "
-                "several; set one of them."
+                "settings.conflict",
+                f"calibrate.frame = {section.frame} selects one frame, but calibrate.frames = {section.frames} asks "
+                "for several",
+                value=section.frame,
+                fix="Set only one of them.",
+                setting="calibrate.frame",
+                other="calibrate.frames",
             )
         if section.frame not in frames:
             raise StudioError(
-                f"calibrate.frame = {section.frame} is not among the frames that are used ({frames[0]} to "
-                f"{frames[-1]})."
+                "settings.unknown_frame",
+                f"calibrate.frame = {section.frame} is not a used frame",
+                value=section.frame,
+                fix=f"Used frames are {frames[0]} to {frames[-1]}.",
+                setting="calibrate.frame",
+                first=int(frames[0]),
+                last=int(frames[-1]),
             )
         return [section.frame]
 
@@ -160,12 +169,21 @@ class CalibrateStage:
         masks = None
         if section.frames > len(frames):
             reporter.warn(
-                f"calibrate.frames asks for {section.frames} moments, but only {len(frames)} are used of the footage."
+                Message(
+                    "footage.few_frames",
+                    f"calibrate.frames = {section.frames}, but the footage has only {len(frames)} used frames",
+                    value=section.frames,
+                    fields={"setting": "calibrate.frames", "frames": len(frames)},
+                )
             )
         if section.look_at != "everything" and context.config.capture.masks == "none":
             raise StudioError(
-                f"calibrate.look_at = {section.look_at} needs masks, but capture.masks is none; choose how masks are "
-                "made, or look at everything."
+                "settings.conflict",
+                f"calibrate.look_at = {section.look_at} needs mattes, but capture.masks is none",
+                value=section.look_at,
+                fix="Set capture.masks, or calibrate.look_at to everything.",
+                setting="calibrate.look_at",
+                other="capture.masks",
             )
         if section.look_at != "everything":
             room = section.look_at == "room"
@@ -207,8 +225,13 @@ class CalibrateStage:
         strange = sorted({camera for point in points for camera in point.pixels} - set(names))
         if strange and not context.config.capture.cameras:
             raise StudioError(
-                f"{tie_file(context)} has marks in camera '{strange[0]}', which the footage has not; it has "
-                f"{', '.join(names)}."
+                "tie_points.unknown_camera",
+                f"camera '{strange[0]}' not found in the footage",
+                file=tie_file(context),
+                value=strange[0],
+                fix=f"Cameras of the footage: {', '.join(names)}.",
+                camera=strange[0],
+                found=list(names),
             )
         lenses, _, report = _known_lenses(context, reporter)
         result = calibrate_from_tie_points(
@@ -219,30 +242,36 @@ class CalibrateStage:
             distance=known_distance(section, names),
             settings=section,
             seed=context.config.run.seed,
-            progress=reporter.part("placing the cameras", 0.2 if section.intrinsics_images else 0.0, 1.0),
+            progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         _keep_points(context, result.points, result.colors)
         return result.rig, {"source": "tie points", "file": str(tie_file(context)), **report, **result.report}
 
 
 def _given(context: Context) -> Path | None:
-    """The camera file to take; one that merely lies there gives way to what the settings ask for by name.
+    """The calibration file to use; one found by capture.rig = auto is ignored if another source is set.
 
     Raises:
-        StudioError: the settings ask for several ways at once.
+        StudioError: several sources are set (`settings.conflict`).
     """
     section, rig = context.config.calibrate, context.config.capture.rig
     ways = [name for name in ("board_images", "tie_points") if getattr(section, name)]
     if rig not in (None, "auto"):
         ways.insert(0, "capture.rig")
     if len(ways) > 1:
-        named = " and ".join(way if "." in way else f"calibrate.{way}" for way in ways)
-        raise StudioError(f"{named} each say where the cameras come from; keep one of them (capture.rig can be null).")
+        names = [way if "." in way else f"calibrate.{way}" for way in ways]
+        raise StudioError(
+            "settings.conflict",
+            f"several sources of cameras are set: {' and '.join(names)}",
+            fix="Keep one of them; capture.rig can be null.",
+            setting=names[0],
+            other=names[1],
+        )
     return None if ways and ways != ["capture.rig"] else camera_file(context.config.capture)
 
 
 def _lens_files(context: Context) -> Params:
-    """What the lenses that are known beforehand are read from (see `_known_lenses`)."""
+    """Digests of the files that known intrinsics are read from (see `_known_lenses`)."""
     section = context.config.calibrate
     return {
         **({"known": _digest(known_file(context))} if section.known_cameras else {}),
@@ -256,7 +285,7 @@ def _keep_points(context: Context, points: np.ndarray, colors: np.ndarray) -> No
 
 
 def _known_lenses(context: Context, reporter: StageReporter) -> tuple[dict[str, Camera], Rig | None, dict[str, Any]]:
-    """Lenses that are known beforehand at the footage's size, cameras of calibrate.known_cameras, what to report."""
+    """Known intrinsics at the footage's size, the cameras of calibrate.known_cameras, and entries for the report."""
     lenses: dict[str, Camera] = {}
     report: dict[str, Any] = {}
     if context.config.calibrate.intrinsics_images:
@@ -269,13 +298,13 @@ def _known_lenses(context: Context, reporter: StageReporter) -> tuple[dict[str, 
 
 
 def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.ndarray:
-    """255 where features may be."""
+    """(H, W) uint8: 255 where features may be detected."""
     performer = footage.raw_matte(camera, frame) >= 128
     return np.where(performer != room, 255, 0).astype(np.uint8)
 
 
 def _digest(path: Path) -> Any:
-    """Of a file, or of the files in a folder."""
+    """Digest of a file, or digests of the files in a folder by name."""
     if path.is_dir():
         return {file.name: digest_of_file(file) for file in sorted(path.iterdir()) if file.is_file()}
     return digest_of_file(path)

@@ -1,4 +1,4 @@
-"""Evaluation: what was trained and what was baked, drawn from held-out cameras and compared with their images."""
+"""The stage `evaluate`: renders trained and decoded frames from held-out cameras and compares them with the images."""
 
 from __future__ import annotations
 
@@ -13,30 +13,35 @@ from pipelines.reports.evaluation import Sample, render_report
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.params import Params, settings_affecting
-from pipelines.takes.atomic_files import write_json, write_text
+from pipelines.takes.atomic_files import write_model, write_text
+from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
 
-MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
-"""What a row may hold; the last two only where evaluate.lpips asks for them."""
-_HIGHEST_PSNR = 100.0
+_HIGHEST_PSNR = 100.0  # dB; that of equal images is infinite
 
 
 @dataclass
 class Measured:
-    """All views' figures, and the pictures that the report shows."""
+    """Results of the comparison.
 
-    frames: list[dict[str, Any]] = field(default_factory=list)
+    Attributes:
+        frames: quality per measured frame.
+        samples: images for the report.
+        unseen: (index, camera) where the camera does not see the performer.
+    """
+
+    frames: list[FrameQuality] = field(default_factory=list)
     samples: list[Sample] = field(default_factory=list)
     unseen: list[tuple[int, str]] = field(default_factory=list)
 
 
 class EvaluateStage:
-    """See the module."""
+    """The stage `evaluate`; it has no units."""
 
     name = "evaluate"
     title = "Evaluation"
@@ -45,7 +50,7 @@ class EvaluateStage:
     dependencies: tuple[str, ...] = ("calibrate", "train", "bake")
 
     def params(self, context: Context) -> Params:
-        """The footage and all that decides what is compared."""
+        """The footage, and the settings that affect the comparison."""
         return {
             "footage": context.footage.digest,
             "frames": list(context.footage.raw.frames),
@@ -57,11 +62,11 @@ class EvaluateStage:
         return [context.take.evaluation, context.take.report]
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """All or nothing."""
+        """It has none."""
         return None
 
-    def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
-        """Decode, draw, compare, write evaluation.json and report.html."""
+    def run(self, context: Context, reporter: StageReporter) -> EvaluationSummary:
+        """Decode, render and compare; write evaluation.json and report.html."""
         from studio.stream import StreamReader
 
         footage, lpips = context.footage.calibrated, context.lpips
@@ -71,16 +76,25 @@ class EvaluateStage:
         cameras = footage.held_out_cameras or footage.train_cameras
         if not held_out:
             reporter.warn(
-                "No camera is held out, so the figures are of cameras that were trained on: they say how well the "
-                "footage is reproduced, not how new views look. Hold some out with capture.held_out."
+                Message(
+                    "evaluation.no_held_out",
+                    "no camera is held out, so training cameras are measured: this shows how well the footage is "
+                    "reproduced, not the quality of new views",
+                    fix="Hold out cameras with capture.held_out.",
+                    fields={"setting": "capture.held_out"},
+                )
             )
         reader = StreamReader.open(context.take.stream)
         with reader:
             manifest = reader.manifest
             if reader.frame_count != len(footage.frames):
                 raise StudioError(
-                    f"{context.take.stream}: {reader.frame_count} frames, but the take has {len(footage.frames)}; run "
-                    "`v3studio bake`."
+                    "stream.frame_count",
+                    f"the stream has {reader.frame_count} frames, but the take has {len(footage.frames)}",
+                    file=context.take.stream,
+                    value=reader.frame_count,
+                    fix="Run `v3studio bake`.",
+                    expected=len(footage.frames),
                 )
             sizes = {
                 frame: group.bytes / group.frame_count
@@ -90,54 +104,63 @@ class EvaluateStage:
             measured = self._measure(context, reporter, cameras, reader, sizes)
         if not measured.frames:
             raise StudioError(
-                f"The performer's mask is empty in all frames of {', '.join(cameras)}, so nothing can be measured; "
-                "check the masks or hold out other cameras."
+                "evaluation.nothing_visible",
+                f"the matte is empty in all frames of {', '.join(cameras)}: nothing to measure",
+                fix="Check the mattes, or hold out other cameras.",
+                cameras=list(cameras),
+                setting="capture.held_out",
             )
         for index, camera in measured.unseen:
-            reporter.warn(f"{camera} does not see the performer in frame {footage.frames[index]}; not measured there.")
-        evaluation: dict[str, Any] = {
-            "summary": {
-                **_means(measured.frames),
-                "bytes_per_frame": round(manifest.total_bytes / manifest.frame_count, 1),
-                "psnr_trained_lowest_frame": min(row["psnr_trained"] for row in measured.frames),
-                "psnr_decoded_lowest_frame": min(row["psnr_decoded"] for row in measured.frames),
-            },
-            "protocol": {
-                "cameras": list(cameras),
-                "held_out": held_out,
-                "note": (
-                    "The cameras were held out: training never saw them."
-                    if held_out
-                    else "No camera was held out: these are the training cameras."
-                ),
-                "resolution": {name: [footage.rig[name].width, footage.rig[name].height] for name in cameras},
-                "crop": f"bounding box of the performer's mask, padded by {context.config.evaluate.crop_padding} px",
-                "background": list(context.config.capture.background),
-                "truth": "the camera's image over the background, by the evaluation matte",
-                "frames": [int(frame) for frame in footage.frames],
-                "mean": "of the views' values, views of a frame first; PSNR of equal images counts as 100 dB",
-                "ssim": "11x11 Gaussian window, sigma 1.5",
-                **({} if lpips is None else {"lpips": lpips.protocol}),
-                "total_bytes": manifest.total_bytes,
-                "total_bytes_are": "all videos and the manifest",
-                "bytes_of_a_frame": "of its group's videos, divided by the group's frames",
-            },
-            "cameras": {
-                name: _means([row["cameras"][name] for row in measured.frames if name in row["cameras"]])
+            reporter.warn(
+                Message(
+                    "evaluation.not_visible",
+                    f"{camera} does not see the performer in frame {footage.frames[index]}: not measured",
+                    fields={"camera": camera, "frame": int(footage.frames[index])},
+                )
+            )
+        summary = EvaluationSummary(
+            **_means(measured.frames),
+            bytes_per_frame=round(manifest.total_bytes / manifest.frame_count, 1),
+            psnr_trained_lowest_frame=min(row.psnr_trained for row in measured.frames),
+            psnr_decoded_lowest_frame=min(row.psnr_decoded for row in measured.frames),
+        )
+        protocol = Protocol(
+            cameras=tuple(cameras),
+            held_out=held_out,
+            note="The cameras were held out from training."
+            if held_out
+            else "No camera was held out: these are the training cameras.",
+            resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
+            crop=f"bounding box of the matte, padded by {context.config.evaluate.crop_padding} px",
+            background=context.config.capture.background,
+            truth="the camera's image composited over the background with the evaluation matte",
+            frames=tuple(int(frame) for frame in footage.frames),
+            mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
+            ssim="11x11 Gaussian window, sigma 1.5",
+            **({} if lpips is None else {"lpips": lpips.protocol}),
+            total_bytes=manifest.total_bytes,
+            total_bytes_are="all videos and the manifest",
+            bytes_of_a_frame="videos of its group, divided by the frames in the group",
+        )
+        evaluation = Evaluation(
+            summary=summary,
+            protocol=protocol,
+            cameras={
+                name: Quality(**_means([row.cameras[name] for row in measured.frames if name in row.cameras]))
                 for name in cameras
-                if any(name in row["cameras"] for row in measured.frames)
+                if any(name in row.cameras for row in measured.frames)
             },
-            "frames": measured.frames,
-        }
+            frames=tuple(measured.frames),
+        )
         reporter.progress(0.97, "writing the report")
         write_text(
             context.take.report,
             render_report(context.take, context.config, context.groups, evaluation, measured.samples),
         )
-        write_json(context.take.evaluation, evaluation)
-        reporter.metrics(evaluation["summary"])
-        reporter.progress(1.0, "measured")
-        return dict(evaluation["summary"])
+        write_model(context.take.evaluation, evaluation)
+        reporter.metrics(summary.to_json())
+        reporter.progress(1.0, "done")
+        return summary
 
     def _measure(
         self, context: Context, reporter: StageReporter, cameras: Sequence[str], reader: Any, sizes: dict[int, float]
@@ -172,9 +195,7 @@ class EvaluateStage:
                 if views:
                     row = self._row(group, index, frame, views, sizes[index], trained)
                     measured.frames.append(row)
-                    reporter.metrics(
-                        {name: row[name] for name in MEASURES if name in row}, group=group.index, frame=frame
-                    )
+                    reporter.metrics(row.measures, group=group.index, frame=frame)
         return measured
 
     def _row(
@@ -185,22 +206,23 @@ class EvaluateStage:
         views: dict[str, dict[str, float]],
         size: float,
         trained: Gaussians,
-    ) -> dict[str, Any]:
-        return {
-            "index": index,
-            "frame": int(frame),
-            "group": group.index,
-            "keyframe": index == group.first,
-            "splats": len(trained),
-            "bytes": round(size, 1),
-            **_means(views.values()),
-            "cameras": views,
-        }
+    ) -> FrameQuality:
+        cameras = {name: Quality(**figures) for name, figures in views.items()}
+        return FrameQuality(
+            index=index,
+            frame=int(frame),
+            group=group.index,
+            keyframe=index == group.first,
+            splats=len(trained),
+            bytes=round(size, 1),
+            **_means(cameras.values()),
+            cameras=cameras,
+        )
 
     def _compare(
         self, context: Context, camera: str, frame: int, trained: Gaussians, decoded: Gaussians
     ) -> Sample | None:
-        """Pictures of one view; None where the camera does not see the performer."""
+        """Images of one view; None if the camera does not see the performer."""
         footage, settings = context.footage.calibrated, context.config
         view = footage.view(camera, frame)
         matte = footage.evaluation_matte(camera, frame)
@@ -219,7 +241,8 @@ class EvaluateStage:
 
 
 def padded_box(matte: np.ndarray, padding: int) -> tuple[slice, slice] | None:
-    """Rows and columns of the matte above one half, padded and clipped to the image; None if there are none."""
+    """Rows and columns of the bounding box of an (H, W) uint8 matte above 127, padded by `padding` pixels and clipped
+    to the image; None if the matte is empty."""
     rows, columns = np.flatnonzero((matte > 127).any(1)), np.flatnonzero((matte > 127).any(0))
     if rows.size == 0:
         return None
@@ -236,7 +259,7 @@ def _tensor(image: np.ndarray) -> Any:
 
 
 def _at_least(image: Any, background: tuple[float, float, float]) -> Any:
-    """An (h, w, 3) tensor as large as LPIPS needs: the background goes on to the right and below."""
+    """Pad an (h, w, 3) tensor on the right and bottom with the background, to the smallest size that LPIPS accepts."""
     from studio.perceptual import SMALLEST
 
     height, width = image.shape[:2]
@@ -247,7 +270,7 @@ def _at_least(image: Any, background: tuple[float, float, float]) -> Any:
     return larger
 
 
-def _means(rows: Iterable[dict[str, Any]]) -> dict[str, float]:
+def _means(rows: Iterable[Quality]) -> dict[str, float]:
     """Mean over rows of each measure that was taken."""
-    rows = list(rows)
-    return {name: round(sum(row[name] for row in rows) / len(rows), 4) for name in MEASURES if name in rows[0]}
+    taken = [row.measures for row in rows]
+    return {name: round(sum(row[name] for row in taken) / len(taken), 4) for name in MEASURES if name in taken[0]}

@@ -1,4 +1,4 @@
-"""The footage of a take: opened once, with and without the take's cameras, and what training sees of it."""
+"""The footage of a take, with and without its cameras."""
 
 from __future__ import annotations
 
@@ -17,14 +17,19 @@ if TYPE_CHECKING:
 
 @dataclass
 class TakeFootage:
-    """A take's footage under some settings."""
+    """The footage of a take, opened on first access.
+
+    Attributes:
+        take: the take.
+        config: its settings.
+    """
 
     take: Take
     config: Config
 
     @cached_property
     def raw(self) -> Footage:
-        """The footage before calibration: names, frames, images as filmed.
+        """The footage without cameras: camera names, frames, original images.
 
         Raises:
             StudioError: it cannot be opened.
@@ -36,7 +41,7 @@ class TakeFootage:
         """The footage with the take's cameras.
 
         Raises:
-            StudioError: it cannot be opened, or there are no cameras yet.
+            StudioError: it cannot be opened, or the take has no cameras yet.
         """
         from studio.camera_files import read_rig
 
@@ -44,18 +49,18 @@ class TakeFootage:
 
     @cached_property
     def digest(self) -> str:
-        """What the files are. All frames count, whichever are used: a longer take keeps what a shorter one made."""
+        """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid."""
         from studio.capture import open_footage
 
         everything = self.config.capture.replace(start=None, stop=None, step=1)
         return open_footage(everything, None, strict=False).digest()
 
     def forget_cameras(self) -> None:
-        """Open the footage anew when it is next asked for (cameras have changed)."""
+        """Reopen the calibrated footage on next access, after the cameras have changed."""
         self.__dict__.pop("calibrated", None)
 
     def seen_by_training(self) -> Params:
-        """The footage and the settings that decide what a training view looks like."""
+        """The footage's digest and the settings that affect training views."""
         return {"footage": self.digest, **settings_affecting(self.config, "training_views")}
 
     def _open(self, rig: Rig | None) -> Footage:

@@ -1,4 +1,5 @@
-"""Groups side by side: they are independent, and several on a thread each use a CPU better than one on all threads."""
+"""Trains groups in parallel: they are independent, and one thread per group uses a CPU better than all threads for
+one group."""
 
 from __future__ import annotations
 
@@ -15,20 +16,20 @@ if TYPE_CHECKING:
     from pipelines.stages.base import Context
 
 _MOST = 8
-"""More threads than these wait for each other at Python's lock."""
+"""More threads than this contend for the GIL."""
 
 _BYTES_A_PIXEL = 16
-"""Of a training view: 8 channels of bytes, and the next frame's while this one trains."""
+"""Of a training view: 8 channels of bytes, for this frame and the next."""
 
 _BYTES_A_SMALL_PIXEL = 80
-"""Of a view that is kept as floats too."""
+"""Of a small view, which is also cached as floats."""
 
 _BYTES_A_DRAWN_PIXEL = 200
-"""Of the view that is drawn just now: float32 pictures, targets and gradients."""
+"""Of the view being rendered: float32 images, targets and gradients."""
 
 
 def groups_at_once(context: Context) -> int:
-    """How many groups are trained side by side: `run.groups_at_once`, or as threads and memory allow."""
+    """Number of groups to train in parallel: `run.groups_at_once`, or as many as threads and memory allow."""
     asked, groups = context.config.run.groups_at_once, len(context.groups)
     if asked is not None:
         return min(asked, groups)
@@ -45,10 +46,15 @@ def groups_at_once(context: Context) -> int:
 
 
 def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
-    """CPU threads for each of the take's groups; where the last round has fewer groups, they get more.
+    """CPU threads per group; if the last round has fewer groups, they get more.
 
-    It depends on the group's index alone and not on which groups are left to train, because sums over several threads
-    round differently: a run that was broken off must end with the same bits.
+    It depends only on the index of the group, not on which groups are left: sums over another number of threads round
+    differently, and a resumed run must give the same bits.
+
+    Args:
+        groups: number of groups in the take.
+        at_once: groups in parallel.
+        threads: CPU threads of the run.
     """
     full = groups - groups % at_once
     last = max(1, threads // (groups % at_once)) if groups % at_once else 0
@@ -58,13 +64,13 @@ def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
 def run_groups(
     jobs: Mapping[int, Callable[[], None]], at_once: int, threads: Sequence[int], stop: Cancellation
 ) -> None:
-    """Do the jobs, a group's each, so many at a time.
+    """Run one job per group, several in parallel.
 
     Args:
-        jobs: by group index, in the order in which they begin.
-        at_once: threads of control.
+        jobs: by group index, in the order in which they start.
+        at_once: jobs in parallel.
         threads: CPU threads by group index.
-        stop: set when a job fails, so that the others end soon.
+        stop: set when a job fails, to end the others soon.
 
     Raises:
         Exception: the first that a job raised; Cancelled only if no job raised anything else.
@@ -72,8 +78,8 @@ def run_groups(
     import torch
 
     def work(index: int, job: Callable[[], None]) -> None:
-        torch.get_num_threads()  # asked first in a thread it takes the number that any thread set last, ours included
-        torch.set_num_threads(threads[index])  # OpenMP keeps it for each calling thread
+        torch.get_num_threads()  # the first call in a thread applies the number last set by any thread, so do it first
+        torch.set_num_threads(threads[index])  # OpenMP stores it per calling thread
         stop.check()
         job()
 
@@ -83,8 +89,8 @@ def run_groups(
             for index, job in jobs.items():
                 work(index, job)
             return
-        with ThreadPoolExecutor(at_once, thread_name_prefix="group") as lanes:
-            futures = [lanes.submit(work, index, job) for index, job in jobs.items()]
+        with ThreadPoolExecutor(at_once, thread_name_prefix="group") as pool:
+            futures = [pool.submit(work, index, job) for index, job in jobs.items()]
             done, _ = wait(futures, return_when=FIRST_EXCEPTION)
             if any(future.exception() is not None for future in done):
                 stop.cancel()

@@ -1,8 +1,9 @@
-"""Points for each group's keyframe: masks, visual hull, surface, samples."""
+"""The stage `initialize`: initial points for each keyframe, sampled on the visual hull of the mattes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,17 +12,20 @@ import numpy as np
 from pipelines.stages import grouping
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
-from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_json, remove, write_json
+from pipelines.stages.summaries import InitializeSummary
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
 from pipelines.takes.records import result_of
+from pipelines.takes.stage_files import InitialPointsReport
+from studio.errors import Message
 
 if TYPE_CHECKING:
     from studio.capture import Footage, FootageView
 
 
 class TrainingViews(Sequence["FootageView"]):
-    """The training cameras' views of one frame, read when asked for: a large rig does not fit into memory at once."""
+    """The training views of one frame, read on access: those of a large rig do not fit into memory together."""
 
     def __init__(self, footage: Footage, frame: int) -> None:
         self._footage, self._frame = footage, frame
@@ -37,7 +41,7 @@ class TrainingViews(Sequence["FootageView"]):
 
 
 class InitializeStage:
-    """See the module. A unit is a group."""
+    """The stage `initialize`; its units are groups."""
 
     name = "initialize"
     title = "Initial points"
@@ -46,7 +50,7 @@ class InitializeStage:
     dependencies: tuple[str, ...] = ("calibrate",)
 
     def params(self, context: Context) -> Params:
-        """What training sees, how hulls are carved, and where groups begin."""
+        """Training views, settings of the hull, and where groups begin."""
         return {
             **context.footage.seen_by_training(),
             **settings_affecting(context.config, "initial_points"),
@@ -63,39 +67,41 @@ class InitializeStage:
         ]
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """Groups whose points stand."""
+        """Groups with valid points."""
         groups = context.groups
         return sum(self._is_done(context, group) for group in groups), len(groups), "groups"
 
-    def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
-        """Make what is missing."""
+    def run(self, context: Context, reporter: StageReporter) -> InitializeSummary:
+        """Find groups, and sample points for groups that have none."""
         first = 0.0 if grouping.is_known(context.footage) else 0.3
-        grouping.find_groups(context.footage, reporter.part("looking where groups begin", 0.0, first))
+        grouping.find_groups(context.footage, reporter.part("finding groups", 0.0, first))
         groups = context.groups
         counts = []
         for position, group in enumerate(groups):
             start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
             if not self._is_done(context, group):
                 self._make(context, group, reporter, start, stop, f"group {group.index}")
-            counts.append(read_json(context.take.initialize_group(group.index) / "report.json")["faces"])
+            report = read_model(context.take.initialize_group(group.index) / "report.json", InitialPointsReport)
+            counts.append(report.faces)
         self._drop_leftovers(context, groups)
-        return {"groups": len(groups), "points_per_group": context.config.initialize.points, "faces": counts}
+        return InitializeSummary(
+            groups=len(groups), points_per_group=context.config.initialize.points, faces=tuple(counts)
+        )
 
     def _key(self, context: Context, group: Group) -> str:
         parts = {**context.footage.seen_by_training(), **settings_affecting(context.config, "initial_points")}
         return key_of(self.name, self.version, parts, result_of(context.take, "calibrate"), group.index, group.keyframe)
 
     def _is_done(self, context: Context, group: Group) -> bool:
-        """Its report carries this recipe's key and the digests of the files beside it."""
+        """The report has the current key, and the files have the digests in it."""
         folder = context.take.initialize_group(group.index)
         if not (folder / "report.json").is_file():
             return False
-        report = read_json(folder / "report.json")
-        if report.get("key") != self._key(context, group):
+        report = read_model(folder / "report.json", InitialPointsReport)
+        if report.key != self._key(context, group):
             return False
-        files = report.get("files", {})
         return all(
-            (folder / name).is_file() and digest_of_file(folder / name) == value for name, value in files.items()
+            (folder / name).is_file() and digest_of_file(folder / name) == value for name, value in report.files.items()
         )
 
     def _make(
@@ -110,7 +116,7 @@ class InitializeStage:
             progress=reporter.part(f"{label}: visual hull", start, stop),
         )
         for warning in found.warnings:
-            reporter.warn(f"Group {group.index}: {warning}")
+            reporter.warn(_in_group(warning, group.index))
         folder = context.take.initialize_group(group.index)
         folder.mkdir(parents=True, exist_ok=True)
         remove(folder / "report.json")
@@ -118,21 +124,28 @@ class InitializeStage:
             write_mesh(temporary, found.mesh.vertices, found.mesh.faces)
         with atomic_path(folder / "points.ply") as temporary:
             write_points(temporary, found.points, found.normals, np.round(found.colors * 255))
-        report = {
-            "key": self._key(context, group),
-            "keyframe": group.keyframe,
-            "points": len(found.points),
-            "vertices": len(found.mesh.vertices),
-            "faces": len(found.mesh.faces),
-            "disagreement": {camera: round(float(value), 4) for camera, value in found.disagreement.items()},
-            "warnings": [str(warning) for warning in found.warnings],
-            "files": {name: digest_of_file(folder / name) for name in ("mesh.ply", "points.ply")},
-        }
-        write_json(folder / "report.json", report)
-        reporter.metrics({name: report[name] for name in ("points", "faces", "disagreement")}, group=group.index)
+        report = InitialPointsReport(
+            key=self._key(context, group),
+            keyframe=int(group.keyframe),
+            points=len(found.points),
+            vertices=len(found.mesh.vertices),
+            faces=len(found.mesh.faces),
+            disagreement={camera: round(float(value), 4) for camera, value in found.disagreement.items()},
+            warnings=tuple(str(warning) for warning in found.warnings),
+            files={name: digest_of_file(folder / name) for name in ("mesh.ply", "points.ply")},
+        )
+        write_model(folder / "report.json", report)
+        reporter.metrics(report.model_dump(include={"points", "faces", "disagreement"}), group=group.index)
 
     def _drop_leftovers(self, context: Context, groups: tuple[Group, ...]) -> None:
         wanted = {context.take.initialize_group(group.index) for group in groups}
         for folder in context.take.folder("initialize").glob("group_*"):
             if folder not in wanted:
                 remove(folder)
+
+
+def _in_group(warning: Message | str, group: int) -> Message:
+    """A warning of one group, with its number in the sentence and in the fields."""
+    if not isinstance(warning, Message):
+        warning = Message("hull.warning", warning)
+    return replace(warning, problem=f"group {group}: {warning.problem}", fields={**warning.fields, "group": group})

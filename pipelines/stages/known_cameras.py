@@ -1,4 +1,4 @@
-"""What the calibrate stage is told of the cameras beforehand: older solutions, distances, EXIF."""
+"""What is known about the cameras before calibration: earlier results, a distance, EXIF focal lengths."""
 
 from __future__ import annotations
 
@@ -16,37 +16,44 @@ if TYPE_CHECKING:
 
 
 def known_file(context: Context) -> Path:
-    """calibrate.known_cameras.
+    """The file of calibrate.known_cameras.
 
     Raises:
-        StudioError: it is not there.
+        StudioError: `settings.file_not_found`.
     """
-    return _named(context, "known_cameras", "camera file")
+    return _named(context, "known_cameras")
 
 
 def tie_file(context: Context) -> Path:
-    """calibrate.tie_points.
+    """The file of calibrate.tie_points.
 
     Raises:
-        StudioError: it is not there.
+        StudioError: `settings.file_not_found`.
     """
-    return _named(context, "tie_points", "file of tie points")
+    return _named(context, "tie_points")
 
 
-def _named(context: Context, setting: str, what: str) -> Path:
-    path: Path = context.config.capture.root / getattr(context.config.calibrate, setting)
+def _named(context: Context, setting: str) -> Path:
+    name = getattr(context.config.calibrate, setting)
+    path: Path = context.config.capture.root / name
     if not path.exists():
         raise StudioError(
-            f"{path}: there is no such {what}; mend calibrate.{setting} (relative names begin at capture.root)."
+            "settings.file_not_found",
+            "no such file",
+            file=path,
+            value=name,
+            fix=f"Fix calibrate.{setting}; relative paths start at capture.root.",
+            setting=f"calibrate.{setting}",
         )
     return path
 
 
 def known_cameras(context: Context) -> Rig | None:
-    """The cameras of calibrate.known_cameras, at the footage's size and under its names; None where it is empty.
+    """The cameras of calibrate.known_cameras with the footage's image size and camera names; None if it is empty.
 
     Raises:
-        StudioError: the file is unusable or lacks a camera, or known_poses without a file.
+        StudioError: the file cannot be read or lacks a camera, or known_poses is set without a file
+            (`settings.missing`).
     """
     from studio.camera_files import read_rig
     from studio.cameras import Rig
@@ -55,7 +62,12 @@ def known_cameras(context: Context) -> Rig | None:
     section = context.config.calibrate
     if not section.known_cameras:
         if section.known_poses:
-            raise StudioError("calibrate.known_poses needs the older solution; name it in calibrate.known_cameras.")
+            raise StudioError(
+                "settings.missing",
+                "calibrate.known_poses needs calibrate.known_cameras",
+                fix="Set calibrate.known_cameras to the earlier calibration.",
+                setting="calibrate.known_cameras",
+            )
         return None
     footage = context.footage.raw
     found = match_rig(read_rig(known_file(context)), footage.camera_names)
@@ -63,10 +75,10 @@ def known_cameras(context: Context) -> Rig | None:
 
 
 def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
-    """A camera that was calibrated at another size, as the footage shows it (`capture.size_rule`).
+    """Convert a camera to the image size of the footage (`capture.size_rule`).
 
     Raises:
-        StudioError: the aspect ratios differ and the rule does not say what to do.
+        StudioError: the aspect ratios differ and capture.size_rule = auto cannot decide.
     """
     from studio.capture.warp import Warp, fit_size
 
@@ -79,16 +91,16 @@ def at_footage_size(context: Context, name: str, camera: Camera) -> Camera:
 
 
 def check_sizes(context: Context, rig: Rig, path: Path) -> None:
-    """See to it that the footage can be shown by cameras of another image size, before later stages find out.
+    """Check that cameras of another image size can be used with the footage, before later stages fail.
 
-    Cameras of the footage's aspect ratio always can: the footage scales them. They keep the size of their file here.
+    With the same aspect ratio they always can. The cameras themselves are not changed.
 
     Args:
-        rig: the cameras, under the footage's names.
-        path: the file that they are from.
+        rig: the cameras, with the footage's camera names.
+        path: the file that they are from, for the error.
 
     Raises:
-        StudioError: the aspect ratios differ and `capture.size_rule` does not say what to do; names the file.
+        StudioError: the aspect ratios differ and capture.size_rule = auto cannot decide.
     """
     from studio.camera_files.common import naming
 
@@ -98,28 +110,44 @@ def check_sizes(context: Context, rig: Rig, path: Path) -> None:
 
 
 def known_distance(section: CalibrateSettings, names: Sequence[str]) -> tuple[str, str, float] | None:
-    """calibrate.scale_between and scale_distance; `names` are the cameras that there are.
+    """The two cameras of calibrate.scale_between and their distance in meters; None if not set.
+
+    Args:
+        section: settings.
+        names: cameras of the footage.
 
     Raises:
-        StudioError: one without the other, or not two cameras of the footage.
+        StudioError: one without the other (`settings.conflict`), or a camera not in the footage
+            (`settings.unknown_camera`).
     """
     if not section.scale_between and section.scale_distance is None:
         return None
     if len(section.scale_between) != 2 or section.scale_distance is None:
+        distance = "null" if section.scale_distance is None else section.scale_distance
         raise StudioError(
-            "A known scale needs two cameras in calibrate.scale_between and their distance in meters in "
-            f"calibrate.scale_distance; given are {list(section.scale_between)} and {section.scale_distance}."
+            "settings.conflict",
+            f"calibrate.scale_between is [{', '.join(section.scale_between)}] and calibrate.scale_distance is "
+            f"{distance}",
+            fix="Set two cameras in calibrate.scale_between and their distance in meters in calibrate.scale_distance.",
+            setting="calibrate.scale_between",
+            other="calibrate.scale_distance",
         )
     for name in section.scale_between:
         if name not in names:
             raise StudioError(
-                f"calibrate.scale_between names camera '{name}', which the footage has not; it has {', '.join(names)}."
+                "settings.unknown_camera",
+                f"calibrate.scale_between: camera '{name}' not found in the footage",
+                value=name,
+                fix=f"Cameras of the footage: {', '.join(names)}.",
+                setting="calibrate.scale_between",
+                camera=name,
+                found=list(names),
             )
     return section.scale_between[0], section.scale_between[1], section.scale_distance
 
 
 def focal_lengths(footage: Footage, frame: int) -> dict[str, float]:
-    """Camera name to focal length in pixels, where the photographs' EXIF data say one (as COLMAP reads them)."""
+    """Focal lengths in pixels by camera name, where EXIF data have one; read by COLMAP."""
     import pycolmap
 
     found = {}

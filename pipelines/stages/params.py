@@ -1,4 +1,4 @@
-"""What a result is made from, as plain values that are compared and digested."""
+"""What results are made from, as plain values that are compared and digested."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from pipelines.takes.atomic_files import digest_of
 from studio.settings import affected
 
 Params = dict[str, Any]
-"""What a result is made from: settings by dotted name, digests of inputs and of other stages' results."""
+"""Settings by dotted name, digests of inputs and of other stages' results."""
 
 
 def settings_of(config: Config, *names: str) -> Params:
-    """Settings by dotted name; a section stands for all settings in it (`capture.root` never counts: a capture may
-    move, its files' digest tells whether it is the same).
+    """Values of settings by dotted name; the name of a section selects all settings in it.
 
-    A setting of `ADDED` is left out at the value that keeps the behavior from before it existed, so that results made
-    then stay valid.
+    `capture.root` never counts: a capture may move, and the digest of its files identifies it. A setting of `ADDED` is
+    left out at the value that keeps the behavior from before it existed, so that results made then stay valid.
     """
     tree = config.model_dump(mode="json")
     found: Params = {}
@@ -50,18 +49,18 @@ def settings_affecting(config: Config, *results: str) -> Params:
 
 
 def without(params: Params, *names: str) -> Params:
-    """Params without the named ones."""
+    """A copy without the named entries."""
     return {name: value for name, value in params.items() if name not in names}
 
 
 def key_of(stage: str, version: int, *parts: Any) -> str:
-    """Digest that names one unit's recipe. Settings count by the names that they had first: see `renamed`."""
+    """Digest of everything that a unit is made from. Uses the original names of renamed settings."""
     return digest_of(
         [first_name(stage), version, *(first_names(part) if isinstance(part, dict) else part for part in parts)]
     )
 
 
 def derived_seed(seed: int, *path: int | str) -> int:
-    """A seed for one unit of work, so that going on after a stop equals never having stopped."""
+    """A seed for one unit of work, so that a resumed run equals an uninterrupted one."""
     named = [first_name(part) if isinstance(part, str) else part for part in path]
     return int(digest_of([seed, *named])[:15], 16) % (2**31)

@@ -1,4 +1,4 @@
-"""Training: groups side by side, each a keyframe, then frame after frame. A finished frame is never trained again."""
+"""The stage `train`: groups in parallel, in each the keyframe and then frame after frame."""
 
 from __future__ import annotations
 
@@ -9,22 +9,24 @@ from typing import Any
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
+from pipelines.stages.summaries import TrainSummary
 from pipelines.stages.train_clock import TrainClock
 from pipelines.stages.train_group import GroupWork
-from pipelines.takes.atomic_files import read_json, remove
+from pipelines.takes.atomic_files import read_model, remove
 from pipelines.takes.frame_files import read_about
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
+from pipelines.takes.stage_files import InitialPointsReport, TrainedGroup
 from studio.errors import StudioError
 
 
 class TrainStage:
-    """See the module. A unit is a frame.
+    """The stage `train`; its units are frames.
 
-    Each frame's file carries the key of its recipe: the keyframe's is made of the settings that keyframes are trained
-    by, seed, footage, cameras and initial points; each later frame's of the key before it, its frame number and the
-    settings of motion and fine-tuning. So a longer take keeps the frames that it shares with the shorter one, another
-    way of fine-tuning keeps the keyframes, and a resumed group continues exactly where it stopped.
+    The file of each frame holds a key, a digest of everything it was made from. That of a keyframe covers settings of
+    keyframe training, seed, footage, cameras and initial points; that of a later frame covers the key of the previous
+    frame, its frame number, and settings of motion and fine-tuning. So when a take gets longer, its frames stay valid;
+    when fine-tuning changes, keyframes stay valid; and a resumed group continues exactly where it stopped.
     """
 
     name = "train"
@@ -34,7 +36,7 @@ class TrainStage:
     dependencies: tuple[str, ...] = ("calibrate", "initialize")
 
     def params(self, context: Context) -> Params:
-        """What training sees, how it trains, and which frames."""
+        """Training views, training settings, and frames."""
         return {
             **self._recipe(context),
             **settings_of(context.config, "train.group_size"),
@@ -43,21 +45,26 @@ class TrainStage:
         }
 
     def results(self, context: Context) -> list[Path]:
-        """A file a frame."""
+        """One file per frame."""
         return [context.take.trained_frame(group.index, index) for group in context.groups for index in group.indices]
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """Frames that are trained by this recipe."""
+        """Frames trained with current settings and inputs."""
         groups = context.groups
         done = sum(self._finished(context, group) for group in groups)
         return done, sum(len(group.frames) for group in groups), "frames"
 
-    def run(self, context: Context, reporter: StageReporter) -> dict[str, Any]:
-        """Train what is missing."""
+    def run(self, context: Context, reporter: StageReporter) -> TrainSummary:
+        """Train the frames that are missing."""
         groups = context.groups
         footage = context.footage.calibrated
         if not footage.train_cameras:
-            raise StudioError("All cameras are held out, so there is none to train on; shorten capture.held_out.")
+            raise StudioError(
+                "settings.no_training_camera",
+                "all cameras are held out: none is left to train on",
+                fix="Remove cameras from capture.held_out, or set capture.held_out_every to 0.",
+                setting="capture.held_out",
+            )
         finished = {group.index: self._finished(context, group) for group in groups}
         if context.config.train.check_footage:
             self._check_footage(context, reporter, groups, finished)
@@ -69,37 +76,42 @@ class TrainStage:
         for group in groups:
             if finished[group.index] < len(group.frames):
                 reporter.log(
-                    f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are trained already"
+                    f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already trained"
                 )
                 jobs[group.index] = partial(work.train, group, finished[group.index], self._keys(context, group))
         run_groups(jobs, at_once, threads, work.stop)
         splats = []
         for group in groups:
             self._drop_leftovers(context, group)
-            splats.append(read_json(context.take.train_group(group.index) / "group.json")["splats"])
+            splats.append(read_model(context.take.train_group(group.index) / "group.json", TrainedGroup).splats)
         for folder in leftover(
             context.take.root / "train", [context.take.train_group(group.index) for group in groups], "group_*"
         ):
             remove(folder)
-        return {"groups": len(groups), "frames": len(footage.frames), "splats": splats}
+        return TrainSummary(groups=len(groups), frames=len(footage.frames), splats=tuple(splats))
 
     def _check_footage(
         self, context: Context, reporter: StageReporter, groups: tuple[Group, ...], finished: dict[int, int]
     ) -> None:
-        """Raises StudioError if a frame that is still to be trained cannot be read or has no usable mask."""
+        """Raises StudioError if a frame that is not trained yet cannot be read or has an empty matte."""
         frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
 
-        def tell(done: int, total: int, **figures: Any) -> None:
-            reporter.progress(0.0, f"checking the footage, {done}/{total} images")
+        def report(done: int, total: int, **figures: Any) -> None:
+            reporter.progress(0.0, f"checking footage: image {done} of {total}")
 
         from studio.capture import check_footage
 
-        problems = check_footage(context.footage.calibrated, tell, frames=frames)
+        problems = check_footage(context.footage.calibrated, report, frames=frames)
         if problems:
-            raise StudioError("\n".join(str(problem) for problem in problems))
+            first = problems[0]
+            raise StudioError(
+                first.code,
+                "\n".join(str(problem) for problem in problems),
+                **{**first.fields, "count": len(problems), "codes": [problem.code for problem in problems]},
+            )
 
     def _recipe(self, context: Context) -> Params:
-        """Of all frames."""
+        """Settings and inputs of all frames."""
         return {
             **context.footage.seen_by_training(),
             **settings_affecting(context.config, "keyframe", "later_frames"),
@@ -108,7 +120,7 @@ class TrainStage:
     def _keys(self, context: Context, group: Group) -> list[str]:
         """Key of each frame of the group, in order."""
         points = context.take.initialize_group(group.index) / "report.json"
-        files = read_json(points).get("files") if points.is_file() else None
+        files = read_model(points, InitialPointsReport).files if points.is_file() else None
         recipe = self._recipe(context)
         later = settings_affecting(context.config, "later_frames")
         start = key_of(
@@ -125,7 +137,7 @@ class TrainStage:
         return keys
 
     def _finished(self, context: Context, group: Group) -> int:
-        """How many frames of the group, from its first on without a gap, are trained by this recipe."""
+        """Number of valid trained frames of the group, from the first without gaps."""
         take, keys = context.take, self._keys(context, group)
         count = 0
         for index, key in zip(group.indices, keys, strict=True):
@@ -134,7 +146,7 @@ class TrainStage:
                 break
             count += 1
         if context.config.train.motion_warm_start:
-            # the frame after needs this one's network
+            # the next frame needs the motion network of the last finished one
             while 1 < count < len(keys):
                 about = read_about(take.motion_network(group.index, group.first + count - 1))
                 if about is not None and about.get("key") == keys[count - 1]:

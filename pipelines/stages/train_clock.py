@@ -1,4 +1,4 @@
-"""How far training is, in time rather than in frames: keyframes take much longer than the frames after them."""
+"""Progress of training in time rather than in frames: keyframes take much longer than other frames."""
 
 from __future__ import annotations
 
@@ -9,10 +9,15 @@ from studio.training.settings import TrainSettings
 
 
 class TrainClock:
-    """Fraction of the training time that is behind.
+    """Elapsed fraction of the training time.
 
-    Before anything is measured a frame weighs as many units as it has steps; measured seconds a kind of frame
-    (keyframe, other) replace that as soon as there are some.
+    At first, frames are weighted by their number of training steps; then by measured seconds per kind of frame
+    (keyframe or other).
+
+    Args:
+        groups: all groups of the take.
+        finished: number of frames trained before this run, by group index.
+        settings: training settings.
     """
 
     def __init__(self, groups: Sequence[Group], finished: Mapping[int, int], settings: TrainSettings) -> None:
@@ -27,11 +32,11 @@ class TrainClock:
         self._current: dict[int, tuple[bool, float]] = {}
 
     def reached(self, group: Group, position: int, share: float) -> None:
-        """`share` of the group's frame `position` is done."""
+        """The fraction `share` (0 to 1) of the group's frame `position` is trained."""
         self._current[group.index] = (position == 0, share)
 
     def finished(self, group: Group, position: int, seconds: float) -> None:
-        """Frame `position` of the group took that long."""
+        """Frame `position` of the group is trained and took `seconds`."""
         kind = position == 0
         self._seconds[kind].append(seconds)
         self._left[kind] -= 1
@@ -48,7 +53,7 @@ class TrainClock:
         return min(1.0, behind / (behind + ahead)) if behind + ahead > 0 else 1.0
 
     def _weight(self, kind: bool) -> float:
-        """Seconds a frame of this kind; scaled from the other kind's steps while none is measured."""
+        """Seconds per frame of this kind; estimated from the other kind until one is measured."""
         if self._seconds[kind]:
             return sum(self._seconds[kind]) / len(self._seconds[kind])
         other = self._seconds[not kind]

@@ -1,4 +1,4 @@
-"""Training one group: a keyframe, then frame after frame, each written when it is done."""
+"""Trains one group: the keyframe, then frame after frame; each is written as soon as it is finished."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from pipelines.reports.pictures import draw, write_picture
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.params import derived_seed
 from pipelines.stages.train_clock import TrainClock
-from pipelines.takes.atomic_files import read_json, remove, write_json
+from pipelines.takes.atomic_files import read_model, remove, write_model
 from pipelines.takes.frame_files import read_frame, read_tensors, write_frame, write_tensors
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import read_points
-from studio.errors import StudioError
+from pipelines.takes.stage_files import TrainedGroup
+from studio.errors import Message, StudioError
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
@@ -27,41 +28,46 @@ if TYPE_CHECKING:
 
 
 _MANY_PIXELS, _GOOD_PIXELS = 600_000, 150_000
-"""Of the performer's box: more than a CPU trains in sane time, and what serves it well."""
+"""Pixels of the performer's bounding box: above the first, training on a CPU is too slow; the second works well."""
 
 
 class GroupWork:
-    """Trains groups: holds what all frames share. Several threads may train a group each.
+    """Trains groups; several threads may train one group each.
 
     Args:
         context, reporter: of the stage.
-        clock: knows how far all groups are together.
+        clock: progress of all groups together.
 
     Attributes:
-        stop: set it to end all groups' work; they then raise Cancelled.
+        stop: set it to cancel all groups; they raise Cancelled.
     """
 
     def __init__(self, context: Context, reporter: StageReporter, clock: TrainClock) -> None:
         self.context, self.reporter, self.clock = context, reporter, clock
         self.settings: TrainSettings = context.config.train
         self.stop = Cancellation()
-        self._lock = threading.Lock()  # over the clock, the labels and when the last preview was made
+        self._lock = threading.Lock()  # guards the clock, the labels and the time of the last preview
         self._labels: dict[int, str] = {}
         self._last_preview = time.monotonic()
         self._advised = False
 
     def train(self, group: Group, finished: int, keys: list[str]) -> None:
-        """Train the group's frames from the `finished`-th on, each written when it is done.
+        """Train the frames of a group and write each as soon as it is finished.
+
+        Args:
+            group: the group.
+            finished: number of frames that are trained already.
+            keys: key of each frame, see `TrainStage`.
 
         Raises:
             StudioError: unusable footage, or training diverged.
-            Cancelled: the run was asked to stop.
+            Cancelled: the run was cancelled.
         """
         take = self.context.take
         timings = self._timings(group, finished)
         previous = read_frame(take.trained_frame(group.index, group.first + finished - 1)) if finished else None
         before = read_frame(take.trained_frame(group.index, group.first + finished - 2)) if finished > 1 else None
-        # one frame ahead: the next frame's images are decoded while this one trains
+        # decode the images of the next frame while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:
             views: Future[list[TrainingView]] = ahead.submit(self._views, group.frames[finished], tell=True)
             for position in range(finished, len(group.frames)):
@@ -122,7 +128,7 @@ class GroupWork:
     def _keyframe(
         self, group: Group, views: list[TrainingView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
     ) -> Gaussians:
-        """From its checkpoint, where a run of the same recipe left one."""
+        """Train the keyframe, from a checkpoint with the same key if there is one."""
         import torch
 
         from studio.training import train_keyframe
@@ -136,7 +142,7 @@ class GroupWork:
 
         resume = read_tensors(path, key)
         if resume is not None:
-            self.reporter.log(f"group {group.index}: the keyframe goes on from step {int(resume['done'])}")
+            self.reporter.log(f"group {group.index}: resuming the keyframe at step {int(resume['done'])}")
         points, colors = read_points(take.initialize_group(group.index) / "points.ply")
         gaussians = train_keyframe(
             views,
@@ -152,10 +158,10 @@ class GroupWork:
         return gaussians.detach().to("cpu")
 
     def _progress(self, group: Group, position: int) -> ProgressFn:
-        """What tells of a frame in training."""
+        """Progress callback for a frame."""
         frame = group.frames[position]
         where = f"group {group.index}, frame {frame}"
-        kept: dict[str, Any] = {}  # loss and psnr come every few steps; they are told with every step in between
+        kept: dict[str, Any] = {}  # loss and psnr come every few steps; repeat them for the steps in between
 
         def tell(done: int, total: int, **figures: Any) -> None:
             self.stop.check()
@@ -180,7 +186,7 @@ class GroupWork:
         return tell
 
     def _views(self, frame: int, tell: bool = False) -> list[TrainingView]:
-        """What training sees of a frame; `tell`: nothing else goes on that would show progress."""
+        """Training views of a frame; `tell`: report progress, since nothing else does."""
         from studio.training import TrainingView
 
         footage, device = self.context.footage.calibrated, self.context.device
@@ -189,7 +195,7 @@ class GroupWork:
             self.context.cancellation.check()
             self.stop.check()
             if tell:
-                label = f"reading the pictures of frame {frame}, {number}/{len(footage.train_cameras)}"
+                label = f"reading frame {frame}: image {number} of {len(footage.train_cameras)}"
                 with self._lock:
                     fraction = self.clock.fraction
                 self.reporter.progress(fraction, label)
@@ -197,13 +203,24 @@ class GroupWork:
             if (view.matte > 127).any():
                 views.append(TrainingView.from_view(view, device, self.settings.crop_margin))
             else:
-                self.reporter.warn(f"{camera} does not see the performer in frame {frame}; left out there.")
+                self.reporter.warn(
+                    Message(
+                        "training.not_visible",
+                        f"{camera} does not see the performer in frame {frame}: not used for this frame",
+                        fields={"camera": camera, "frame": int(frame)},
+                    )
+                )
         if not views:
-            raise StudioError(f"No training camera sees the performer in frame {frame}; check the masks.")
+            raise StudioError(
+                "matte.all_empty",
+                f"no training camera sees the performer in frame {frame}",
+                fix="Check the mattes.",
+                frame=int(frame),
+            )
         return views
 
     def _advise(self, views: list[TrainingView]) -> None:
-        """Without a GPU, say once what smaller pictures would do where they are larger than it can train on."""
+        """Without a GPU, warn once if the images are too large to train on."""
         with self._lock:
             if self._advised or self.context.device != "cpu":
                 return
@@ -213,14 +230,18 @@ class GroupWork:
             scale = self.context.config.capture.scale
             better = max(0.01, math.floor(100 * scale * math.sqrt(_GOOD_PIXELS / pixels)) / 100)
             self.reporter.warn(
-                f"The performer takes {pixels / 1e6:.1f} megapixels of a picture, and there is no GPU: each step takes "
-                f"about {pixels / _GOOD_PIXELS:.0f} times as long as with capture.scale = {better:g}."
+                Message(
+                    "training.slow",
+                    f"the performer covers {pixels / 1e6:.1f} megapixels per image and there is no GPU: training is "
+                    f"about {pixels / _GOOD_PIXELS:.0f} times slower than with capture.scale = {better:g}",
+                    fields={"setting": "capture.scale", "pixels": pixels, "suggested": better},
+                )
             )
 
     def _timings(self, group: Group, finished: int) -> list[float]:
-        """Seconds that the finished frames took, as far as they are known."""
+        """Training time of the finished frames; 0 where unknown."""
         path = self.context.take.train_group(group.index) / "group.json"
-        known = read_json(path).get("seconds", []) if path.is_file() else []
+        known = read_model(path, TrainedGroup).seconds if path.is_file() else ()
         return [*known[:finished], *[0.0] * (finished - len(known))]
 
     def _write(self, group: Group, position: int, gaussians: Gaussians, key: str, timings: list[float]) -> None:
@@ -228,17 +249,17 @@ class GroupWork:
         about = {"key": key, "group": group.index, "index": group.first + position, "frame": group.frames[position]}
         folder = take.train_group(group.index)
         folder.mkdir(parents=True, exist_ok=True)
-        # group.json first: it is there, if perhaps a line ahead, whenever the frame is
-        write_json(
+        # group.json first, so that it exists whenever the frame does; it may be one frame ahead
+        write_model(
             folder / "group.json",
-            {
-                "group": group.index,
-                "first": group.first,
-                "frames": list(group.frames),
-                "splats": len(gaussians),
-                "sh_degree": gaussians.sh_degree,
-                "seconds": timings,
-            },
+            TrainedGroup(
+                group=group.index,
+                first=group.first,
+                frames=tuple(int(frame) for frame in group.frames),
+                splats=len(gaussians),
+                sh_degree=gaussians.sh_degree,
+                seconds=tuple(timings),
+            ),
         )
         write_frame(take.trained_frame(group.index, group.first + position), gaussians, about)
         remove(take.keyframe_checkpoint(group.index))
@@ -250,7 +271,7 @@ class GroupWork:
         self._preview(group, position, gaussians, None)
 
     def _preview(self, group: Group, position: int, gaussians: Gaussians, iteration: int | None) -> None:
-        """A picture from a held-out camera (else the first training camera), not more often than asked for."""
+        """Render a preview from the first held-out camera (or training camera), at most every run.preview_seconds."""
         pause = self.context.config.run.preview_seconds
         with self._lock:
             if pause == 0 or time.monotonic() - self._last_preview < pause:

@@ -1,4 +1,4 @@
-"""Files written whole or not at all, digests, and the disk-full sentence."""
+"""Files of a take: atomic writes, JSON, digests, and disk errors as sentences."""
 
 from __future__ import annotations
 
@@ -10,91 +10,108 @@ import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipelines.config.renamed import first_path
+from studio.atomic_files import PARTIAL, atomic_path, remove, write_bytes, write_json, write_text
 from studio.errors import StudioError
 
-PARTIAL = ".partial"
-"""Ending of temporary names; whatever carries it is left over from a killed run and counts for nothing."""
+__all__ = [
+    "Result",
+    "atomic_path",
+    "digest_of",
+    "digest_of_file",
+    "digest_of_files",
+    "disk_errors",
+    "link_or_copy",
+    "read_json",
+    "read_model",
+    "remove",
+    "sweep_partial",
+    "write_bytes",
+    "write_json",
+    "write_model",
+    "write_text",
+]
 
 
-@contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder, moved to `path` when the block ends well, deleted when it does not.
+class Result(BaseModel):
+    """Base of the models of JSON files in a take. Unknown keys, written by a later version, are kept."""
 
-    The temporary name keeps the file's ending, which some writers choose the format by.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{PARTIAL}{path.suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except BaseException:
-        remove(temporary)
-        raise
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready; fields that were never set are left out."""
+        return self.model_dump(mode="json", exclude_unset=True)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Atomic, UTF-8."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Atomic, readable, with a final newline; NaN is refused (it is not JSON)."""
-    write_text(path, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+ResultModel = TypeVar("ResultModel", bound=Result)
 
 
 def read_json(path: Path) -> Any:
-    """What `write_json` wrote.
+    """Parse a JSON file.
 
     Raises:
-        StudioError: not there, not readable or not JSON.
+        StudioError: `take.file_not_found` or `take.damaged`.
     """
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise StudioError(f"{path}: there is no such file.") from None
-    except (OSError, ValueError) as error:
-        raise StudioError(f"{path}: cannot be read ({error}); delete it and run again.") from None
+        raise StudioError("take.file_not_found", "no such file", file=path) from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise StudioError("take.damaged", f"cannot be read ({error})", file=path, fix=_AGAIN) from None
 
 
-def remove(path: Path) -> None:
-    """Delete a file or a folder, if there is one."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+def read_model(path: Path, model: type[ResultModel]) -> ResultModel:
+    """Read a JSON file that `write_model` wrote.
+
+    Raises:
+        StudioError: `take.file_not_found`, or `take.damaged`: not JSON, or not this model.
+    """
+    values = read_json(path)
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        problem = f"{where}: {first['msg']}" if where else first["msg"]
+        raise StudioError("take.damaged", problem, file=path, fix=_AGAIN, key=where) from None
+
+
+def write_model(path: Path, value: Result) -> None:
+    """Write a model as indented JSON, atomically."""
+    write_json(path, value.to_json())
 
 
 def sweep_partial(folder: Path) -> int:
-    """Delete what killed runs left half-written under `folder`; returns how many files and folders."""
-    left_over = [path for path in folder.rglob(f".*{PARTIAL}*") if path.name.startswith(".")]
-    for path in left_over:
+    """Delete partially written files and folders that killed runs left under `folder`; returns how many."""
+    leftovers = [path for path in folder.rglob(f".*{PARTIAL}*") if path.name.startswith(".")]
+    for path in leftovers:
         remove(path)
-    return len(left_over)
+    return len(leftovers)
 
 
 def digest_of(value: Any) -> str:
-    """A short digest of a JSON-ready value, independent of the order of keys."""
+    """24 hex digits of the SHA-256 of a JSON-ready value; the order of keys does not matter."""
     text = json.dumps(value, sort_keys=True, ensure_ascii=False, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
 def digest_of_file(path: Path) -> str:
-    """A short digest of a file's bytes."""
+    """24 hex digits of the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:24]
 
 
 def digest_of_files(folder: Path, files: Iterable[Path]) -> str:
-    """A short digest of files' names (relative to `folder`, as they were called first) and bytes."""
+    """24 hex digits for files' names and contents. Names are relative to `folder`, as in take format 1."""
     return digest_of({first_path(path.relative_to(folder).as_posix()): digest_of_file(path) for path in files})
 
 
 def link_or_copy(source: str, target: str) -> None:
-    """A hard link where the file system allows it, else a copy."""
+    """Hard-link a file where the file system allows it, else copy it."""
     try:
         os.link(source, target)
     except OSError:
@@ -103,19 +120,29 @@ def link_or_copy(source: str, target: str) -> None:
 
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Turns "no space left" and "not allowed" into sentences that name the folder.
+    """Turn "no space left" and "permission denied" inside the block into a StudioError.
 
     Raises:
-        StudioError: the disk is full, a quota is used up, or the folder is not writable.
+        StudioError: `take.disk_full` or `take.not_writable`.
     """
     try:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise StudioError(
-                f"The disk of {folder} is full; make room and run again: what is finished is kept."
+                "take.disk_full",
+                "the disk is full",
+                file=folder,
+                fix="Free some space and run again; finished work is kept.",
             ) from error
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-            name = error.filename or folder
-            raise StudioError(f"{name} may not be written to ({error.strerror}); choose another folder.") from error
+            raise StudioError(
+                "take.not_writable",
+                f"cannot be written ({error.strerror})",
+                file=error.filename or folder,
+                fix="Choose another folder.",
+            ) from error
         raise
+
+
+_AGAIN = "Delete it and run again."

@@ -1,4 +1,4 @@
-"""Trained Gaussians on disk: safetensors, one file a frame, with the recipe that made them."""
+"""Trained Gaussians on disk: one safetensors file per frame, with metadata on how it was made."""
 
 from __future__ import annotations
 
@@ -14,30 +14,34 @@ if TYPE_CHECKING:
 
     from studio.gaussians import Gaussians
 
-# One entry, because safetensors writes several in an order of its own, and equal runs must give equal bytes.
+# A single metadata entry: safetensors does not keep the order of several, and equal runs must give equal bytes.
 _ENTRY = "v3studio"
 
 
 def write_frame(path: Path, gaussians: Gaussians, about: dict[str, Any]) -> None:
-    """Atomic. `about` is JSON-ready: key of the recipe, group, index, frame number."""
+    """Write the Gaussians of a frame atomically.
+
+    Args:
+        about: JSON-ready metadata: `key` (digest of what it was made from), `group`, `index`, `frame`.
+    """
     write_tensors(path, gaussians.state_dict(), about)
 
 
 def write_tensors(path: Path, tensors: dict[str, Tensor], about: dict[str, Any]) -> None:
-    """Atomic: any tensors by name (a checkpoint, a network), with what `read_about` gives back."""
+    """Write tensors by name (a checkpoint, a network) atomically, with metadata that `read_about` returns."""
     from safetensors.torch import save
 
     contiguous = {name: value.contiguous() for name, value in tensors.items()}
     data = save(contiguous, metadata={_ENTRY: json.dumps(about, sort_keys=True)})
     with atomic_path(path) as temporary:
-        temporary.write_bytes(data)  # a full disk is then an OSError like everywhere else
+        temporary.write_bytes(data)  # unlike safetensors' save_file, raises OSError on a full disk
 
 
 def read_frame(path: Path) -> Gaussians:
-    """Gaussians on the CPU.
+    """Read the Gaussians of a frame, on the CPU.
 
     Raises:
-        StudioError: not there, or damaged.
+        StudioError: no such file (`take.not_trained`), or `take.damaged`.
     """
     from safetensors import SafetensorError
     from safetensors.torch import load_file
@@ -47,14 +51,25 @@ def read_frame(path: Path) -> Gaussians:
     try:
         return Gaussians.from_state_dict(load_file(path))
     except FileNotFoundError:
-        raise StudioError(f"{path}: there is no such file; run `v3studio train`.") from None
+        raise StudioError(
+            "take.not_trained", "no such file", file=path, fix="Run `v3studio train`.", stage="train"
+        ) from None
     except (SafetensorError, OSError) as error:
-        raise StudioError(f"{path}: cannot be read ({error}); delete it and run `v3studio train`.") from None
+        raise StudioError(
+            "take.damaged",
+            f"cannot be read ({error})",
+            file=path,
+            fix="Delete it and run `v3studio train`.",
+            stage="train",
+        ) from None
 
 
 def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
-    """What `write_tensors` wrote there about the recipe `key`; None if there is no such file, or it is damaged or of
-    another recipe: then it is of no use, and what it would have saved is made again."""
+    """Read what `write_tensors` wrote.
+
+    Returns:
+        tensors by name, on the CPU; None if there is no such file, it is damaged, or its metadata has another `key`.
+    """
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
@@ -68,7 +83,7 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
 
 
 def read_about(path: Path) -> dict[str, Any] | None:
-    """What `write_frame` was told about the frame; None if the file is not there, damaged, or another's."""
+    """The metadata that `write_frame` wrote; None if there is no such file, it is damaged or has no such metadata."""
     from safetensors import SafetensorError, safe_open
 
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""Cutting a take into groups of frames (section 4.1 of the paper): each starts with a keyframe of its own."""
+"""Groups of frames (section 4.1 of the paper): each begins with its own keyframe."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Group:
-    """Frames that share splats.
+    """Consecutive frames that share one set of splats.
 
     Attributes:
-        index: 0, 1, 2 ...
-        first: index in the take of its keyframe, counted from 0.
-        frames: frame numbers as in the footage; the first is the keyframe.
+        index: number of the group, counted from 0.
+        first: index of its keyframe, counted from 0 in the take.
+        frames: frame numbers in the footage; the first is the keyframe.
     """
 
     index: int
@@ -22,22 +22,22 @@ class Group:
 
     @property
     def indices(self) -> range:
-        """Indices of its frames in the take, counted from 0."""
+        """Indices of its frames, counted from 0 in the take."""
         return range(self.first, self.first + len(self.frames))
 
     @property
     def keyframe(self) -> int:
-        """Frame number of the keyframe, as in the footage."""
+        """Frame number of the keyframe in the footage."""
         return self.frames[0]
 
 
 def cut_into_groups(frames: Sequence[int], size: int) -> tuple[Group, ...]:
-    """Groups of `size` frames; the last one takes what is left."""
+    """Split frames into groups of `size`; the last group may be shorter."""
     return cut_at(frames, range(0, len(frames), size))
 
 
 def cut_at(frames: Sequence[int], starts: Sequence[int]) -> tuple[Group, ...]:
-    """Groups that begin at these indices, ascending, the first of them 0."""
+    """Split frames into groups that begin at the indices `starts`: ascending, the first is 0."""
     ends = [*starts[1:], len(frames)]
     return tuple(
         Group(index, first, tuple(frames[first:end]))

@@ -1,4 +1,4 @@
-"""What a user names on the command line: a stream's folder, a take's folder, or an address."""
+"""Resolves what a user names: the folder of a stream, the folder of a take, or a URL."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from studio.errors import StudioError
 
 
 def stream_place(text: str) -> Path | str:
-    """The folder or http(s) address of the stream that `text` names; of a take it is the take's stream.
+    """The folder or URL of a stream; for a take, the folder of its stream.
 
     Raises:
-        StudioError: the take has no stream yet, or there is no such folder.
+        StudioError: no such folder (`stream.not_found`), or the take has no stream yet (`take.no_stream`).
     """
     if "://" in text:
         return text
@@ -21,9 +21,17 @@ def stream_place(text: str) -> Path | str:
         folder = folder.parent
     if not (folder / "take.json").is_file():
         if not folder.is_dir():
-            raise StudioError(f"{text}: there is no such folder; give the folder of a stream or of a take.")
+            raise StudioError(
+                "stream.not_found", "no such folder", file=text, fix="Specify the folder of a stream or of a take."
+            )
         return folder
     stream = Take.open(folder).stream
     if not stream.is_dir():
-        raise StudioError(f"{text}: this take has no stream yet; run `v3studio run` or `v3studio bake`.")
+        raise StudioError(
+            "take.no_stream",
+            "this take has no stream yet",
+            file=text,
+            fix="Run `v3studio run` or `v3studio bake`.",
+            stage="bake",
+        )
     return stream

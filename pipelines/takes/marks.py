@@ -1,33 +1,53 @@
-"""marks.json: frames of a take that somebody wants to come back to, each with a note."""
+"""marks.json: frames marked for another look, each with a note."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from pipelines.takes.atomic_files import disk_errors, read_json, write_json
+from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
 from studio.errors import StudioError
 
 
+class Mark(Result):
+    """A marked frame."""
+
+    frame: int
+    """Counted from 0 in the take."""
+
+    note: str
+
+
+class Marks(Result):
+    """What marks.json holds."""
+
+    marks: tuple[Mark, ...]
+
+
 def read_marks(path: Path) -> dict[int, str]:
-    """Frame, counted from 0 in the take, to note; empty where there is no such file.
+    """Notes by frame, counted from 0 in the take; empty if the file does not exist.
 
     Raises:
-        StudioError: the file holds something else.
+        StudioError: the file is not what `write_marks` writes (`take.marks_damaged`).
     """
     if not path.is_file():
         return {}
     try:
-        return {int(mark["frame"]): str(mark["note"]) for mark in read_json(path)["marks"]}
-    except (KeyError, TypeError, ValueError):
-        raise StudioError(f"{path}: holds no marks that can be read; mend it, or move it away to begin anew.") from None
+        return {mark.frame: mark.note for mark in read_model(path, Marks).marks}
+    except StudioError as error:
+        raise StudioError(
+            "take.marks_damaged",
+            f"marks cannot be read: {error.problem}",
+            file=path,
+            fix="Fix the file, or move it away to start over.",
+        ) from None
 
 
 def write_marks(path: Path, notes: Mapping[int, str]) -> None:
-    """Write them, in the order of the frames.
+    """Write notes by frame, sorted by frame.
 
     Raises:
-        StudioError: the file cannot be written.
+        StudioError: the file cannot be written (`take.disk_full`, `take.not_writable`).
     """
     with disk_errors(path.parent):
-        write_json(path, {"marks": [{"frame": frame, "note": notes[frame]} for frame in sorted(notes)]})
+        write_model(path, Marks(marks=tuple(Mark(frame=frame, note=notes[frame]) for frame in sorted(notes))))

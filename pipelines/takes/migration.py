@@ -1,7 +1,7 @@
-"""Bringing a take of format 1 to the names of format 2, when a run first holds it.
+"""Migrates a take of format 1 to the names of format 2, when a run first locks it.
 
-Each step leaves what is done already alone, and take.json gets its new number last: a migration that was killed goes
-on where it stopped. Until then the take is read as it is (`Take.file`, `pipelines.takes.records`).
+Every step can be repeated, and take.json gets its new format number last, so a killed migration resumes. Until then
+the take is read as is (`Take.file`, `pipelines.takes.records`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,16 @@ from studio.errors import StudioError
 
 
 def migrate(take: Take) -> bool:
-    """Bring the take to `TAKE_FORMAT`; returns whether anything had to be done. The caller holds the take.
+    """Migrate the take to `TAKE_FORMAT`. The caller holds the lock.
 
-    Results, their digests and the frames' keys stay as they are, so nothing becomes stale.
+    Results, their digests and the keys of frames do not change, so nothing becomes stale.
+
+    Returns:
+        False if the take has the current format already.
 
     Raises:
-        StudioError: take.json cannot be read.
-        OSError: the folder cannot be written to.
+        StudioError: take.json cannot be read (`take.damaged`).
+        OSError: the folder cannot be written.
     """
     about = read_json(take.root / "take.json")
     if about.get("format") == TAKE_FORMAT:
@@ -43,7 +46,7 @@ def migrate(take: Take) -> bool:
                     os.rename(old, new)
     for path in sorted((take.private / "stages").glob("*.json")):
         _rewrite_record(path)
-    with contextlib.suppress(StudioError):  # settings that cannot be read are told by who reads them
+    with contextlib.suppress(StudioError):  # unreadable settings are reported when they are used
         values, changes = renamed(read_yaml(take.config), str(take.config))
         if changes:
             write_text(take.config, dump_tree(values))
@@ -56,7 +59,7 @@ def migrate(take: Take) -> bool:
 
 
 def _rewrite_record(path: Path) -> None:
-    with contextlib.suppress(StudioError):  # a damaged record vouches for nothing, and stays damaged
+    with contextlib.suppress(StudioError):  # a damaged record counts as none and is left as is
         record = read_json(path)
         if not isinstance(record, dict):
             return
@@ -69,7 +72,7 @@ def _rewrite_record(path: Path) -> None:
 
 
 def current_report(value: Any) -> Any:
-    """The calibration's report with the keys of now."""
+    """A calibration report with current keys."""
     if isinstance(value, dict):
         return {REPORT_KEYS.get(key, key): current_report(item) for key, item in value.items()}
     return [current_report(item) for item in value] if isinstance(value, list) else value

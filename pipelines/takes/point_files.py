@@ -1,4 +1,4 @@
-"""Meshes and point clouds as binary PLY, which any viewer opens."""
+"""Meshes and point clouds as binary PLY."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from studio.errors import StudioError
 
 
 def write_mesh(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
-    """Binary PLY: float32 vertices, triangles."""
+    """Write vertices (V, 3), stored as float32, and triangles (F, 3)."""
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
@@ -28,7 +28,7 @@ _POINT = np.dtype(
 
 
 def write_points(path: Path, points: np.ndarray, normals: np.ndarray | None, colors: np.ndarray) -> None:
-    """Positions (N, 3), normals (N, 3) or None (zeros then), colors (N, 3) in 0 to 255."""
+    """Write positions (N, 3), normals (N, 3) (None: zeros) and colors (N, 3), 0 to 255."""
     rows = np.zeros(len(points), dtype=_POINT)
     for column, name in enumerate(("x", "y", "z")):
         rows[name] = points[:, column]
@@ -44,19 +44,22 @@ def write_points(path: Path, points: np.ndarray, normals: np.ndarray | None, col
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (N, 3) float32 and colors (N, 3) float32 in 0 to 1, from what `write_points` wrote.
+    """Read what `write_points` wrote: positions (N, 3) float32, colors (N, 3) float32 in 0 to 1.
 
     Raises:
-        StudioError: not there, or damaged.
+        StudioError: `take.damaged`.
     """
+    fix = "Run `v3studio initialize --force`."
     try:
         header, _, body = path.read_bytes().partition(b"end_header\n")
     except OSError as error:
-        raise StudioError(f"{path}: cannot be read ({error.strerror}); run `v3studio initialize --force`.") from None
+        raise StudioError(
+            "take.damaged", f"cannot be read ({error.strerror})", file=path, fix=fix, stage="initialize"
+        ) from None
     found = re.search(rb"^element vertex ([0-9]{1,12})$", header, re.MULTILINE)
     count = int(found[1]) if found else -1
     if count < 0 or len(body) != count * _POINT.itemsize:
-        raise StudioError(f"{path}: is damaged; run `v3studio initialize --force`.")
+        raise StudioError("take.damaged", "the file is damaged", file=path, fix=fix, stage="initialize")
     rows = np.frombuffer(body, dtype=_POINT)
     points = np.column_stack([rows["x"], rows["y"], rows["z"]])
     colors = np.column_stack([rows["red"], rows["green"], rows["blue"]]).astype(np.float32) / 255

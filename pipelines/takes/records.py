@@ -1,32 +1,75 @@
-"""What was noted when a stage finished or failed."""
+"""Records of finished and of failed stages."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from pydantic import Field, JsonValue, ValidationError
+
 from pipelines.config.renamed import REPORT_KEYS, current_name, current_names, current_path
-from pipelines.takes.atomic_files import digest_of_files, read_json, write_json
+from pipelines.takes.atomic_files import Result, digest_of_files, read_json, read_model, write_model
 from pipelines.takes.take import Take
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
 
 
-def read_record(take: Take, stage: str) -> dict[str, Any] | None:
-    """What the stage's results were made from, their digest, time taken and summary; None if it never finished.
+class StageRecord(Result):
+    """.v3studio/stages/STAGE.json: what a finished stage was made from and what it wrote."""
 
-    A damaged record vouches for nothing and counts as none: the stage runs again.
+    stage: str
+    params: dict[str, JsonValue]
+    """Settings by dotted name, digests of inputs and of the results of other stages."""
+
+    result: str
+    """Digest of the files that the stage wrote."""
+
+    files: dict[str, int] = Field(default_factory=dict)
+    """Size in bytes by path relative to the take."""
+
+    written: dict[str, int] = Field(default_factory=dict)
+    """Modification time in ns by path relative to the take."""
+
+    seconds: float | None = None
+    """Work time, without pauses."""
+
+    finished: str = ""
+    """UTC, ISO 8601."""
+
+    summary: dict[str, JsonValue] = Field(default_factory=dict)
+    """The stage's summary, as in the event `stage_finished`."""
+
+
+class FailureRecord(Result):
+    """.v3studio/stages/STAGE.failed.json: why the last attempt failed."""
+
+    stage: str
+    message: str
+    """The sentence for people."""
+
+    code: str = ""
+    """Of the error (`studio.errors.Message.code`); "" in takes of earlier versions."""
+
+    error: dict[str, JsonValue] = Field(default_factory=dict)
+    """`studio.errors.Message.to_dict`: file, value, fix and other fields."""
+
+
+def read_record(take: Take, stage: str) -> StageRecord | None:
+    """The record of a finished stage.
+
+    Returns:
+        None if the stage never finished, or its record is damaged: then it runs again.
     """
     path = take.record(stage)
     if not path.is_file():
         return None
     try:
-        record = read_json(path)
-    except StudioError:
+        found = read_json(path)
+        return StageRecord.model_validate(current_record(found) if isinstance(found, dict) else None)
+    except (StudioError, ValidationError):
         return None
-    return current_record(record) if isinstance(record, dict) and "result" in record else None
 
 
 def current_record(record: dict[str, Any]) -> dict[str, Any] | None:
-    """A record of any format with the names of now; None where it is no record."""
+    """A record of any take format with current names; None if it is not a record."""
     params = record.get("params", record.get("ingredients"))
     if not isinstance(params, dict):
         return None
@@ -42,36 +85,37 @@ def current_record(record: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def note_rewritten(take: Take, stage: str) -> None:
-    """A finished stage's files were written anew by the program, and still say the same."""
+    """Update a stage's record after the program rewrote its files without changing their meaning."""
     record = read_record(take, stage)
     if record is None:
         return
-    files = [take.file(name) for name in record["files"]]
-    record["result"] = digest_of_files(take.root, files)
-    for what, value in (("files", "st_size"), ("written", "st_mtime_ns")):
-        record[what] = {
-            current_path(path.relative_to(take.root).as_posix()): getattr(path.stat(), value) for path in files
-        }
-    write_json(take.record(stage), record)
+    stats = {current_path(name): take.file(name).stat() for name in record.files}
+    update = {
+        "result": digest_of_files(take.root, [take.file(name) for name in record.files]),
+        "files": {name: stat.st_size for name, stat in stats.items()},
+        "written": {name: stat.st_mtime_ns for name, stat in stats.items()},
+    }
+    write_model(take.record(stage), record.model_copy(update=update))
 
 
 def result_of(take: Take, stage: str) -> str | None:
-    """Digest of what a finished stage left; None if it is not finished."""
+    """Digest of a finished stage's results; None if it is not finished."""
     record = read_record(take, stage)
-    return str(record["result"]) if record else None
+    return record.result if record else None
 
 
-def write_failure(take: Take, stage: str, message: str) -> None:
-    """Note why the stage failed."""
-    write_json(take.failure(stage), {"stage": stage, "message": message})
+def write_failure(take: Take, stage: str, error: Message) -> None:
+    """Record why a stage failed."""
+    record = FailureRecord(stage=stage, message=str(error), code=error.code, error=error.to_dict())
+    write_model(take.failure(stage), record)
 
 
-def read_failure(take: Take, stage: str) -> str:
-    """Why the stage's last attempt failed; "" if it did not."""
+def read_failure(take: Take, stage: str) -> FailureRecord | None:
+    """Why the stage's last attempt failed; None if it did not, or the record is damaged."""
     path = take.failure(stage)
     if not path.is_file():
-        return ""
+        return None
     try:
-        return str(read_json(path).get("message", ""))
-    except (StudioError, AttributeError):
-        return ""
+        return read_model(path, FailureRecord)
+    except StudioError:
+        return None

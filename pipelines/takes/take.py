@@ -1,17 +1,17 @@
-"""A take's folder: where each stage's results lie, and the lock that keeps two runs apart.
+"""A take's folder: its layout, and the lock that keeps two runs apart.
 
 Layout::
 
     take.json                                   format version, what made it
-    config.yaml                                 all settings, resolved
+    config.yaml                                 all settings of the last run
     calibrate/rig.json, report.json             cameras as in the footage (full size, with lens distortion)
-    calibrate/points.ply                        sparse points, where the cameras were found from the footage
-    initialize/group_000/mesh.ply, points.ply   visual hull and points of each group's keyframe; report.json
-    train/group_000/frame_000000.safetensors    Gaussians of a frame (counted from 0 in the take); group.json
-    stream/                                     the stream, and nothing else
-    evaluation.json, report.html                what came out
-    marks.json                                  frames that somebody marked, with notes; there only if somebody did
-    .v3studio/                                  lock, records of what results were made from, work in progress
+    calibrate/points.ply                        sparse points, if the cameras were calibrated from footage
+    initialize/group_000/mesh.ply, points.ply   visual hull and initial points of a group's keyframe; report.json
+    train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
+    stream/                                     the stream, nothing else
+    evaluation.json, report.html                measured quality and the report
+    marks.json                                  marked frames with notes, if there are any
+    .v3studio/                                  lock, records of finished stages, work in progress
 """
 
 from __future__ import annotations
@@ -26,80 +26,111 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+from pydantic import ValidationError
 
 from pipelines.config.renamed import first_name, first_path
-from pipelines.takes.atomic_files import read_json, remove, sweep_partial, write_json
+from pipelines.takes.atomic_files import Result, read_json, remove, sweep_partial, write_model
+from pipelines.version import program_version
 from studio.errors import StudioError
 from studio.paths import need_utf8
 
 TAKE_FORMAT = 2
-"""Version of this layout. Format 1 had other names (`pipelines.config.renamed`): it is read as it is, and brought to
-this one when a run first holds it (`pipelines.takes.migration`)."""
+"""Version of this layout. Format 1 had other names (`pipelines.config.renamed`); it is read as is, and migrated when a
+run first locks the take (`pipelines.takes.migration`)."""
 
 READABLE = (1, TAKE_FORMAT)
+"""Formats that this version reads."""
+
+
+class TakeFile(Result):
+    """take.json."""
+
+    format: Any
+    """`TAKE_FORMAT` of the version that wrote it."""
+
+    created_by: str = "an unknown program"
+    created: str = ""
+    """UTC, ISO 8601."""
 
 
 @dataclass(frozen=True)
 class Take:
-    """Paths of one take. `open` and `create` check that the folder is one."""
+    """The paths in one take. Use `open` or `create`, which check the folder.
+
+    Attributes:
+        root: the take's folder, absolute.
+    """
 
     root: Path
 
     @classmethod
     def open(cls, root: Path) -> Take:
-        """An existing take.
+        """Open an existing take.
 
         Raises:
-            StudioError: no take there, or one of another version.
+            StudioError: no such folder (`take.not_found`), no take.json (`take.not_a_take`), another format
+                (`take.unknown_format`), or a damaged take.json (`take.damaged`).
         """
         root = root.absolute()
         need_utf8(root)
         command = f"`v3studio run CONFIG --take {shlex.quote(str(root))}`"
         if not root.is_dir():
-            raise StudioError(f"{root}: there is no such folder; {command} makes a take.")
+            raise StudioError("take.not_found", "no such folder", file=root, fix=f"Create a take with {command}.")
         if not (root / "take.json").is_file():
-            hint = f"; if it was lost, {command} writes it anew" if _looks_like(root) else ""
-            raise StudioError(f"{root} is not a take (it has no take.json); give the folder of a take{hint}.")
+            lost = _looks_like(root)
+            fix = f"If take.json was lost, {command} writes a new one." if lost else "Specify the folder of a take."
+            raise StudioError("take.not_a_take", "not a take: it has no take.json", file=root, fix=fix, lost=lost)
         found = read_json(root / "take.json")
-        version = found.get("format") if isinstance(found, dict) else None
-        if version not in READABLE:
-            maker = found.get("created_by", "an unknown program") if isinstance(found, dict) else "an unknown program"
+        try:
+            about = TakeFile.model_validate(found)
+        except ValidationError:
+            about = TakeFile(format=found.get("format") if isinstance(found, dict) else None)
+        if about.format not in READABLE:
             raise StudioError(
-                f"{root / 'take.json'}: format {version!r}, made by {maker}; this version reads "
-                f"formats {' and '.join(map(str, READABLE))}: "
-                "use the version that made it, or run into a new folder."
+                "take.unknown_format",
+                f"take format {about.format!r}, written by {about.created_by}; this version reads formats "
+                f"{' and '.join(map(str, READABLE))}",
+                file=root / "take.json",
+                value=about.format,
+                fix="Use the version that wrote it, or choose a new folder.",
+                created_by=about.created_by,
+                expected=READABLE,
             )
         return cls(root)
 
     @classmethod
     def create(cls, root: Path) -> Take:
-        """The take at `root`, made if there is none.
+        """Open the take at `root`, or create one there.
 
         Raises:
-            StudioError: the folder holds something else, or a take of another version.
+            StudioError: a file (`take.is_file`), a folder of other files (`take.not_empty`), or as `open`.
         """
         root = root.absolute()
         need_utf8(root)
         if (root / "take.json").exists():
             return cls.open(root)
         if root.exists() and not root.is_dir():
-            raise StudioError(f"{root} is a file; give a folder for the take.")
+            raise StudioError("take.is_file", "is a file, not a folder", file=root, fix="Specify a folder.")
         if root.is_dir() and not _looks_like(root) and any(path.name != ".v3studio" for path in root.iterdir()):
-            raise StudioError(f"{root} is not empty and is not a take; give a new or empty folder.")
-        write_json(
-            root / "take.json",
-            {
-                "format": TAKE_FORMAT,
-                "created_by": f"v3studio {program_version()}",
-                "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            },
+            raise StudioError(
+                "take.not_empty",
+                "the folder is not empty and is not a take",
+                file=root,
+                fix="Specify a new or an empty folder.",
+            )
+        about = TakeFile(
+            format=TAKE_FORMAT,
+            created_by=f"v3studio {program_version()}",
+            created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         )
+        write_model(root / "take.json", about)
         return cls(root)
 
     @property
     def config(self) -> Path:
-        """config.yaml: all settings of the last run, resolved."""
+        """config.yaml: all settings of the last run."""
         return self.root / "config.yaml"
 
     @property
@@ -114,7 +145,7 @@ class Take:
 
     @property
     def calibration_points(self) -> Path:
-        """calibrate/points.ply: sparse points, where the cameras were found from the footage."""
+        """calibrate/points.ply: sparse points, if the cameras were calibrated from footage."""
         return self.root / "calibrate" / "points.ply"
 
     def initialize_group(self, group: int) -> Path:
@@ -122,29 +153,29 @@ class Take:
         return self.folder("initialize") / group_name(group)
 
     def folder(self, stage: str) -> Path:
-        """A stage's folder of results."""
-        return self._kept(self.root, stage)
+        """The folder of a stage's results."""
+        return self._existing(self.root, stage)
 
     def file(self, name: str) -> Path:
-        """A file by its path relative to the take, as it is called now."""
+        """A file by its current path relative to the take; in a take of format 1, the file under its old path."""
         path, first = self.root / name, self.root / first_path(name)
         return first if not path.exists() and first.exists() else path
 
-    def _kept(self, folder: Path, stage: str, ending: str = "") -> Path:
-        """`folder/stage`; in a take of format 1 what that was called."""
+    def _existing(self, folder: Path, stage: str, ending: str = "") -> Path:
+        """`folder/stage`, or its old name in a take of format 1."""
         path, first = folder / f"{stage}{ending}", folder / f"{first_name(stage)}{ending}"
         return first if first != path and not path.exists() and first.exists() else path
 
     def train_group(self, group: int) -> Path:
-        """train/group_000: a frame_000000.safetensors a frame, group.json."""
+        """train/group_000: one frame_000000.safetensors per frame, group.json."""
         return self.root / "train" / group_name(group)
 
     def trained_frame(self, group: int, index: int) -> Path:
-        """Gaussians of the frame `index`, counted from 0 in the take."""
+        """Gaussians of frame `index`, counted from 0 in the take."""
         return self.train_group(group) / f"frame_{index:06d}.safetensors"
 
     def trained_files(self) -> tuple[list[Path], tuple[int, ...]]:
-        """Trained frames in order, up to the first that is missing, and the first frame of each group."""
+        """Files of the trained frames in order, up to the first missing one, and the first index of each group."""
         files: list[Path] = []
         starts: list[int] = []
         while (path := self.trained_frame(len(starts), len(files))).is_file():
@@ -156,16 +187,16 @@ class Take:
         return files, tuple(starts)
 
     def keyframe_checkpoint(self, group: int) -> Path:
-        """A keyframe in training; gone when it is trained."""
+        """Checkpoint of a keyframe in training; deleted when the keyframe is finished."""
         return self.train_group(group) / "keyframe.checkpoint"
 
     def motion_network(self, group: int, index: int) -> Path:
-        """The motion network of the frame `index`, kept while the frame after it may need it (motion_warm_start)."""
+        """Motion network of frame `index`, kept until the next frame is trained (train.motion_warm_start)."""
         return self.train_group(group) / f"motion_{index:06d}.safetensors"
 
     @property
     def stream(self) -> Path:
-        """stream/: whole or not there."""
+        """stream/: either complete or absent."""
         return self.root / "stream"
 
     @property
@@ -180,7 +211,7 @@ class Take:
 
     @property
     def marks(self) -> Path:
-        """marks.json: frames that somebody marked, with notes."""
+        """marks.json: marked frames with notes."""
         return self.root / "marks.json"
 
     @property
@@ -190,53 +221,61 @@ class Take:
 
     @property
     def grouping(self) -> Path:
-        """Where groups begin, if the footage was asked."""
+        """initialize/groups.json: where groups begin, with train.grouping = motion."""
         return self.folder("initialize") / "groups.json"
 
     def record(self, stage: str) -> Path:
-        """What a stage's results were made from; there only when the stage is finished."""
-        return self._kept(self.private / "stages", stage, ".json")
+        """Record of a finished stage; absent until it finishes."""
+        return self._existing(self.private / "stages", stage, ".json")
 
     def failure(self, stage: str) -> Path:
-        """Why a stage's last attempt failed; there only if it did."""
-        return self._kept(self.private / "stages", stage, ".failed.json")
+        """Record of a stage's last failure; absent if the last attempt did not fail."""
+        return self._existing(self.private / "stages", stage, ".failed.json")
 
     def work(self, stage: str) -> Path:
         """A stage's folder for work in progress."""
-        return self._kept(self.private / "work", stage)
+        return self._existing(self.private / "work", stage)
 
     @property
     def footage_cache(self) -> Path:
-        """Mattes and backgrounds that were slow to make. Its files are never out of date, and may be deleted."""
+        """Cache of mattes and background plates. Its files never go out of date and may be deleted at any time."""
         return self.private / "footage"
 
     @property
     def previews(self) -> Path:
-        """Pictures shown while training."""
+        """Preview images rendered during training."""
         return self.private / "previews"
 
     @property
     def log(self) -> Path:
-        """The events of the last run, a JSON object a line."""
+        """events.jsonl: events of the last run, one JSON object per line."""
         return self.private / "events.jsonl"
 
     @contextmanager
     def locked(self, command: str) -> Iterator[None]:
-        """Hold the take for this process; leftovers of killed runs are swept away first.
+        """Lock the take for this process; leftovers of killed runs are deleted first.
 
-        The kernel gives the lock back when a process dies, however it dies.
+        The kernel releases the lock when the process ends for any reason.
+
+        Args:
+            command: recorded in the lock, for the error that a second run gets.
 
         Raises:
-            StudioError: another run holds it.
+            StudioError: another run holds the lock (`take.locked`; fields pid and command).
         """
         self.private.mkdir(parents=True, exist_ok=True)
         path = self.private / "lock"
         with path.open("a+") as file:
             if not _lock_soon(file):
                 holder = self.running() or {}
+                pid, held_by = holder.get("pid"), holder.get("command", "v3studio")
                 raise StudioError(
-                    f"Another run works on {self.root} (process {holder.get('pid', 'unknown')}, "
-                    f"{holder.get('command', 'v3studio')}); wait for it or stop it."
+                    "take.locked",
+                    f"another run is in progress (process {'unknown' if pid is None else pid}, {held_by})",
+                    file=self.root,
+                    fix="Wait for it to finish, or stop it.",
+                    pid=pid,
+                    command=held_by,
                 )
             file.seek(0)
             file.truncate()
@@ -250,7 +289,7 @@ class Take:
                 file.truncate()
 
     def running(self) -> dict[str, object] | None:
-        """Process id and command of the run that holds the take, or None."""
+        """`pid` and `command` of the run that holds the lock; None if there is none."""
         path = self.private / "lock"
         try:
             with path.open("r") as file:
@@ -259,7 +298,7 @@ class Take:
                 except BlockingIOError:
                     try:
                         holder = json.load(file)
-                    except ValueError:  # just being written
+                    except ValueError:  # the holder is still writing it
                         holder = {}
                     return dict(holder)
                 return None
@@ -267,13 +306,13 @@ class Take:
             return None
 
     def forget(self, stage: str) -> None:
-        """Drop what is known of a stage, so that it runs again."""
+        """Delete a stage's records, so that it runs again."""
         remove(self.record(stage))
         remove(self.failure(stage))
 
 
 def _lock_soon(file: IO[str]) -> bool:
-    """Whether the lock is ours; `status` holds it for a moment, so a few attempts are made."""
+    """Try to get the lock; `status` holds it briefly, hence several attempts."""
     for attempt in range(5):
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -289,16 +328,6 @@ def group_name(group: int) -> str:
     return f"group_{group:03d}"
 
 
-def program_version() -> str:
-    """Version of the installed package, or "unknown" in a bare checkout."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("v3studio")
-    except PackageNotFoundError:
-        return "unknown"
-
-
 def _looks_like(root: Path) -> bool:
-    """A take that has lost its take.json: its settings and some stage's results are there."""
+    """A take that lost its take.json: settings and the results of some stage are there."""
     return (root / "config.yaml").is_file() and any((root / name).is_dir() for name in ("calibrate", "train", "stream"))

@@ -1,4 +1,4 @@
-"""The Gaussian video that a take, a stream or an address holds."""
+"""Opens the Gaussian video of a take, a stream or a URL."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from studio.stream import StreamReader
 
 FALLBACK_FPS = 30.0
-"""Rate of trained frames where neither stream nor settings tell: still images have none."""
+"""Frame rate if neither the settings nor the stream have one: footage of still images has none."""
 
 
 def is_take(text: str) -> bool:
-    """Whether a take's folder is named."""
+    """`text` is the folder of a take."""
     return "://" not in text and (Path(text).expanduser() / "take.json").is_file()
 
 
 def trained_video(root: Path) -> SplatVideo:
-    """A take's trained frames, from the first up to the first that is missing.
+    """Trained frames of a take, up to the first missing one.
 
     Raises:
-        StudioError: no take there, or nothing is trained in it.
+        StudioError: not a take (see `Take.open`), or no trained frames (`take.not_trained`).
     """
     from pipelines.config import load_config
     from pipelines.takes.frame_files import read_frame
@@ -37,7 +37,9 @@ def trained_video(root: Path) -> SplatVideo:
     take = Take.open(root)
     files, starts = take.trained_files()
     if not files:
-        raise StudioError(f"{root}: nothing is trained in this take yet; run `v3studio train`.")
+        raise StudioError(
+            "take.not_trained", "no trained frames yet", file=root, fix="Run `v3studio train`.", stage="train"
+        )
     capture = load_config(take.config if take.config.is_file() else None).capture
     rig = read_rig(take.rig) if take.rig.is_file() else None
     fps = capture.fps
@@ -59,7 +61,7 @@ def trained_video(root: Path) -> SplatVideo:
 
 
 def decoded_video(reader: StreamReader) -> SplatVideo:
-    """A stream's frames as its players see them."""
+    """Frames of a stream as players decode them."""
     import numpy as np
 
     from studio.cameras import Camera
@@ -80,7 +82,7 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
 
 
 def _is_vector(value: object) -> TypeGuard[list[float]]:
-    """Three finite numbers: metadata is free, and may be anything."""
+    """Three finite numbers; metadata of a stream may hold anything."""
     return (
         isinstance(value, list)
         and len(value) == 3
@@ -89,7 +91,11 @@ def _is_vector(value: object) -> TypeGuard[list[float]]:
 
 
 def open_reader(text: str) -> StreamReader:
-    """The stream that is named: a stream's folder, a take's, or an address. Close it."""
+    """Open a stream from its folder, the folder of a take, or a URL. The caller closes it.
+
+    Raises:
+        StudioError: see `pipelines.takes.locate_stream.stream_place` and `StreamReader.open`.
+    """
     from studio.stream import StreamReader
 
     return StreamReader.open(stream_place(text))

@@ -80,7 +80,9 @@ def test_a_failure_still_ends_in_its_sentence_and_its_event(take_of: Callable[[]
     events = [parse_event(line) for line in done.stdout.decode().splitlines()]
     assert isinstance(events[-1], RunFinished)
     assert events[-1].outcome == "failed"
-    assert b"error: The stage bake needs train" in done.stderr
+    assert events[-1].code == "stage.dependency"
+    assert events[-1].fields["dependency"] == "train"
+    assert b"error: the stage bake needs train" in done.stderr
 
 
 COMMANDS = {

@@ -14,10 +14,11 @@ from gui.presenters.run.jobs import Job, LogFollower, is_paused, pause_process, 
 from gui.presenters.run.run_state import RunState
 from gui.presenters.stages.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from gui.presenters.worker import LatestWorker
-from pipelines.config import Config, dump_config, load_config
+from pipelines.config import Config, load_config
 from pipelines.config.loading import COMMAND_LINE
 from pipelines.stages.base import Context
-from pipelines.takes.atomic_files import disk_errors, write_text
+from pipelines.takes.atomic_files import disk_errors
+from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -274,7 +275,7 @@ class Workspace:
             config = load_config(self.take.config, [(name, value)])
             if config != self.context.config:
                 with disk_errors(self.take.root):
-                    write_text(self.take.config, dump_config(config))
+                    save_config(self.take.config, config)  # keeps comments
         except StudioError as error:
             return str(error).removeprefix(f"{COMMAND_LINE}: ")
         self._next_look = 0.0

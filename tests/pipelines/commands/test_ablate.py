@@ -8,51 +8,47 @@ import math
 import cv2
 import pytest
 
+from pipelines.ablation.results import RatePoint, VariantResult
 from pipelines.ablation.study import compare
 from pipelines.ablation.variants import chosen
 from pipelines.takes.frame_files import read_about
-from studio.errors import StudioError
+from tests.support.errors import refuses
 
 
-def curve(factor: float, shift: float) -> list[dict]:
+def curve(factor: float, shift: float) -> list[RatePoint]:
     """PSNR linear in the logarithm of the rate, as Bjontegaard assumes."""
     rates = [10.0, 20.0, 40.0, 80.0, 160.0]
     return [
-        {"qp": index, "kb_per_frame": rate * factor, "psnr_decoded": 20 + 3 * math.log2(rate) + shift}
+        RatePoint(qp=index, kb_per_frame=rate * factor, psnr_decoded=20 + 3 * math.log2(rate) + shift)
         for index, rate in enumerate(rates)
     ]
 
 
 def test_distances_between_curves_that_are_known():
-    entries = [
-        {"points": curve(1, 0)},
-        {"points": curve(0.8, 0)},
-        {"points": curve(1, -0.5)},
-        {"points": curve(1, 100)},
-        {"points": curve(1, 0)[:2]},
-    ]
-    compare(entries)
-    assert "bd_rate_percent" not in entries[0]
-    assert entries[1]["bd_rate_percent"] == pytest.approx(-20, abs=0.01)
-    assert entries[1]["bd_psnr_db"] == pytest.approx(-3 * math.log2(0.8), abs=0.002)
-    assert entries[2]["bd_psnr_db"] == pytest.approx(-0.5, abs=0.002)
-    assert entries[2]["bd_rate_percent"] == pytest.approx(100 * (2 ** (0.5 / 3) - 1), abs=0.02)
-    assert entries[3]["bd_rate_percent"] is None, "no quality is reached by both"
-    assert entries[4]["bd_rate_percent"] is None, "two points are no curve"
+    curves = [curve(1, 0), curve(0.8, 0), curve(1, -0.5), curve(1, 100), curve(1, 0)[:2]]
+    entries = compare([VariantResult(name="x", title="x", points=tuple(points)) for points in curves])
+    assert "bd_rate_percent" not in entries[0].to_json()
+    assert entries[1].bd_rate_percent == pytest.approx(-20, abs=0.01)
+    assert entries[1].bd_psnr_db == pytest.approx(-3 * math.log2(0.8), abs=0.002)
+    assert entries[2].bd_psnr_db == pytest.approx(-0.5, abs=0.002)
+    assert entries[2].bd_rate_percent == pytest.approx(100 * (2 ** (0.5 / 3) - 1), abs=0.02)
+    assert entries[3].bd_rate_percent is None, "no quality is reached by both"
+    assert entries[4].bd_rate_percent is None, "two points are no curve"
+    assert entries[4].to_json()["bd_rate_percent"] is None, "written as null"
 
 
 def test_a_point_that_costs_more_and_is_worse_does_not_break_the_comparison():
     bent = curve(1, 0)
-    bent.append({"qp": 9, "kb_per_frame": 200.0, "psnr_decoded": bent[-1]["psnr_decoded"] - 1})
-    entries = [{"points": curve(1, 0)}, {"points": bent}]
-    compare(entries)
-    assert entries[1]["bd_rate_percent"] == pytest.approx(0, abs=1e-6)
+    bent.append(RatePoint(qp=9, kb_per_frame=200.0, psnr_decoded=bent[-1].psnr_decoded - 1))
+    entries = compare([VariantResult(name="x", title="x", points=tuple(points)) for points in (curve(1, 0), bent)])
+    assert entries[1].bd_rate_percent == pytest.approx(0, abs=1e-6)
 
 
 def test_the_full_method_is_always_first_and_names_are_checked():
     assert [variant.name for variant in chosen(["group-20", "no-motion"])] == ["full", "no-motion", "group-20"]
-    with pytest.raises(StudioError, match="no variant 'nothing'; there are full, no-entropy"):
+    with refuses("ablation.unknown_variant", value="nothing") as caught:
         chosen(["nothing"])
+    assert caught.value.fields["expected"][:2] == ["full", "no-entropy"]
 
 
 def test_command_shares_keyframes_measures_and_goes_on(project, cli):
@@ -86,7 +82,7 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
 
     refused = cli(*arguments[:-1], "10,x")
     assert refused.returncode == 1
-    assert "--qps is '10,x'" in refused.stderr
+    assert "--qps '10,x' is not a comma-separated list of integers" in refused.stderr
 
 
 def test_settings_beyond_the_paper_are_measured_by_name_only() -> None:

@@ -18,11 +18,11 @@ from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import write_rig_json
 from studio.cameras import Rig
-from studio.errors import StudioError
 from studio.export.camera_path import Key, look_at, path_to_json
 from studio.gaussians import Gaussians
 from studio.splat_files import read_splats
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from tests.support.errors import refuses
 
 CENTER = np.array([0.2, 0.1, 0.3])
 
@@ -178,7 +178,7 @@ def test_movies(here, take, tmp_path):
         "export", take, "--format", "camera-path", "--path", take / "calibrate" / "rig.json", "--size", "48x32",
         "--out", tmp_path / "rig.mp4",
     )  # fmt: skip
-    assert done.stdout.startswith("5 pictures of 48x32"), done.stderr  # as long as the video
+    assert done.stdout.endswith("a.mp4: 5 frames of 48x32\n"), done.stderr  # as long as the video
 
 
 def test_mistakes_are_one_sentence(here, take, tmp_path):
@@ -186,13 +186,19 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     cases = [
         ([take, "--format", "ply", "--out", tmp_path], "exists already"),
         ([take, "--format", "ply", "--out", out, "--frames", "0:9"], "written 0:5"),
-        ([take, "--format", "ply", "--out", out, "--frames", "all"], "--frames is 'all'"),
-        ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames need a folder"),
-        ([take / "stream", "--of", "trained", "--format", "ply", "--out", out], "only a take has trained splats"),
+        ([take, "--format", "ply", "--out", out, "--frames", "all"], "--frames 'all' is not of the form"),
+        ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames cannot be written to one file"),
+        ([take / "stream", "--of", "trained", "--format", "ply", "--out", out], "--of trained needs a take"),
         ([take, "--format", "camera-path", "--out", tmp_path / "a.mp4"], "needs --path"),
-        ([take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--size", "big"], "--size is 'big'"),
-        ([take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"], "--background is 'red'"),
-        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "keeps the capture's axes"),
+        (
+            [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--size", "big"],
+            "--size 'big' is not",
+        ),
+        (
+            [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"],
+            "--background 'red' is",
+        ),
+        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "only has the axes of the capture"),
         ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
     ]
     for arguments, message in cases:
@@ -210,7 +216,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
 
 def test_nothing_trained_yet(tmp_path):
     take = Take.create(tmp_path / "new")
-    with pytest.raises(StudioError, match="nothing is trained"):
+    with refuses("take.not_trained", file=take.root):
         trained_video(take.root)
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from pipelines import events
 from pipelines.events import MAX_TEXT, Event, Metrics, Progress, RunStarted, parse_event, read_line
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
+from tests.support.errors import refuses
 
 EXAMPLES = [
     RunStarted(take="/t", stages=("train", "bake"), done=("calibrate",), pid=1, version="0.1"),
@@ -17,8 +18,8 @@ EXAMPLES = [
     Metrics(stage="train", values={"psnr": 31.0}, group=0, frame=3),
     events.Preview(stage="train", path="/t/x.png", caption="frame 3", camera="cam05", iteration=500),
     events.Log(stage="train", message="hello"),
-    events.Warned(stage="train", message="grün"),
-    events.StageFailed(stage="bake", message="no", traceback="..."),
+    events.Warned(stage="train", message="grün", code="training.slow", fields={"setting": "capture.scale"}),
+    events.StageFailed(stage="bake", message="no", code="a.b", file="/x", value=3, fix="Do.", traceback="..."),
     events.StageFinished(stage="train", seconds=1.5, summary={"frames": 3}),
     events.RunFinished(outcome="done", seconds=9.0),
 ]
@@ -51,7 +52,7 @@ def test_fields_of_a_later_version_are_passed_over():
     "line", ["", "hello", "{}", "[]", '{"event": "unheard_of"}', '{"event": "log"}', "null", "[" * 100_000]
 )
 def test_other_lines_are_refused(line):
-    with pytest.raises(StudioError, match="Not an event"):
+    with refuses("event.invalid", value=line[:200]):
         parse_event(line)
 
 
@@ -87,3 +88,35 @@ LINE = HELLO.to_json()
 )
 def test_events_are_found_among_what_libraries_print(line, event, text):
     assert read_line(line) == (event, text)
+
+
+def test_a_notice_carries_code_and_fields():
+    error = StudioError("footage.no_frames", "no frames", file="/cam3", value=0, fix="Add some.", camera="cam3")
+    read = parse_event(
+        events.StageFailed(stage="train", **events.StageFailed.parts(events.as_message(error))).to_json()
+    )
+    assert isinstance(read, events.StageFailed)
+    assert (read.code, read.file, read.value, read.fix) == ("footage.no_frames", "/cam3", 0, "Add some.")
+    assert read.fields == {"camera": "cam3"}
+    assert read.message == str(error) == "/cam3: no frames. Add some."
+    assert events.as_message(ZeroDivisionError("x")) == Message(
+        "program.bug", "ZeroDivisionError: x", fields={"exception": "ZeroDivisionError"}
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ('{"event": "stage_started", "stage": "initialise", "time": 1.0, "reason": "never finished"}',
+         events.StageStarted(stage="initialize", time=1.0, reason="never finished")),
+        ('{"event": "warning", "stage": "initialise", "time": 1.0, "message": "x"}',
+         events.Warned(stage="initialize", time=1.0, message="x")),
+        ('{"event": "run_finished", "stage": "", "time": 1.0, "outcome": "done", "seconds": 2.0, "message": ""}',
+         events.RunFinished(time=1.0, outcome="done", seconds=2.0)),
+        ('{"event": "run_started", "stage": "", "time": 1.0, "take": "/t", "stages": ["initialise", "train"], '
+         '"done": ["calibrate"], "pid": 1, "version": "0"}',
+         RunStarted(time=1.0, take="/t", stages=("initialize", "train"), done=("calibrate",), pid=1, version="0")),
+    ],
+)  # fmt: skip
+def test_logs_of_take_format_1_are_read(line, expected):
+    assert parse_event(line) == expected

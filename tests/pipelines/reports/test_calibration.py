@@ -59,26 +59,35 @@ def test_page_says_what_the_report_holds():
     assert "0.300 px" in text
     assert "80 observations of 40 points by 2 cameras" in text
     assert "left <1>" in text
-    assert "no place: only 3 features were found" in text
+    assert "not registered: only 3 features were found" in text
 
 
 def test_warnings():
-    assert calibration_warnings(report_with(0.3))[-1] == "Camera 'lost' found no place: only 3 features were found."
-    assert "mean reprojection error is 1.50 px" in calibration_warnings(report_with(1.5))[0]
+    last = calibration_warnings(report_with(0.3))[-1]
+    assert str(last) == "camera 'lost' was not registered: only 3 features were found."
+    assert (last.code, last.fields["camera"]) == ("calibration.unregistered", "lost")
+    high = calibration_warnings(report_with(1.5))[0]
+    assert high.code == "calibration.reprojection_error"
+    assert high.value == 1.5
     report = report_with(0.3)
     report["cameras"]["right"]["mean"] = 1.4
     report["cameras"]["right"]["coverage"] = 0.2
     said = calibration_warnings(report)
-    assert said[0].startswith("The reprojection error is over 1 px for right;")
-    assert said[1].startswith("Less than 40% of the image")
-    assert "Only 45% of the matches" in calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.45})[0]
-    assert "matches" not in " ".join(calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.78}))
+    assert [message.code for message in said[:2]] == ["calibration.poor_cameras", "calibration.low_coverage"]
+    assert said[0].fields["cameras"] == said[1].fields["cameras"] == ["right"]
+    low = calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.45})[0]
+    assert (low.code, low.value) == ("calibration.match_inlier_ratio", 0.45)
+    assert "only 45% of the matches" in str(low)
+    fine = calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.78})
+    assert "calibration.match_inlier_ratio" not in [message.code for message in fine]
 
 
 def test_a_focal_length_that_cannot_be():
     report = report_with(0.3)
     report["cameras"]["right"]["usual_focal"] = 50.0
-    assert "Camera 'right' has a focal length of 100 px where the others have 50" in calibration_warnings(report)[0]
+    found = calibration_warnings(report)[0]
+    assert (found.code, found.value) == ("calibration.focal_length", 100)
+    assert (found.fields["camera"], found.fields["expected"]) == ("right", 50)
 
 
 def test_lenses_in_common():
@@ -86,16 +95,16 @@ def test_lenses_in_common():
     assert calibration_lenses(report) == []
     cameras = ["left <1>", "right"]
     report |= {"match_inlier_ratio": 0.8, "sharing": [{"images": cameras, "shared": True, "misfit": 3.4}]}
-    assert calibration_lenses(report)[0].startswith("One lens for 2 cameras (left <1> to right)")
+    assert calibration_lenses(report)[0].startswith("Shared intrinsics for 2 cameras (left <1> to right)")
     page = Page()
     page.feed(render_calibration(report, cameras))
     text = " ".join(" ".join(page.words).split())
     assert (
-        "80 % of the matches between cameras agree with where they stand (75 and more is usual). One lens for 2 cameras"
+        "80% of the matches between cameras agree with the camera poses (75% or more is normal). Shared intrinsics for"
         in text
     )
     report["sharing"][0] |= {"shared": False, "misfit": 91.2}
-    assert "A lens each for 2 cameras" in calibration_lenses(report)[0]
+    assert "Separate intrinsics for 2 cameras" in calibration_lenses(report)[0]
     assert "91 times" in calibration_lenses(report)[0]
 
 

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from pipelines.ablation.report import table_rows
+from pipelines.ablation.results import AblationResults, RatePoint, VariantResult
 from pipelines.config import load_config, parse_override
 from pipelines.events import StageStarted, Warned
 from pipelines.runs.runner import run, status
@@ -133,10 +134,10 @@ def test_only_known_networks_can_be_set() -> None:
 
 
 def test_the_ablations_table_has_a_column_for_it() -> None:
-    def results(**more: float) -> dict:
-        point = {"qp": 20, "kb_per_frame": 10.0, "psnr_trained": 30.0, "psnr_decoded": 29.0, **more}
-        return {"variants": [{"title": "full", "points": [point]}, {"title": "new", "points": [],
-                "bd_rate_percent": None, "bd_psnr_db": None}]}  # fmt: skip
+    def results(**more: float) -> AblationResults:
+        point = RatePoint(qp=20, kb_per_frame=10.0, psnr_trained=30.0, psnr_decoded=29.0, **more)
+        full = VariantResult(name="full", title="full", points=(point,))
+        return AblationResults(variants=(full, VariantResult(name="new", title="new")))
 
     assert table_rows(results(), 20)[0].count("LPIPS decoded") == 0
     header, full, new = table_rows(results(lpips_decoded=0.12345), 20)

@@ -10,9 +10,9 @@ import pytest
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--square", "abc", "argument --square: 'abc' is no number; give one, as in 2.5"),
-        ("--square", "nan", "argument --square: 'nan' is no number"),
-        ("--columns", "5.5", "argument --columns: '5.5' is no whole number; give one, as in 24"),
+        ("--square", "abc", "argument --square: 'abc' is not a number; example: 2.5"),
+        ("--square", "nan", "argument --square: 'nan' is not a number"),
+        ("--columns", "5.5", "argument --columns: '5.5' is not an integer; example: 24"),
     ],
 )
 def test_what_is_no_number_is_wrong_usage(here, tmp_path, option, value, said):
@@ -24,10 +24,10 @@ def test_what_is_no_number_is_wrong_usage(here, tmp_path, option, value, said):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--square", "-5"), "--square is -5; give the side of a square in millimeters"),
-        (("--square", "0", "--kind", "chessboard"), "--square is 0; give the side of a square in millimeters"),
-        (("--marker", "70"), "--marker is 70 mm; give the side of a marker in millimeters, above 0 and below that of"),
-        (("--marker", "-1"), "--marker is -1 mm"),
+        (("--square", "-5"), "--square -5: not between 0 and 10000 mm"),
+        (("--square", "0", "--kind", "chessboard"), "--square 0: not between 0 and 10000 mm"),
+        (("--marker", "70"), "--marker 70: not between 0 and the side of a square, 60 mm"),
+        (("--marker", "-1"), "--marker -1: not between 0"),
     ],
 )
 def test_a_boards_sizes_are_answered_in_millimeters(here, tmp_path, options, said):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.takes.atomic_files import atomic_path, digest_of, disk_errors, sweep_partial, write_json, write_text
-from studio.errors import StudioError
+from tests.support.errors import refuses
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
@@ -29,7 +29,7 @@ def test_nan_never_reaches_a_json_file(tmp_path):
 
 def test_full_disk_is_a_sentence_that_names_the_folder(tmp_path):
     """/dev/full answers every write as a full disk does."""
-    with pytest.raises(StudioError, match=f"The disk of {tmp_path} is full"), disk_errors(tmp_path):
+    with refuses("take.disk_full", file=tmp_path), disk_errors(tmp_path):
         Path("/dev/full").write_text("x")
 
 

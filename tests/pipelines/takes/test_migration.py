@@ -64,9 +64,9 @@ def seen(root: Path) -> tuple[object, ...]:
     record = read_record(take, "initialize")
     assert record is not None
     return (
-        record["params"],
-        record["summary"],
-        sorted(record["files"]),
+        record.params,
+        record.summary,
+        sorted(record.files),
         result_of(take, "train"),
         (take.initialize_group(0) / "points.ply").read_bytes(),
         load_config(take.config).train.strategy,
@@ -147,8 +147,8 @@ def test_a_stage_that_has_not_changed_is_not_stale(root: Path) -> None:
     now = {"initialize.points": 50_000, "result of calibrate": "c", "train.strategy": "mcmc"}
     record = read_record(take, "initialize")
     assert record is not None
-    assert differences(record["params"], now) == []
-    assert differences(record["params"], {**now, "train.strategy": "default"}) != []
+    assert differences(record.params, now) == []
+    assert differences(record.params, {**now, "train.strategy": "default"}) != []
 
 
 def test_keys_and_seeds_are_those_of_format_1() -> None:

@@ -1,0 +1,64 @@
+"""Main figures of each stage: in its record, in the event `stage_finished`, and in the summary line."""
+
+from __future__ import annotations
+
+from pipelines.takes.atomic_files import Result
+from pipelines.takes.evaluation import EvaluationSummary
+
+__all__ = [
+    "BakeSummary",
+    "CalibrateSummary",
+    "EvaluationSummary",
+    "InitializeSummary",
+    "TrainSummary",
+]
+
+
+class CalibrateSummary(Result):
+    """Main figures of `calibrate`."""
+
+    cameras: int
+
+    source: str
+    """file, board, tie points or footage."""
+
+    quality: str | None = None
+    """excellent, acceptable or review; not for a calibration file."""
+
+    mean_error_px: float | None = None
+    """Mean reprojection error in pixels."""
+
+    match_inlier_ratio: float | None = None
+    """Fraction of the matches between cameras that agree with the result, 0 to 1."""
+
+
+class InitializeSummary(Result):
+    """Main figures of `initialize`."""
+
+    groups: int
+    points_per_group: int
+
+    faces: tuple[int, ...]
+    """Triangles of each group's mesh."""
+
+
+class TrainSummary(Result):
+    """Main figures of `train`."""
+
+    groups: int
+    frames: int
+
+    splats: tuple[int, ...]
+    """Gaussians of each group."""
+
+
+class BakeSummary(Result):
+    """Main figures of `bake`."""
+
+    groups: int
+    frames: int
+
+    bytes: int
+    """Of the whole stream, manifest included."""
+
+    bytes_per_frame: int

@@ -1,0 +1,111 @@
+"""evaluation.json: image quality of the trained Gaussians and of the decoded stream, and how it was measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipelines.takes.atomic_files import Result, read_model
+
+MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
+"""Measures of a row, in order; the last two only with evaluate.lpips."""
+
+
+class Quality(Result):
+    """Image quality of a view, or the mean over views. PSNR in dB, at most 100; SSIM and LPIPS in 0 to 1."""
+
+    psnr_trained: float
+    psnr_decoded: float
+    ssim_trained: float
+    ssim_decoded: float
+    lpips_trained: float | None = None
+    lpips_decoded: float | None = None
+
+    @property
+    def measures(self) -> dict[str, float]:
+        """Measures by name, in the order of `MEASURES`, without those that were not taken."""
+        found = {name: getattr(self, name) for name in MEASURES}
+        return {name: value for name, value in found.items() if value is not None}
+
+
+class FrameQuality(Quality):
+    """One frame: the mean over its measured cameras."""
+
+    index: int
+    """Counted from 0 in the take."""
+
+    frame: int
+    """Frame number in the footage."""
+
+    group: int
+    keyframe: bool
+    splats: int
+
+    bytes: float
+    """Size of the group's videos divided by the frames in the group."""
+
+    cameras: dict[str, Quality]
+    """By camera name; cameras that do not see the performer in this frame are left out."""
+
+
+class EvaluationSummary(Quality):
+    """Means over all frames."""
+
+    bytes_per_frame: float
+    """Size of the whole stream, manifest included, divided by its frames."""
+
+    psnr_trained_lowest_frame: float
+    psnr_decoded_lowest_frame: float
+
+
+class Protocol(Result):
+    """How the quality was measured."""
+
+    cameras: tuple[str, ...]
+
+    held_out: bool
+    """False: no camera was held out, so training cameras were measured."""
+
+    note: str
+
+    resolution: dict[str, tuple[int, int]]
+    """Width and height in pixels by camera name."""
+
+    crop: str
+
+    background: tuple[float, float, float]
+    """RGB, 0 to 1."""
+
+    truth: str
+    frames: tuple[int, ...]
+    mean: str
+    ssim: str
+    lpips: str | None = None
+    total_bytes: int
+    total_bytes_are: str
+    bytes_of_a_frame: str
+
+
+class Evaluation(Result):
+    """What evaluation.json holds."""
+
+    summary: EvaluationSummary
+    protocol: Protocol
+
+    cameras: dict[str, Quality]
+    """Means over frames, by camera name."""
+
+    frames: tuple[FrameQuality, ...]
+
+    @property
+    def has_lpips(self) -> bool:
+        """LPIPS was measured."""
+        return self.summary.lpips_trained is not None
+
+
+def read_evaluation(path: Path) -> Evaluation:
+    """Read evaluation.json.
+
+    Raises:
+        StudioError: `take.file_not_found` or `take.damaged`.
+    """
+    return read_model(path, Evaluation)

@@ -1,0 +1,79 @@
+"""The small JSON files that stages write beside their results."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field, JsonValue
+
+from pipelines.takes.atomic_files import Result
+
+
+class InitialPointsReport(Result):
+    """initialize/group_NNN/report.json."""
+
+    key: str = ""
+    """Digest of everything that the points were made from."""
+
+    keyframe: int
+    """Frame number in the footage."""
+
+    points: int
+    vertices: int
+    faces: int
+
+    disagreement: dict[str, float] = Field(default_factory=dict)
+    """By camera: fraction of its mask that the visual hull does not reproduce."""
+
+    warnings: tuple[Any, ...] = ()
+
+    files: dict[str, str] = Field(default_factory=dict)
+    """Digests of the files in the folder, by name."""
+
+
+class TrainedGroup(Result):
+    """train/group_NNN/group.json."""
+
+    group: int
+
+    first: int
+    """Index in the take of the keyframe, counted from 0."""
+
+    frames: tuple[int, ...]
+    """Frame numbers in the footage."""
+
+    splats: int
+    sh_degree: int
+
+    seconds: tuple[float, ...] = ()
+    """Training time of each finished frame; 0 where unknown."""
+
+
+class BakedGroup(Result):
+    """.v3studio/work/bake/group_NNN.json: what a baked group was made from."""
+
+    key: str
+
+    files: dict[str, int]
+    """Sizes in bytes by file name."""
+
+    digests: dict[str, str]
+    """By file name."""
+
+    entry: dict[str, JsonValue]
+    """The group's entry in manifest.json."""
+
+
+class FoundGroups(Result):
+    """initialize/groups.json: where groups begin with train.grouping = motion."""
+
+    key: str = ""
+    """Digest of everything that the groups were found from."""
+
+    starts: tuple[int, ...] = ()
+    """Indices of the keyframes in the take, counted from 0."""
+
+    changes: tuple[float, ...] = ()
+    """Per frame: change since its keyframe, mean over cameras."""
+
+    cameras: tuple[str, ...] = ()

@@ -1,0 +1,13 @@
+"""The version of the installed package."""
+
+from __future__ import annotations
+
+
+def program_version() -> str:
+    """Version of the installed package; "unknown" if it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("v3studio")
+    except PackageNotFoundError:
+        return "unknown"

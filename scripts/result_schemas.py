@@ -1,0 +1,34 @@
+"""Writes the JSON schemas of a take's results to docs/: `python scripts/result_schemas.py`.
+
+docs/stream.schema.json, the schema of the stream's manifest, is not among them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from pipelines.ablation.results import AblationResults
+from pipelines.takes.evaluation import Evaluation
+from pipelines.takes.records import StageRecord
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+MODELS: dict[str, type[BaseModel]] = {
+    "evaluation.schema.json": Evaluation,
+    "ablation.schema.json": AblationResults,
+    "record.schema.json": StageRecord,
+}
+
+
+def schema(model: type[BaseModel]) -> dict[str, Any]:
+    """The JSON schema of a model."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
+
+
+if __name__ == "__main__":
+    from studio.atomic_files import write_json
+
+    for name, model in MODELS.items():
+        write_json(DOCS / name, schema(model))

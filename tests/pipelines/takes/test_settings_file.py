@@ -1,0 +1,84 @@
+"""Changing a value in a file of settings: comments and order stay, hostile files are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.config import load_config
+from pipelines.takes.settings_file import MAX_BYTES, save_config, set_settings
+from tests.support.errors import refuses
+
+TEXT = """\
+# my capture
+train:
+  group_size: 15 # two groups
+  max_splats: 36000
+
+bake: {qp: 24} # a little lossy
+capture:
+  root: /footage
+  held_out: [cam05, cam12]  # never trained on
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    (tmp_path / "mine.yaml").write_text(TEXT)
+    return tmp_path / "mine.yaml"
+
+
+def test_only_the_changed_value_changes(file: Path) -> None:
+    set_settings(file, {"train.group_size": 10})
+    before, after = TEXT.splitlines(), file.read_text().splitlines()
+    assert [new for old, new in zip(before, after, strict=True) if old.split() != new.split()] == [
+        "  group_size: 10 # two groups"
+    ]
+    assert load_config(file).train.group_size == 10
+
+
+def test_a_new_setting_is_added_and_an_equal_one_not_rewritten(file: Path) -> None:
+    set_settings(file, {"bake.qp": 24, "capture.held_out": ["cam05", "cam12"]})
+    assert file.read_text() == TEXT
+    set_settings(file, {"run.seed": 7, "bake.preset": "fast"})
+    config = load_config(file)
+    assert (config.run.seed, config.bake.preset, config.bake.qp) == (7, "fast", 24)
+    for comment in ("# my capture", "# two groups", "# a little lossy", "# never trained on"):
+        assert comment in file.read_text()
+
+
+def test_all_settings_of_a_run_keep_the_comments(file: Path) -> None:
+    config = load_config(file, [("bake.qp", 30), ("capture.offsets", {"cam05": 2})])
+    save_config(file, config)
+    assert load_config(file) == config
+    for comment in ("# my capture", "# two groups", "# a little lossy", "# never trained on"):
+        assert comment in file.read_text()
+    assert file.read_text().index("train:") < file.read_text().index("bake:") < file.read_text().index("capture:")
+    before = file.read_bytes()
+    save_config(file, config)
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize("damaged", ["{", "[1, 2]", "bake: {qp: 24}\nbake: {qp: 25}\n", "unknown: {x: 1}\n"])
+def test_a_file_that_cannot_be_kept_is_replaced(file: Path, damaged: str) -> None:
+    config = load_config(file)
+    file.write_text(damaged)
+    save_config(file, config)
+    assert load_config(file) == config
+
+
+BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for n in range(1, 40))
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [BOMB, "a: " + "[" * 200 + "]" * 200, "a: " + "[" * 50_000, "a: &a [*a]", "x" * (MAX_BYTES + 1), "a: [1"],
+    ids=["aliases", "nested", "unclosed", "recursive", "large", "syntax"],
+)
+def test_hostile_files_are_refused_and_stay(file: Path, hostile: str) -> None:
+    file.write_text(hostile)
+    with refuses("settings.not_yaml", file=file):
+        set_settings(file, {"bake.qp": 3})
+    assert file.read_text() == hostile
+    assert list(file.parent.iterdir()) == [file]
