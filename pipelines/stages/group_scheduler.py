@@ -35,11 +35,11 @@ def groups_at_once(context: Context) -> int:
         return min(asked, groups)
     if context.device != "cpu":
         return 1
-    from studio.training.views import KEPT_PIXELS
+    from studio.training.views import CACHED_PIXELS
 
     footage = context.footage.calibrated
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
-    each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, KEPT_PIXELS)) for one in pixels)
+    each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
     each += _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
     memory = psutil.virtual_memory().total // 2
     return max(1, min(groups, context.threads, _MOST, memory // each))
