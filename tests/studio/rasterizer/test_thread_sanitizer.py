@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 RACE_FOUND = 66
 """Exit code of a program in which ThreadSanitizer found a data race."""
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]  # compiling takes minutes on a busy machine
 
 
 def tool(name: str) -> str:
