@@ -71,15 +71,13 @@ class StudioError(Exception):
     def __init__(
         self,
         code: str,
-        problem: str | None = None,
+        problem: str,
         *,
         file: str | os.PathLike[str] | None = None,
         value: Any = None,
         fix: str = "",
         **fields: Any,
     ) -> None:
-        if problem is None:
-            code, problem = "unclassified", code
         self.message = Message(code, problem, file, value, fix, fields)
         super().__init__(code, problem)
 

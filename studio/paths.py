@@ -8,13 +8,15 @@ from studio.errors import StudioError
 
 
 def need_utf8(path: Path) -> None:
-    """A path must be text that every library and every file of settings can hold.
+    """Check that a path can be passed to every library and written to a settings file.
 
     Raises:
-        StudioError: its bytes are not UTF-8.
+        StudioError: it is not valid UTF-8 (path.not_utf8).
     """
     try:
         str(path).encode("utf-8")
     except UnicodeEncodeError:
         shown = str(path).encode("utf-8", "backslashreplace").decode()
-        raise StudioError(f"{shown}: the path is not valid UTF-8; rename the folder.") from None
+        raise StudioError(
+            "path.not_utf8", "the path is not valid UTF-8", file=shown, fix="Rename the folder."
+        ) from None

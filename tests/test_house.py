@@ -262,3 +262,19 @@ def test_no_file_names_a_machines_folders() -> None:
         if path.suffix in suffixes and (found := pattern.search(path.read_bytes()))
     ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_every_error_has_a_code() -> None:
+    """`StudioError("area.what", "problem", ...)`: programs and tests act on the code."""
+    wrong, found = [], 0
+    for floor in FLOORS:
+        for path in sorted((ROOT / floor).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if not (isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "StudioError"):
+                    continue
+                found += 1
+                code = node.args[0] if node.args else None
+                if isinstance(code, ast.Constant) and not re.fullmatch(r"[a-z][a-z0-9_]*\.[a-z0-9_]+", str(code.value)):
+                    wrong.append(f"{path.relative_to(ROOT)}:{node.lineno}: {code.value!r}")
+    assert found > 300
+    assert not wrong, "\n".join(wrong)
