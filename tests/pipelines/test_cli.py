@@ -93,7 +93,7 @@ def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(cli, project):
     assert isinstance(events[-1], RunFinished)
     assert events[-1].outcome == "failed"
     assert "cam3" in events[-1].message
-    assert events[-1].code.startswith("footage.") or events[-1].code == "unclassified"
+    assert events[-1].code.startswith("footage.")
     assert all("Traceback" not in event.traceback for event in events if isinstance(event, StageFailed))
 
 

@@ -23,8 +23,8 @@ from studio.stream.decode_motion import MotionFrame
 from studio.stream.decode_planes import PlanesFrame
 from studio.stream.manifest_models import MotionGroup
 from studio.stream.motion_state import Side
+from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
-from studio.stream.source import open_source
 
 FPS = 25.0
 
