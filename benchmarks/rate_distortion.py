@@ -450,7 +450,7 @@ def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGro
 
 
 def write_between(path: Path, marker: str, text: str) -> None:
-    """Replace what stands between <!-- marker --> and <!-- /marker -->."""
+    """Replace what is between <!-- marker --> and <!-- /marker -->."""
     document = path.read_text(encoding="utf-8")
     pattern = re.compile(rf"(<!-- {re.escape(marker)} -->\n).*?(<!-- /{re.escape(marker)} -->)", re.DOTALL)
     if not pattern.search(document):

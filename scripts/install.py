@@ -1,6 +1,6 @@
 """Installs the pinned requirements and this package into .venv: for `make setup`, and with --dev for tests and linters.
 
-It runs before .venv exists, so it uses the standard library only. It may be stopped at any moment: what was finished is
+It runs before .venv exists, so it uses the standard library only. It can be stopped at any time: what was finished is
 kept in RECORD, and the next call goes on from there. docs/INSTALL.md says what is installed and why.
 """
 

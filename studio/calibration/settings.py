@@ -45,7 +45,7 @@ class CalibrateSettings(Settings):
     origin at the point the cameras look at, and up from the cameras. World units are meters either way."""
 
     board_upright: Annotated[bool, _TARGET] = False
-    """The target stands upright in frame board_origin. false: it lies on the floor."""
+    """The target is upright in frame board_origin. false: it is on the floor."""
 
     tie_points: Annotated[str, Heading("Tie points")] = ""
     """File of tie points marked manually in several cameras (docs/CALIBRATION.md), relative to capture.root. The

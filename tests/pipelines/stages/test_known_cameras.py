@@ -1,4 +1,4 @@
-"""What the calibrate stage is told beforehand, from settings to arguments."""
+"""Known cameras, focal lengths and distances: from settings to arguments."""
 
 from __future__ import annotations
 

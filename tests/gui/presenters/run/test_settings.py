@@ -1,4 +1,4 @@
-"""The settings on the left: headings, labels that can be told apart, and the filter."""
+"""The settings on the left: headings, distinct labels, and the filter."""
 
 from __future__ import annotations
 
