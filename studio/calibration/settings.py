@@ -48,7 +48,7 @@ class CalibrateSettings(Settings):
     """The target is upright in frame board_origin. false: it is on the floor."""
 
     tie_points: Annotated[str, Heading("Tie points")] = ""
-    """File of tie points marked manually in several cameras (docs/CALIBRATION.md), relative to capture.root. The
+    """File of tie points marked manually in several cameras (docs/guides/calibrate-points.md), relative to capture.root. The
     cameras are then calibrated from it. For rigs whose cameras share too few features to be matched automatically."""
 
     tie_accuracy: Annotated[float, _POINTS] = Field(default=1.0, gt=0, le=100)

@@ -47,7 +47,7 @@ class FileSettings(Settings):
     clean_plate: difference to images of the empty set. median_background: difference to the footage's median over time,
     for static cameras. chroma_key: a screen of one color. plain: the performer is already cut out on plain white or
     black. model: a matting model. none: everything is foreground. auto: the first of alpha, files, clean_plate and
-    plain that the capture has, else median_background with 10 frames or more, else none. See docs/MASKS.md."""
+    plain that the capture has, else median_background with 10 frames or more, else none. See docs/guides/mattes.md."""
 
     mask_files: str = "auto"
     """Pattern of the mask files; white is the performer. auto: search folders named mask, masks, matte, mattes,

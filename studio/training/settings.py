@@ -175,7 +175,7 @@ class TrainSettings(Settings):
 
     entropy_weight: Annotated[float, _LATER] = Field(default=1e-5, ge=0)
     """Weight of the residual entropy loss: lambda_e in equation 13. Not the paper's 1e-4, which was measured to need
-    14 % more bytes at equal quality (docs/TRAINING.md)."""
+    14 % more bytes at equal quality (docs/measurements/training.md)."""
 
     temporal_weight: Annotated[float, _LATER] = Field(default=1e-3, ge=0)
     """Weight of the temporal loss: lambda_t in the paper's equation 13."""

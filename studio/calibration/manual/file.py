@@ -88,7 +88,7 @@ def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
             "tie_points.syntax",
             "invalid YAML" + (f" at line {line}" if line else ""),
             file=path,
-            fix="docs/CALIBRATION.md describes the format.",
+            fix="docs/guides/calibrate-points.md describes the format.",
             line=line,
         ) from None
     points = content.get("points") if isinstance(content, dict) else None

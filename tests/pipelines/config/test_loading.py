@@ -39,7 +39,7 @@ def test_defaults_are_the_papers():
 
 
 def test_the_entropy_weight_is_not_the_papers():
-    """The paper's 1e-4 was measured to cost bytes at equal quality (docs/TRAINING.md)."""
+    """The paper's 1e-4 was measured to cost bytes at equal quality (docs/measurements/training.md)."""
     assert Config().train.entropy_weight == 1e-5
 
 
