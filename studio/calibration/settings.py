@@ -48,8 +48,9 @@ class CalibrateSettings(Settings):
     """The target is upright in frame board_origin. false: it is on the floor."""
 
     tie_points: Annotated[str, Heading("Tie points")] = ""
-    """File of tie points marked manually in several cameras (docs/guides/calibrate-points.md), relative to capture.root. The
-    cameras are then calibrated from it. For rigs whose cameras share too few features to be matched automatically."""
+    """File of tie points marked manually in several cameras (docs/guides/calibrate-points.md), relative to
+    capture.root. The cameras are then calibrated from it. For rigs whose cameras share too few features to be matched
+    automatically."""
 
     tie_accuracy: Annotated[float, _POINTS] = Field(default=1.0, gt=0, le=100)
     """Standard deviation of the marks, in pixels."""
