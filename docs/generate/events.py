@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import typing
 from dataclasses import fields
 
 from generate.markdown import code, escaped, table
@@ -26,7 +27,7 @@ def events_page() -> str:
     from pipelines import events
 
     common = {field.name for field in fields(events.Event)}
-    kinds = events.Event.__subclasses__()  # in the order in which they are declared
+    kinds = typing.get_args(events.AnyEvent)  # in the order in which they are declared
     lines = [INTRODUCTION]
     for cls in kinds:
         summary, _, attributes = inspect.cleandoc(cls.__doc__ or "").partition("Attributes:")

@@ -43,7 +43,7 @@ def test_every_command_explains_itself(cli):
 
 def test_config_prints_every_setting_with_its_documentation(cli):
     text = cli("config").stdout
-    assert "\n  # Frames a group, at most; its first frame is the keyframe." in text
+    assert "\n  # Maximum number of frames per group; the first is the keyframe. The paper uses 20." in text
     assert "\n  max_splats: 100000\n" in text
 
 

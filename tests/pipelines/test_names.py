@@ -135,7 +135,7 @@ def test_a_path_that_is_not_utf8_is_refused_in_a_sentence(place: Path, run_in: C
     wrong = tmp_path / os.fsdecode(b"pris\xe9")
     done = run_in("C", "run", place / "réglages 影.yaml", "--take", wrong, "--json")
     assert done.returncode == 1
-    assert b"the path is not valid UTF-8; rename the folder." in done.stderr
+    assert b"the path is not valid UTF-8. Rename the folder." in done.stderr
     assert done.stderr.count(b"\n") == 1
     assert not os.path.exists(wrong)
     wrong.mkdir()

@@ -177,7 +177,7 @@ def test_everything_that_is_missing_is_named(tmp_path: Path) -> None:
         "Importing bjontegaard failed: ModuleNotFoundError: No module named 'scipy'",
         "Importing plyfile failed: libfoo.so.3 was not found; install libfoo3",
         "Decimating a mesh with pymeshlab failed: it ended the process with signal SIGABRT",
-        "Opening Vulkan failed: The window needs Vulkan",
+        "Opening Vulkan failed: the window needs Vulkan",
     ]
     assert len(found) == len(expected), done.stderr
     for line, beginning in zip(found, expected, strict=True):

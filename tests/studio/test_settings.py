@@ -67,8 +67,12 @@ def dataclass_defaults(path: Path) -> Iterator[tuple[str, str]]:
                     yield node.name, ast.unparse(item.target)
 
 
+RESULTS_OF_THE_SAME_NAME = {"Evaluation.held_out"}
+"""Results, not settings: whether the cameras that were measured were held out."""
+
+
 def test_no_dataclass_repeats_a_setting() -> None:
-    """Settings that stand twice drift apart. Short names that mean other things as well are not looked at."""
+    """Settings that are declared twice drift apart. Names without an underscore are too common to be checked."""
     root = Path(__file__).parents[2]
     names = {last for name in FIELDS if "_" in (last := name.rsplit(".", 1)[-1])}
     assert len(names) > 70
@@ -77,7 +81,7 @@ def test_no_dataclass_repeats_a_setting() -> None:
         for floor in ("studio", "pipelines", "gui")
         for path in sorted((root / floor).rglob("*.py"))
         for owner, name in dataclass_defaults(path)
-        if name in names
+        if name in names and f"{owner}.{name}" not in RESULTS_OF_THE_SAME_NAME
     ]
     assert not found, "\n".join(found)
 

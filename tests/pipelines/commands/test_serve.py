@@ -95,7 +95,9 @@ def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_p
         shutil.copytree(stream, tmp_path / name, symlinks=True)
     process = start("serve", tmp_path, "--port", "0")
     lines = [process.stdout.readline() for _ in range(len(names) + 1)]
-    addresses = {line.split(" is served at ")[0]: line.rsplit(" at ", 1)[1].strip() for line in lines[:-1]}
+    addresses = {
+        line.removeprefix("Serving ").split(" at http")[0]: line.rsplit(" at ", 1)[1].strip() for line in lines[:-1]
+    }
     assert set(addresses) == {str(tmp_path / name) for name in names}
     host = addresses[str(tmp_path / "plain")].removesuffix("/plain")
     with urllib.request.urlopen(f"{host}/") as answer:

@@ -117,6 +117,6 @@ def test_killed_inside_a_keyframe_goes_on_from_its_checkpoint(project, start, cl
     again = cli(*run("killed"))
     assert again.returncode == 0, again.stderr
     told = [event.message for event in events_in(again.stdout.splitlines()) if isinstance(event, Log)]
-    assert any("the keyframe goes on from step" in message for message in told), told
+    assert any("resuming the keyframe at step" in message for message in told), told
     assert frames[0].read_bytes() == frames[1].read_bytes()
     assert not checkpoint.exists()

@@ -20,6 +20,7 @@ from pipelines.stages.evaluate import _at_least
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.perceptual import SMALLEST
+from tests.support.errors import refuses
 
 
 class StandIn:
@@ -118,11 +119,11 @@ def test_small_pictures_are_continued_with_the_background(take: Take) -> None:
 
 def test_weights_that_are_not_there_are_told_before_training(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(net: str, device: str) -> None:
-        raise StudioError("cannot be fetched")
+        raise StudioError("lpips.download_failed", "cannot be fetched")
 
     monkeypatch.setattr("studio.perceptual.Lpips", refuse)
     frames = {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")}
-    with pytest.raises(StudioError, match="cannot be fetched"):
+    with refuses("lpips.download_failed"):
         measured(take, "evaluate.lpips=alex", "train.finetune_iterations=30")
     assert {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")} == frames
     measured(take, "evaluate.lpips=alex", "bake.qp=21", stages=("bake",))  # where nothing is measured none are needed
