@@ -24,6 +24,9 @@ from tests.support.waiting import POLL, wait_until
 
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
+STILL = 25
+"""Ticks without a change after which a widget stands still. The panels follow a change only when they are next drawn,
+up to `gui.window.LONGER_PAUSE` later; a tick takes at least 9.5 ms."""
 
 
 def body(frame: int, splats: int = 600) -> Gaussians:
@@ -203,8 +206,8 @@ class RunningWindow:
         )
 
     def ticks(self, count: int = 3, seconds: float = 60.0) -> None:
-        """Wait until the window has ticked so often since now. It polls events, then draws, in each tick: what was sent
-        before has been handled by then, however busy the machine is."""
+        """Wait until the window has ticked so often since now. It polls events in each tick: what the X server had for
+        it has been handled by then, however busy the machine is. A tick takes at least 9.5 ms."""
         file = self.log.with_name(self.log.name + ".ticks")
         start = int(file.read_bytes())
         wait_until(f"{count} ticks", lambda: int(file.read_bytes()) >= start + count or self._ended, seconds)
@@ -213,7 +216,15 @@ class RunningWindow:
     def _ended(self) -> bool:
         return self.process.poll() is not None
 
-    def _place(self, widget: str, still: int = 3, seconds: float = 120.0) -> list[int]:
+    def drawn(self) -> None:
+        """Wait until the window has handled what the X server had for it, and has been drawn. To be drawn, it sends
+        itself an Expose event through the X server, which may take longer than some ticks: a query afterwards makes
+        sure that the event is back."""
+        self.ticks()
+        self.xdotool("getmouselocation")
+        self.ticks()
+
+    def _place(self, widget: str, still: int = STILL, seconds: float = 120.0) -> list[int]:
         """The widget's frame, once it is visible and has not moved for some ticks."""
         end = time.monotonic() + seconds
         place: list[int] | None = None
@@ -223,6 +234,7 @@ class RunningWindow:
             if place is not None and place == before and place[2] > 0:
                 return list(place)
             self.ticks(still)
+            self.drawn()
         pytest.fail(f"{widget} never stood still; its frame is {place}")
 
     def across_frame(self, frame: int) -> float:
@@ -259,10 +271,10 @@ class RunningWindow:
         self.send("mouseup", 1)
 
     def send(self, *arguments: object) -> None:
-        """An input event, and ticks until the window has handled it. The query after the event makes sure that the X
-        server has processed it."""
+        """An input event; returns when the window has handled it and has been drawn. The query after the event makes
+        sure that the X server has processed it."""
         self.xdotool(*arguments, "getmouselocation")
-        self.ticks()
+        self.drawn()
 
     def drag(self, widget: str, start: tuple[float, float], end: tuple[float, float], button: int = 1) -> None:
         """Drag over a widget in steps."""
@@ -286,9 +298,10 @@ class RunningWindow:
             self.wait_for(f"{field} to shrink from {now!r}", lambda s, now=now: s["texts"][widget] != now)
         self.enter_text(widget, text)
 
-    def enter_text(self, widget: str, text: str) -> None:
-        """Type at the end of the field that has the keyboard focus, and wait until it holds the text."""
-        whole = self.states()[-1]["texts"].get(widget, "") + text
+    def enter_text(self, widget: str, text: str, selected: bool = False) -> None:
+        """Type into the field that has the keyboard focus, and wait until it holds the text: at its end, or in place of
+        its text if that is selected."""
+        whole = text if selected else self.states()[-1]["texts"].get(widget, "") + text
         self.xdotool("type", "--delay", 40, text)
         self.wait_for(f"{whole!r} in {widget}", lambda s: s["texts"].get(widget) == whole)
 

@@ -117,7 +117,7 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     window.key("m")
     window.wait_for("the question", lambda s: s["dialog"] == "mark")
     window.wait_for("a line with the keyboard", lambda s: s["typing"])
-    window.enter_text("dialog line", "more")
+    window.enter_text("dialog line", "more", selected=True)  # Tab selects what it gives the keyboard to
     window.click("dialog line", 0.5, -1.0)
     assert window.states()[-1]["dialog"] == "mark"
     window.click("dialog close")
