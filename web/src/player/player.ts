@@ -8,7 +8,7 @@ import type { Renderer } from "../draw/renderer.ts";
 import { WebGL2Renderer } from "../draw/webgl2.ts";
 import { messageOf } from "../stream/errors.ts";
 import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
-import type { DecodePath, FromWorker, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
+import type { DecodePath, DepthAxis, FromWorker, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { Resolution } from "./resolution.ts";
 import { Statistics } from "./statistics.ts";
 import { VideoReader } from "./video_reader.ts";
@@ -92,6 +92,8 @@ export class Player {
   private waiting = false;
   private sortedAxis: readonly number[] = [0, 0, 0, 0];
   private sorting = false;
+  /** Number of the last sort asked for. */
+  private sortRequest = 0;
   private dirty = true;
   private viewTold = "";
   private handle = 0;
@@ -294,8 +296,7 @@ export class Player {
     const sorted = new Promise<void>((resolve) => {
       this.snapshotSorted = resolve;
     });
-    this.sorting = true;
-    this.post({ type: "sort", axis: depthAxis(pinhole) });
+    this.requestSort(depthAxis(pinhole));
     await sorted;
     const pixels = this.renderer.snapshot(pinhole, background);
     this.fixed = before;
@@ -343,7 +344,8 @@ export class Player {
         this.arrived(message.picture);
         break;
       case "order":
-        this.sorting = false;
+        // Only the last sort is for the current view.
+        if (message.request === this.sortRequest) this.sorting = false;
         if (message.frame === this.shown?.frame) {
           this.renderer.setOrder(message.order, message.count);
           this.shown.count = message.count;
@@ -351,8 +353,10 @@ export class Player {
           this.dirty = true;
         }
         this.post({ type: "recycle", buffers: [message.order.buffer] }, [message.order.buffer]);
-        this.snapshotSorted?.();
-        this.snapshotSorted = null;
+        if (!this.sorting) {
+          this.snapshotSorted?.();
+          this.snapshotSorted = null;
+        }
         break;
       case "left-out":
         this.left(message.group, message.message);
@@ -592,9 +596,13 @@ export class Player {
     const turned = Math.hypot(axis[0] - this.sortedAxis[0], axis[1] - this.sortedAxis[1], axis[2] - this.sortedAxis[2]);
     const moved = Math.abs(axis[3] - this.sortedAxis[3]);
     if (turned < SORT_AGAIN && moved < SORT_AGAIN * this.camera.distance) return;
-    this.sorting = true;
     this.sortedAxis = axis;
-    this.post({ type: "sort", axis });
+    this.requestSort(axis);
+  }
+
+  private requestSort(axis: DepthAxis): void {
+    this.sorting = true;
+    this.post({ type: "sort", request: ++this.sortRequest, axis });
   }
 
   private pinhole(): Pinhole {

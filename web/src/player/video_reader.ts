@@ -10,6 +10,8 @@ import type { ToWorker, VideoRequest } from "../worker/messages.ts";
 
 /** Milliseconds to wait for a picture. */
 const PATIENCE = 20_000;
+/** The same where the browser may not report the pictures it presents: on hidden pages, or ever. */
+const UNREPORTED = 2_000;
 
 const VERTEX = `#version 300 es
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
@@ -28,6 +30,7 @@ interface Opened {
   readonly address: string;
   readonly width: number;
   readonly height: number;
+  readonly presented: Presented;
 }
 
 export class VideoReader {
@@ -45,7 +48,7 @@ export class VideoReader {
       this.close(request.source);
       return;
     }
-    const work = request.type === "video-open" ? this.openSource(request) : this.read(request.source, request.time);
+    const work = request.type === "video-open" ? this.openSource(request) : this.read(request.source, request.time, request.duration);
     work.then(
       (luma) => {
         this.post({ type: "video-frame", request: request.request, luma }, [luma]);
@@ -68,7 +71,8 @@ export class VideoReader {
     element.playsInline = true;
     element.preload = "auto";
     const address = URL.createObjectURL(request.file);
-    this.open.set(request.source, { element, address, width: request.width, height: request.height });
+    const presented = new Presented(element);
+    this.open.set(request.source, { element, address, width: request.width, height: request.height, presented });
     element.src = address;
     await happened(element, "loadeddata");
     if (element.videoWidth !== request.width || element.videoHeight !== request.height)
@@ -78,15 +82,16 @@ export class VideoReader {
     return new ArrayBuffer(0);
   }
 
-  private async read(source: number, time: number): Promise<ArrayBuffer> {
+  private async read(source: number, time: number, duration: number): Promise<ArrayBuffer> {
     const opened = this.open.get(source);
     if (opened === undefined) throw new StreamError("The video was closed.");
-    const { element } = opened;
+    const { element, presented } = opened;
     if (Math.abs(element.currentTime - time) > 1e-4) {
       const seeked = happened(element, "seeked");
       element.currentTime = time;
       await seeked;
     }
+    await presented.reach(time, duration);
     return this.readBack(opened);
   }
 
@@ -134,6 +139,60 @@ export class VideoReader {
     opened.element.removeAttribute("src");
     opened.element.load();
     URL.revokeObjectURL(opened.address);
+  }
+}
+
+/**
+ * Which picture a <video> holds. "seeked" alone does not tell: on a busy machine it fires while the element still holds
+ * the picture from before the seek.
+ */
+class Presented {
+  private readonly element: HTMLVideoElement;
+  private readonly reports: boolean;
+  /** Presentation time of the picture, seconds; null before the first. */
+  private mediaTime: number | null = null;
+  private changed: (() => void) | null = null;
+
+  constructor(element: HTMLVideoElement) {
+    this.element = element;
+    this.reports = "requestVideoFrameCallback" in element;
+    if (this.reports) this.listen();
+  }
+
+  /** Waits for the picture that is shown at `time`, the middle of its `duration`; both in seconds. */
+  async reach(time: number, duration: number): Promise<void> {
+    if (!this.reports) return;
+    const there = (): boolean =>
+      this.mediaTime !== null && Math.abs(this.mediaTime + duration / 2 - time) < duration / 2;
+    if (there()) return;
+    await new Promise<void>((resolve, reject) => {
+      const end = (act: () => void): void => {
+        clearTimeout(timer);
+        this.changed = null;
+        act();
+      };
+      const reported = this.mediaTime !== null && !document.hidden;
+      const timer = setTimeout(
+        () => {
+          end(() => {
+            if (reported && !document.hidden) reject(new StreamError("The browser's video player gives no picture."));
+            else resolve();
+          });
+        },
+        reported ? PATIENCE : UNREPORTED,
+      );
+      this.changed = (): void => {
+        if (there()) end(resolve);
+      };
+    });
+  }
+
+  private listen(): void {
+    this.element.requestVideoFrameCallback((_now, { mediaTime }) => {
+      this.mediaTime = mediaTime;
+      this.listen();
+      this.changed?.();
+    });
   }
 }
 

@@ -12,8 +12,8 @@ export type ToWorker =
   | { readonly type: "open"; readonly url: string; readonly maxTexture: number; readonly path: DecodePath | "auto"; readonly loop: boolean }
   /** Bring a frame: decode it, sort it along the axis. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
-  /** Sort the frame that was brought last along another axis. */
-  | { readonly type: "sort"; readonly axis: DepthAxis }
+  /** Sort the frame that was brought last along another axis. `request` comes back with the order. */
+  | { readonly type: "sort"; readonly request: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
   /** Buffers whose content is no longer needed. */
   | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }
@@ -37,8 +37,14 @@ export type VideoRequest =
       readonly width: number;
       readonly height: number;
     }
-  /** `time` lies in the middle of the wanted picture, seconds. */
-  | { readonly type: "video-read"; readonly request: number; readonly source: number; readonly time: number }
+  /** `time` lies in the middle of the wanted picture, which is shown for `duration`; seconds. */
+  | {
+      readonly type: "video-read";
+      readonly request: number;
+      readonly source: number;
+      readonly time: number;
+      readonly duration: number;
+    }
   | { readonly type: "video-close"; readonly source: number };
 
 /** What a player needs to know of a stream. */
@@ -104,7 +110,14 @@ export interface Picture {
 export type FromWorker =
   | { readonly type: "opened"; readonly info: StreamInfo }
   | { readonly type: "picture"; readonly picture: Picture }
-  | { readonly type: "order"; readonly frame: number; readonly order: Uint32Array<ArrayBuffer>; readonly count: number; readonly sort: number }
+  | {
+      readonly type: "order";
+      readonly request: number;
+      readonly frame: number;
+      readonly order: Uint32Array<ArrayBuffer>;
+      readonly count: number;
+      readonly sort: number;
+    }
   /** A group that cannot be played; it is left out. */
   | { readonly type: "left-out"; readonly group: number; readonly message: string }
   | { readonly type: "fetched"; readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number; readonly cached: number }

@@ -143,11 +143,11 @@ export class Session {
   }
 
   /** Sorts the frame that was brought last. */
-  sort(axis: DepthAxis): void {
+  sort(request: number, axis: DepthAxis): void {
     const { shown } = this;
     if (shown === null) return;
     const [order, count, milliseconds] = this.sorted(shown.positions, shown.pixels, axis);
-    this.post({ type: "order", frame: shown.frame, order, count, sort: milliseconds }, [order.buffer]);
+    this.post({ type: "order", request, frame: shown.frame, order, count, sort: milliseconds }, [order.buffer]);
   }
 
   private async run(): Promise<void> {

@@ -111,12 +111,14 @@ export class VideoElementPictures implements PictureSource {
     const reading = this.chain.then(async () => {
       if (this.closed) throw new Closed();
       const packet = this.demuxed.packets[index];
+      const duration = packet.duration || 1 / 30;
       const began = performance.now();
       const luma = await this.channel.ask((request) => ({
         type: "video-read",
         request,
         source: this.source,
-        time: packet.timestamp + (packet.duration || 1 / 30) / 2,
+        time: packet.timestamp + duration / 2,
+        duration,
       }));
       return { data: new Uint8Array(luma), decode: performance.now() - began };
     });
