@@ -98,7 +98,7 @@ def test_every_event_is_on_the_page(generator: Load) -> None:
     page = generator("events").events_page()
     for event in (Progress, RunFinished):
         assert f"## {event.kind} {{ #{event.kind} }}" in page
-    assert "| `label` | `str` | what is being done" in page
+    assert "| `label` | `str` | the step in progress" in page
 
 
 def test_names_that_do_not_exist_are_found(generator: Load) -> None:
