@@ -178,7 +178,7 @@ def test_movies(here, take, tmp_path):
         "export", take, "--format", "camera-path", "--path", take / "calibrate" / "rig.json", "--size", "48x32",
         "--out", tmp_path / "rig.mp4",
     )  # fmt: skip
-    assert done.stdout.endswith("a.mp4: 5 frames of 48x32\n"), done.stderr  # as long as the video
+    assert done.stdout.endswith("rig.mp4: 5 frames of 48x32\n"), done.stderr  # as long as the video
 
 
 def test_mistakes_are_one_sentence(here, take, tmp_path):
