@@ -88,11 +88,11 @@ exec "$@"
 
 STAGES = (
     ".venv/bin/v3studio run sample_configs/quickstart.yaml --take ../take --capture.stop 2 --capture.scale 0.5"
-    " --initialise.points 4000 --train.max-splats 4000 --train.keyframe-iterations 40"
+    " --initialize.points 4000 --train.max-splats 4000 --train.keyframe-iterations 40"
     " --train.prune-finetune-iterations 10 --train.motion-iterations 10 --train.motion-first-iterations 10"
     " --train.finetune-iterations 10"
 )
-MADE = ("calibrate/rig.json", "initialise/group_000/mesh.ply", "stream/manifest.json", "report.html")
+MADE = ("calibrate/rig.json", "initialize/group_000/mesh.ply", "stream/manifest.json", "report.html")
 
 
 class CannotRun(Exception):
