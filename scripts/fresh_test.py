@@ -8,6 +8,7 @@ that is missing; that command is run as root, and `make setup` has to pass.
     FRESH_SUITE=trixie make fresh-test      another release (default: bookworm)
     FRESH_MIRROR=http://... make fresh-test another archive (default: the one in this machine's apt sources)
     FRESH_DIR=/big/disk make fresh-test     where to unpack, 8 GB or more (default: /var/tmp)
+    FRESH_ARGS=--full make fresh-test       `make demo` and `make test` in full instead of two frames (about an hour)
 
 It needs Linux, root, unshare, debootstrap (installed if apt-get can) and a package mirror. Where these are not to be
 had it says so and exits with 0; with CI=true in the environment it exits with 1, since CI relies on it.
@@ -425,26 +426,49 @@ def run_stages(system: System, user: str) -> None:
             raise Failed(f"{system.name}: the run passed but {name} was not made")
 
 
-def as_root_user(system: System) -> None:
+def demo_and_test(system: System, user: str) -> None:
+    """The README's two commands in full, with what they print at the end and the disk space that they take."""
+    output = system.step("make demo", "cd v3studio && make demo", user=user)
+    say("\n".join(output.splitlines()[-25:]))
+    checked = system.step(
+        "the demo's stream", "cd v3studio/demo-take/stream && sha256sum manifest.json && du -sb .", user=user
+    )
+    say(checked)
+    if user != "root":
+        paste_command_of(system, "make test", user)
+    output = system.step("make test", "cd v3studio && make test", user=user)
+    say("\n".join(output.splitlines()[-15:]))
+    say(system.step("disk space", "cd v3studio && du -smc .venv build web/node_modules demo-take", user=user))
+
+
+def paste_command_of(system: System, make: str, user: str) -> None:
+    """A command that fails for want of system packages prints one command; runs that as root."""
+    output = system.step(f"{make} before the packages are installed", f"cd v3studio && {make}", user=user, fails=True)
+    command = pasted_command(output)
+    say(f"{system.name}: it printed: {command}")
+    system.step("that command as root", as_root(command), answer="y\n" * 3)
+
+
+def as_root_user(system: System, full: bool) -> None:
     """The README's commands as root."""
     refresh(system)
     system.step("git clone", CLONE)
+    if full:
+        demo_and_test(system, "root")
+        return
     system.step("make setup", "cd v3studio && make setup")
     run_stages(system, "root")
 
 
-def as_ordinary_user(system: System) -> None:
+def as_ordinary_user(system: System, full: bool) -> None:
     """The same without root: fails with a command to paste, and passes after it."""
     refresh(system)
     system.step("adding a user", "useradd --create-home --shell /bin/bash visitor")
     system.step("git clone", CLONE, user="visitor")
-    command = pasted_command(
-        system.step(
-            "make setup before the packages are installed", "cd v3studio && make setup", user="visitor", fails=True
-        )
-    )
-    say(f"{system.name}: it printed: {command}")
-    system.step("that command as root", as_root(command), answer="y\n" * 3)
+    paste_command_of(system, "make demo" if full else "make setup", "visitor")
+    if full:
+        demo_and_test(system, "visitor")
+        return
     system.step("make setup", "cd v3studio && make setup", user="visitor")
     run_stages(system, "visitor")
 
@@ -466,7 +490,7 @@ def share_downloads() -> None:
     subprocess.run(["chmod", "-R", "a+rX", str(cache_folder() / "pip")], check=True)
 
 
-def run(suite: str, names: Iterable[str], keep: bool) -> None:
+def run(suite: str, names: Iterable[str], keep: bool, full: bool) -> None:
     """Runs the scenarios one after the other.
 
     Raises:
@@ -491,7 +515,7 @@ def run(suite: str, names: Iterable[str], keep: bool) -> None:
         tar = base_system(suite, mirror, work)
         for name in names:
             system = System(name, tar, work, carried, suite, security)
-            SCENARIOS[name](system)
+            SCENARIOS[name](system, full)
             share_downloads()
             if not keep:
                 remove_tree(system.root)
@@ -508,6 +532,7 @@ def main() -> int:
     parser.add_argument("--suite", default=os.environ.get("FRESH_SUITE") or "bookworm")
     parser.add_argument("--only", choices=SCENARIOS, help="one of the two scenarios")
     parser.add_argument("--keep", action="store_true", help="keep the systems' folders and logs")
+    parser.add_argument("--full", action="store_true", help="`make demo` and `make test` in full instead of two frames")
     given = parser.parse_args()
 
     def stop(number: int, frame: FrameType | None) -> None:
@@ -517,7 +542,7 @@ def main() -> int:
     signal.signal(signal.SIGHUP, stop)
     begun = time.monotonic()
     try:
-        run(given.suite, [given.only] if given.only else list(SCENARIOS), given.keep)
+        run(given.suite, [given.only] if given.only else list(SCENARIOS), given.keep, given.full)
     except CannotRun as reason:
         if os.environ.get("CI", "").lower() in ("1", "true", "yes"):
             print(f"fresh-test: CANNOT RUN, and CI relies on it: {reason}", file=sys.stderr)
