@@ -4,6 +4,8 @@ import { BufferSource, EncodedPacketSink, Input, MP4 } from "mediabunny";
 import { messageOf, StreamError } from "../stream/errors.ts";
 
 export interface Packet {
+  /** Frame of the group that it decodes to: its place in the order of display. */
+  readonly picture: number;
   readonly key: boolean;
   readonly data: Uint8Array;
   /** Seconds. */
@@ -13,7 +15,7 @@ export interface Packet {
 
 export interface Demuxed {
   readonly config: VideoDecoderConfig;
-  /** In order of decoding, which is the order of the frames: streams have no B pictures. */
+  /** In order of decoding, which is another than that of display where there are B pictures. */
   readonly packets: readonly Packet[];
 }
 
@@ -44,7 +46,7 @@ export async function demux(
       );
     const config = await track.getDecoderConfig();
     if (config === null) throw new StreamError("its decoder settings are missing");
-    const packets: Packet[] = [];
+    const packets: Omit<Packet, "picture">[] = [];
     for await (const packet of new EncodedPacketSink(track).packets()) {
       if (packets.length === frames) throw new StreamError(`it has more than ${frames} pictures`);
       packets.push({
@@ -55,10 +57,22 @@ export async function demux(
       });
     }
     if (packets.length < frames) throw new StreamError(`it has ${packets.length} pictures, the manifest says ${frames}`);
-    return { config, packets };
+    return { config, packets: inDisplayOrder(packets).map((picture, at) => ({ ...packets[at], picture })) };
   } catch (error) {
     throw new StreamError(`${name} cannot be read: ${messageOf(error)}.`);
   } finally {
     input.dispose();
   }
+}
+
+/** Place of each packet in the order of display, which is that of the time stamps. */
+export function inDisplayOrder(packets: readonly { readonly timestamp: number }[]): number[] {
+  const order = packets.map((_, at) => at).sort((a, b) => packets[a].timestamp - packets[b].timestamp);
+  const places = new Array<number>(packets.length);
+  order.forEach((at, picture) => {
+    if (picture > 0 && packets[at].timestamp === packets[order[picture - 1]].timestamp)
+      throw new StreamError("two of its pictures have the same time");
+    places[at] = picture;
+  });
+  return places;
 }

@@ -31,6 +31,17 @@ const TICK = 33_333;
 /** Milliseconds without any picture after which the decoder is given up. */
 const PATIENCE = 20_000;
 
+/** For each picture: how many packets hold it and all pictures before it. B pictures need some that come later. */
+export function packetsNeeded(packets: readonly Packet[]): number[] {
+  const needed = new Array<number>(packets.length).fill(0);
+  packets.forEach(({ picture }, at) => {
+    needed[picture] = at + 1;
+  });
+  for (let picture = 1; picture < needed.length; picture++)
+    needed[picture] = Math.max(needed[picture], needed[picture - 1]);
+  return needed;
+}
+
 /** One video through WebCodecs. */
 export class WebCodecsPictures implements PictureSource {
   private readonly config: VideoDecoderConfig;
@@ -39,6 +50,8 @@ export class WebCodecsPictures implements PictureSource {
   private readonly name: string;
   private readonly pool: Pool;
   private decoder: VideoDecoder | null = null;
+  /** Packets that must be handed to the decoder for each picture and all before it. */
+  private readonly needed: readonly number[];
   /** Next packet to hand to the decoder, next picture that comes out of it, first one that is wanted. */
   private fed = 0;
   private out = 0;
@@ -61,6 +74,7 @@ export class WebCodecsPictures implements PictureSource {
   ) {
     this.config = config;
     this.packets = packets;
+    this.needed = packetsNeeded(packets);
     this.size = size;
     this.name = name;
     this.pool = pool;
@@ -191,15 +205,15 @@ export class WebCodecsPictures implements PictureSource {
     const { packets } = this;
     try {
       const decoder = this.decoder ?? this.start();
-      const until = Math.min(packets.length, this.wanted + AHEAD);
+      const until = Math.min(packets.length, this.after(this.wanted) + AHEAD - 1);
       // Ahead of the wanted picture slowly, up to it at once.
-      while (this.fed < until && (this.fed < this.wanted + 1 || this.fed - this.out < AHEAD)) {
+      while (this.fed < until && (this.fed < this.after(this.wanted) || this.fed < this.after(this.out) + AHEAD - 1)) {
         const packet = packets[this.fed];
         this.submitted.push(performance.now());
         decoder.decode(
           new EncodedVideoChunk({
             type: packet.key ? "key" : "delta",
-            timestamp: this.fed * TICK,
+            timestamp: packet.picture * TICK,
             data: packet.data,
           }),
         );
@@ -215,6 +229,11 @@ export class WebCodecsPictures implements PictureSource {
       this.watchdog = setTimeout(() => {
         this.fail(new PathFailed(`${this.name}: the decoder gives no picture.`));
       }, PATIENCE);
+  }
+
+  /** Packets that are needed for a picture; all for one past the end. */
+  private after(picture: number): number {
+    return picture < this.needed.length ? this.needed[picture] : this.packets.length;
   }
 
   private async flush(decoder: VideoDecoder, run: number): Promise<void> {
