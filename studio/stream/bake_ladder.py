@@ -33,7 +33,7 @@ from studio.stream.settings import QP_MAX, BakeSettings, Rung
 from studio.stream.video import AV1_QP_MAX, NOMINAL_FPS, PlaneDecoder
 
 ContributionFn = Callable[[], np.ndarray]
-"""(N,) float, at least 0: what each splat of the group adds to the pictures that cameras see; larger is more visible."""
+"""(N,) float, at least 0: what each splat of the group adds to the pictures that cameras see."""
 
 
 def bake_ladder(
@@ -124,9 +124,7 @@ class _Reduced(Sequence[Gaussians]):
         return frame
 
 
-def _ranking(
-    rungs: Sequence[Rung], splats: int, contribution: ContributionFn | None, group: int
-) -> np.ndarray | None:
+def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | None, group: int) -> np.ndarray | None:
     """(N,) splats, the most visible first; None if every rung keeps all."""
     if not any(rung.pruned for rung in rungs):
         return None
@@ -195,7 +193,7 @@ def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int
         for index in range(wanted[-1] + 1):
             decoder.read(picture)
             if index in wanted:
-                found.append({"picture": index, "crc32": zlib.crc32(picture)})
+                found.append({"picture": index, "crc32": zlib.crc32(picture.data)})
     finally:
         decoder.close()
     return found

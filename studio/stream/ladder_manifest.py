@@ -231,7 +231,7 @@ def check_ladder(group: GroupLadder, number: int, frame: int, renditions: Sequen
         if one.sh_degree != stream.sh_degree:
             raise InconsistentError(
                 "sh_degree",
-                f"group {number} has SH degree {one.sh_degree} in rendition {one.id}, the stream has {stream.sh_degree}",
+                f"rendition {one.id} of group {number} has SH degree {one.sh_degree}, the stream's has {stream.sh_degree}",
             )
         if one.splats > stream.splats:
             raise InconsistentError(
@@ -324,7 +324,9 @@ def parse_page(
             check_ladder(group, number, frame, manifest.renditions)
             frame = group.end_frame
         if found != page.frames:
-            raise InconsistentError("page_frames", "the page's groups do not have the frames that the manifest promises")
+            raise InconsistentError(
+                "page_frames", "the page's groups do not have the frames that the manifest promises"
+            )
     except ValidationError as error:
         raise invalid(error, name, BAKE_AGAIN) from None
     except InconsistentError as error:

@@ -26,13 +26,13 @@ def check_luma(video: VideoEntry, index: int, luma: np.ndarray, name: str) -> No
     if not isinstance(video, CheckedVideo | CheckedPlane):
         return
     for check in video.checks:
-        if check.picture == index and zlib.crc32(luma) != check.crc32:
+        if check.picture == index and (found := zlib.crc32(luma.data)) != check.crc32:
             raise StudioError(
                 "stream.wrong_luma",
                 f"picture {index} is decoded to other values than the manifest says: the decoder is not exact, or the "
                 "manifest is wrong",
                 file=f"{name}/{video.path}",
-                value=zlib.crc32(luma),
+                value=found,
                 fix="Bake the stream again; if that does not help, install PyAV from PyPI.",
                 expected=check.crc32,
                 picture=index,

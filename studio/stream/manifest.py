@@ -122,7 +122,7 @@ class Manifest(Model):
 
     @property
     def played_bytes(self) -> int:
-        """Bytes that playing all of it takes: all files and the manifest, of the chosen rendition alone in version 3."""
+        """Bytes that playing all of it takes: all files; in version 3, those of the chosen rendition."""
         return self.total_bytes
 
     @property

@@ -57,9 +57,7 @@ class StreamReader:
         index: version 3: all groups in all renditions; None in versions 1 and 2.
     """
 
-    def __init__(
-        self, source: Source, manifest: Manifest, threads: int = 0, index: GroupIndex | None = None
-    ) -> None:
+    def __init__(self, source: Source, manifest: Manifest, threads: int = 0, index: GroupIndex | None = None) -> None:
         self.source = source
         self.manifest = manifest
         self.index = index

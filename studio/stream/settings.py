@@ -108,9 +108,7 @@ class BakeSettings(Settings):
     @model_validator(mode="after")
     def _combinations(self) -> Self:
         if self.ladder and self.stream_version == 2:
-            raise Conflict(
-                "ladder requires stream_version 3", "Set stream_version to 3.", "ladder", "stream_version"
-            )
+            raise Conflict("ladder requires stream_version 3", "Set stream_version to 3.", "ladder", "stream_version")
         if self.ladder and (self.target_kb_per_frame is not None or self.target_psnr is not None):
             raise Conflict(
                 "ladder and a target are both set",
