@@ -231,7 +231,7 @@ def check_ladder(group: GroupLadder, number: int, frame: int, renditions: Sequen
         if one.sh_degree != stream.sh_degree:
             raise InconsistentError(
                 "sh_degree",
-                f"rendition {one.id} of group {number} has SH degree {one.sh_degree}, the stream's has {stream.sh_degree}",
+                f"rendition {one.id} of group {number} has SH degree {one.sh_degree}; expected {stream.sh_degree}",
             )
         if one.splats > stream.splats:
             raise InconsistentError(

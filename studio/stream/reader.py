@@ -104,6 +104,13 @@ class StreamReader:
         """Renditions to choose from, the best first; empty in versions 1 and 2, which have one."""
         return () if self.index is None else self.index.manifest.renditions
 
+    @property
+    def group_starts(self) -> tuple[int, ...]:
+        """First frame of each group; reads no page of the index."""
+        if self.index is not None:
+            return self.index.starts
+        return tuple(group.first_frame for group in self.manifest.groups)
+
     def choose(self, rendition: str) -> None:
         """Read another rendition from the next group on; a group that is being decoded is finished as it is.
 
