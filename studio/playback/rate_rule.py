@@ -2,8 +2,8 @@
 
 The rule is BOLA-BASIC (Spiteri, Urgaonkar and Sitaraman, "BOLA: Near-Optimal Bitrate Adaptation for Online Videos",
 INFOCOM 2016) with the parameters chosen as dash.js chooses them (its BolaRule), the paper's BOLA-O against oscillation,
-and dash.js's DroppedFramesRule. Until the buffer has reached the
-level at which BOLA takes what the throughput allows, throughput alone decides.
+and dash.js's DroppedFramesRule. Until the buffer has reached the level at which BOLA takes what the throughput allows,
+throughput alone decides.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from collections.abc import Sequence
 
 _SAMPLES = 5
 _SAFETY = 0.9  # share of the measured throughput that is counted on, as in dash.js
+_PROBING = 0.9  # of the target
+_FIRST_PAUSE, _LONGEST_PAUSE = 4, 64  # groups between two tries; each doubles it
 _DROPPED_SHARE = 0.15  # dash.js, DroppedFramesRule
 _DROPPED_SAMPLE = 90  # frames; dash.js waits for 375, but groups of splats are short and decoding is the bottleneck
 
@@ -44,6 +46,7 @@ class RateRule:
         self._frames = [[0, 0] for _ in bandwidths]  # shown and dropped, by rate
         self._filling = True
         self._last = 0
+        self._patience, self._pause = _FIRST_PAUSE, 0
         self._lock = threading.Lock()
 
     def fetched(self, size: int, seconds: float) -> None:
@@ -62,6 +65,7 @@ class RateRule:
         """The buffer is empty again."""
         with self._lock:
             self._filling = True
+            self._patience, self._pause = _FIRST_PAUSE, 0
 
     @property
     def throughput(self) -> float | None:
@@ -79,11 +83,16 @@ class RateRule:
             by_rate = self._sustained()
             choice = by_rate
             bola = self._bola(buffered)
-            if self._filling and bola >= by_rate > 0:
+            if self._filling and (bola > by_rate or bola == by_rate > 0):
                 self._filling = False
             if not self._filling:
-                # BOLA-O: not above what arrives in time, unless it is already there
+                # BOLA-O: not above what arrives in time, unless it is already there. The throughput of short downloads
+                # is mostly latency, so with a full buffer one step up is tried.
                 choice = max(min(bola, by_rate), min(bola, self._last))
+                if bola > choice and buffered >= _PROBING * self.target and self._pause <= 0:
+                    choice += 1
+                    self._pause = self._patience = min(2 * self._patience, _LONGEST_PAUSE)
+            self._pause -= 1
             choice = min(choice, self._decodable())
             self._last = choice
             return self._order[choice]

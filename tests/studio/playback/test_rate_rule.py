@@ -69,9 +69,12 @@ def test_a_changing_network_does_not_stop_300_frames(period):
 
 
 def test_a_steady_network_does_not_oscillate():
-    chosen, stalled = play(RateRule(RATES), Network(lambda now: 3e6), groups=120)
-    assert stalled == 0
-    assert sum(a != b for a, b in zip(chosen[10:], chosen[11:], strict=False)) <= 4
+    for rate in (1.5e6, 3e6, 5e6, 9e6):
+        chosen, stalled = play(RateRule(RATES), Network(lambda now, rate=rate: rate), groups=120)
+        assert stalled == 0
+        assert sum(a != b for a, b in zip(chosen[40:], chosen[41:], strict=False)) <= 8
+        average = sum(RATES[choice] for choice in chosen[40:]) / 80
+        assert 0.4 * rate < average <= rate
 
 
 def test_what_cannot_be_decoded_is_not_taken_again():
