@@ -73,7 +73,7 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
         name=reader.source.name,
         fps=reader.fps,
         frame_count=reader.frame_count,
-        group_starts=tuple(group.first_frame for group in reader.manifest.groups),
+        group_starts=reader.group_starts,
         read=reader.gaussians,
         up=np.array(up, np.float64) if _is_vector(up) and any(up) else None,
         view=Camera.from_dict(camera).undistorted() if isinstance(camera, dict) else None,

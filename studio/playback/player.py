@@ -33,6 +33,7 @@ class Player:
         rate: playback speed, 1 is the stream's frame rate.
         start_frame: 0-based.
         now: time in seconds; for tests.
+        adaptive: whether renditions change with network and computer, see `Shared`.
 
     Raises:
         StudioError: the stream cannot be opened, no such frame, or the rate is out of range.
@@ -48,11 +49,12 @@ class Player:
         rate: float = 1.0,
         start_frame: int = 0,
         now: Callable[[], float] = time.monotonic,
+        adaptive: bool | None = None,
     ) -> None:
         self._owned = not isinstance(stream, StreamReader)
         self.reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
         self._lock = threading.RLock()
-        self._shared = Shared(self.reader)
+        self._shared = Shared(self.reader, adaptive)
         self._current: PlayedFrame | None = None
         self._dropped_before = 0
         self._runs = 0
