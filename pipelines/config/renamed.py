@@ -38,6 +38,8 @@ ADDED: dict[str, Any] = {
     "bake.stream_version": 2,
     "bake.ladder": [],
     "bake.first_group_size": None,
+    "bake.b_frames": None,
+    "bake.smooth_paths": None,
 }
 """Settings added after takes of format 2 were first written, each with the value that changes nothing."""
 
