@@ -117,9 +117,9 @@ class BakeSettings(Settings):
     none with codec av1."""
 
     smooth_paths: bool | None = None
-    """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as its
-    own path shows jitter. Saves bytes, and pictures seen from new cameras become better where motion is slow. null: in
-    streams of version 3."""
+    """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
+    its own path shows jitter (docs/STREAM.md). null: in streams of version 3, but not with qp 0 or target_psnr, which
+    ask for the trained frames as they are."""
 
     mirror_low_bytes: bool = True
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
@@ -216,9 +216,10 @@ class BakeSettings(Settings):
         """How the profile `motion` is encoded: by the version of the format, as far as the settings do not say."""
         default = ENCODINGS[self.stream_version]
         b_frames = default.b_frames if self.b_frames is None else self.b_frames
+        smooth = default.smooth_paths and self.qp > 0 and self.target_psnr is None
         return Encoding(
             b_frames=0 if self.codec == "av1" else b_frames,
-            smooth_paths=default.smooth_paths if self.smooth_paths is None else self.smooth_paths,
+            smooth_paths=smooth if self.smooth_paths is None else self.smooth_paths,
             keyframe_step=default.keyframe_step,
         )
 

@@ -1,9 +1,9 @@
 """Smoothing of each splat's path over a group: takes out the jitter that training leaves from frame to frame.
 
-Frames after the keyframe are trained one after the other, so that errors of one frame do not follow from those before:
-they cost bits and are seen in no camera that training did not see. How much of a path is jitter differs: a splat that
-stands still shows nothing else, one that is thrown about shows hardly any. Each splat is therefore smoothed as strongly as
-its own path and those of its neighbors say.
+The frames of a group are trained one after the other, and each adds errors of its own that only cost bits and make
+pictures from new cameras worse. How much of a path is jitter differs: where a performer stands still it is all of it,
+in fast motion next to nothing. Each splat is therefore smoothed as strongly as its own path and those of its neighbors
+say.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def smooth_paths(paths: np.ndarray, keep_first: bool) -> np.ndarray:
     second differences (Whittaker 1923; Eilers 2003, "A perfect smoother").
 
     Steady motion has no second difference and stays as it is. The strength of each splat maximizes the marginal
-    likelihood of its path and its neighbors' if accelerations and jitter are white noise of unknown variance (Wahba 1985,
-    generalized maximum likelihood).
+    likelihood of its path and its neighbors' if accelerations and jitter are white noise of unknown variance (Wahba
+    1985, generalized maximum likelihood).
 
     Args:
         paths: (F, N, D) values per frame, splats in the stream's order.

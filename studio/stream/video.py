@@ -91,8 +91,8 @@ def codec_qp(codec: str, qp: int) -> int:
 
 
 class PlaneEncoder:
-    """Encodes pictures of numbers: one I picture, then P, with B between them if wanted; constant QP; one thread, so that
-    the bytes are reproducible.
+    """Encodes pictures of numbers: one I picture, then P, with B between them if wanted; constant QP; one thread, so
+    that the bytes are reproducible.
 
     Luma is full range, chroma neutral (yuv420p, since few hardware decoders support gray). QP 0 is lossless. The
     container has neither dates nor library versions; x264 writes its own version into the bitstream.
