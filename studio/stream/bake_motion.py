@@ -28,7 +28,7 @@ from studio.stream.manifest_models import (
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
-from studio.stream.profiles.motion import POSITION_STEP, channel_range, channel_steps, to_ycocg
+from studio.stream.profiles.motion import POSITION_STEP, ROTATION_STEP, channel_range, channel_steps, to_ycocg
 from studio.stream.rotation import nearest_form
 from studio.stream.settings import BakeSettings
 from studio.stream.smoothing import smooth_paths
@@ -40,6 +40,7 @@ _BLOCK_ERROR = 3.0  # times the position step: smaller errors do not justify fur
 _REFERENCE_QP = 20
 _TURN = 0.01  # MRP (2.3 degrees): smaller block rotations are set to zero
 _ROTATION_UNIT = 1 / 512
+_JITTER = 4.0  # steps (of class 1, for positions): standard deviation of what training adds to each frame, measured
 _STEPS_A_SIDE = 127  # range of residual codes in either direction
 
 
@@ -134,10 +135,10 @@ class MotionBake:
             codes, self._labels, np.zeros(self._splats, np.uint8), affine, turns, Escapes(empty, empty, empty, empty)
         )
         residuals, rotations = self._residuals(MotionState(lattice, table, side), side)
-        attributes = self._attributes.astype(np.float64)
+        attributes = self._attributes
         if encoding.smooth_paths:
-            residuals = smooth_paths(residuals, keep_first=True)
-            rotations = smooth_paths(rotations, keep_first=False)
+            residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
+            rotations = smooth_paths(rotations, _JITTER * ROTATION_STEP, keep_first=False)
             attributes = self._smooth_attributes()
         steps = channel_steps(self._degree, self._step, settings)
         classes = _classes(self._importance, residuals, steps[0])
@@ -152,7 +153,7 @@ class MotionBake:
             if index < 3:
                 values, offset = residuals[:, :, index] / gains, 0.0
             else:
-                values = rotations[:, :, index - 3] if index < 6 else attributes[:, index - 6]
+                values = rotations[:, :, index - 3] if index < 6 else attributes[:, index - 6].astype(np.float64)
                 offset, step = channel_range(values, step)
             codes_8 = np.rint((values - offset) / step).astype(np.int64) + 128
             beyond = (codes_8 < 0) | (codes_8 > 255)
@@ -196,8 +197,12 @@ class MotionBake:
     def _smooth_attributes(self) -> np.ndarray:
         """(F, C - 6, N) float64 log scales, opacities and colors, smoothed each by itself."""
         if self._smoothed is None:
-            channels = [smooth_paths(values[..., None], keep_first=False) for values in self._attributes.swapaxes(0, 1)]
-            self._smoothed = np.stack([values[..., 0] for values in channels], axis=1)
+            steps = channel_steps(self._degree, self._step, BakeSettings())[6:]
+            channels = [
+                smooth_paths(values[..., None], _JITTER * step, keep_first=False)[..., 0]
+                for values, step in zip(self._attributes.swapaxes(0, 1), steps, strict=True)
+            ]
+            self._smoothed = np.stack(channels, axis=1)
         return self._smoothed
 
     def _encode(
