@@ -3,6 +3,7 @@
     python benchmarks/rate_distortion.py TAKE                          # all groups, some minutes on two cores
     python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/measurements/stream.md --title quickstart
     python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
+    python benchmarks/rate_distortion.py TAKE --versions               # version 3 of the format against version 2
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at 60,000 and 100,000 splats
 
 Everything is drawn from the take's held-out cameras, or from its training cameras where none is held out, and compared
@@ -28,6 +29,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
@@ -38,6 +40,7 @@ from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
+from pipelines.stages.bake import DrawnContribution, parts_of
 from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
@@ -51,6 +54,18 @@ RELEASED_QPS = (10, 16, 22, 28, 34, 40)
 PLANES_QPS = (10, 16, 22, 28, 34, 40)
 MOTION_QPS = (12, 16, 20, 24, 28, 32)
 CODEC_QPS = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
+VERSION_QPS = (16, 20, 24, 28)
+VERSIONS: dict[str, dict[str, Any]] = {
+    "version 2": {"stream_version": 2},
+    "version 3 without B pictures and smoothing": {"stream_version": 3, "b_frames": 0, "smooth_paths": False},
+    "version 3 without smoothing": {"stream_version": 3, "smooth_paths": False},
+    "version 3 without B pictures": {"stream_version": 3, "b_frames": 0},
+    "version 3": {"stream_version": 3},
+    "version 3, two B pictures": {"stream_version": 3, "b_frames": 2},
+    "version 3, 95 % of the splats": {"stream_version": 3, "splats": 0.95},
+    "version 3, 90 % of the splats": {"stream_version": 3, "splats": 0.9},
+}
+"""Settings of `bake`."""
 
 console = Console(width=120)
 
@@ -66,6 +81,7 @@ class Point:
     own_psnr: float
     encode_ms: float  # a frame
     decode_ms: float
+    lowest_psnr: float = math.nan  # of a frame, to footage
 
 
 @dataclass
@@ -117,6 +133,10 @@ class Views:
         ]
         footage, own = np.mean(errors, axis=0)
         return -10 * math.log10(footage), -10 * math.log10(max(own, 1e-12))
+
+    def lowest(self, frames: dict[int, Gaussians]) -> float:
+        """The lowest PSNR of a frame against the footage."""
+        return min(self.measure({index: frame})[0] for index, frame in frames.items())
 
     def trained_psnr(self) -> float:
         return -10 * math.log10(
@@ -249,13 +269,17 @@ def released_gaussians(rows: np.ndarray, count: int) -> Gaussians:
 # ---- ours ------------------------------------------------------------------------------------------------------------
 
 
-def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, name: str, work: Path) -> Point:
+def measure_ours(
+    groups: list[TakeGroup], views: Views, settings: BakeSettings, name: str, work: Path, each_frame: bool = False
+) -> Point:
     folder = work / "ours"
     shutil.rmtree(folder, ignore_errors=True)
     began = time.perf_counter()
     first, entries = 0, []
+    parts = {part.trained.index: part for part in parts_of(views.context.groups, None)}
     for number, group in enumerate(groups):
-        entries.append(bake_group(group.frames, folder, number, first, settings))
+        contribution = DrawnContribution(views.context, parts[group.index])
+        entries.append(bake_group(group.frames, folder, number, first, settings, contribution=contribution))
         first += len(group.frames)
     baked = time.perf_counter()
     write_manifest(folder, entries, 30, settings)
@@ -264,11 +288,41 @@ def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, 
         decoded = list(reader.iterate())
     done = time.perf_counter()
     indices = [index for group in groups for index in group.indices]
-    footage, own = views.measure(dict(zip(indices, decoded, strict=True)))
-    size = sum(entry.bytes for entry in entries)
+    drawn = dict(zip(indices, decoded, strict=True))
+    footage, own = views.measure(drawn)
+    lowest = views.lowest(drawn) if each_frame else math.nan
+    size = sum(file.bytes for entry in entries for file in entry.files)
     frames = len(indices)
     return Point(name, settings.qp, size / frames / 1000, footage, own, 1e3 * (baked - began) / frames,
-                 1e3 * (done - opened) / frames)  # fmt: skip
+                 1e3 * (done - opened) / frames, lowest)  # fmt: skip
+
+
+def version_rows(groups: list[TakeGroup], views: Views, work: Path) -> list[str]:
+    """Markdown: each of `VERSIONS` at each of `VERSION_QPS`, and its BD-rate against version 2."""
+    curves: dict[str, list[Point]] = {}
+    for name, values in VERSIONS.items():
+        curves[name] = []
+        for qp in VERSION_QPS:
+            settings = BakeSettings(qp=qp, **values)
+            curves[name].append(measure_ours(groups, views, settings, name, work, True))
+            console.print(curves[name][-1])
+    lines = [
+        "| bake | QP | KB per frame | PSNR to footage | lowest frame | PSNR to trained | decode per frame |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {p.name} | {p.qp} | {p.kilobytes:.1f} | {p.footage_psnr:.2f} dB | {p.lowest_psnr:.2f} dB | "
+        f"{p.own_psnr:.2f} dB | {p.decode_ms:.1f} ms |"
+        for points in curves.values()
+        for p in points
+    ]
+    lines += ["", "| BD-rate against version 2 | PSNR to footage | PSNR to trained |", "|---|---|---|"]
+    base = curves["version 2"]
+    for name, points in list(curves.items())[1:]:
+        values = [bd_rate(base, points, measure) for measure in ("footage_psnr", "own_psnr")]
+        cells = ["no common range" if value is None else f"{value:+.0f} %" for value in values]
+        lines.append(f"| {name} | {cells[0]} | {cells[1]} |")
+    return lines
 
 
 def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: bool, work: Path) -> Point:
@@ -465,6 +519,7 @@ def main() -> int:
     parser.add_argument("take", type=Path, help="folder of a trained take")
     parser.add_argument("--groups", help="which groups, as in 0,2 (all)")
     parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
+    parser.add_argument("--versions", action="store_true", help="compare versions 2 and 3 of the format instead")
     parser.add_argument("--speed", action="store_true", help="measure times at 60,000 and 100,000 splats instead")
     parser.add_argument("--write", type=Path, metavar="FILE", help="put the tables between this file's markers")
     parser.add_argument("--title", default="", help="what the take is, for the table's first line")
@@ -486,6 +541,9 @@ def main() -> int:
         if arguments.speed:
             marker = "speed"
             lines += speed_rows(groups[0], work)
+        elif arguments.versions:
+            marker = "versions"
+            lines += version_rows(groups, views, work)
         elif arguments.codecs:
             marker = "codecs"
             points = []

@@ -38,6 +38,7 @@ ADDED: dict[str, Any] = {
     "bake.stream_version": 2,
     "bake.ladder": [],
     "bake.first_group_size": None,
+    "bake.splats": 1.0,
     "bake.b_frames": None,
     "bake.smooth_paths": None,
 }

@@ -75,7 +75,7 @@ class Encoding:
 
 ENCODINGS = {
     2: Encoding(b_frames=0, smooth_paths=False, keyframe_step=1.0),
-    3: Encoding(b_frames=3, smooth_paths=True, keyframe_step=4.0),
+    3: Encoding(b_frames=5, smooth_paths=True, keyframe_step=4.0),
 }
 """By version of the format. Version 2 does not allow B pictures, and its bytes stay what they were."""
 
@@ -113,7 +113,7 @@ class BakeSettings(Settings):
 
     b_frames: Annotated[int, Field(ge=0, le=7)] | None = None
     """Profile motion: B pictures between P pictures, each predicted from the pictures before and after it. They save a
-    tenth to a quarter of the bytes. null: 3 in streams of version 3, none in version 2, which does not allow them, and
+    tenth to a quarter of the bytes. null: 5 in streams of version 3, none in version 2, which does not allow them, and
     none with codec av1."""
 
     smooth_paths: bool | None = None
@@ -133,6 +133,10 @@ class BakeSettings(Settings):
     """Renditions of a stream of version 3, the best first, each with qp, splats (share of the splats that are kept) and
     sh_degree; players choose one at each group. Example: [{qp: 20}, {qp: 28}, {qp: 28, splats: 0.5, sh_degree: 0}].
     Empty: one rendition, by the settings above."""
+
+    splats: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Share of the splats that are kept in a stream of version 3 without a ladder: those that contribute most to what
+    the training cameras see. They are not trained further (docs/measurements/stream.md)."""
 
     first_group_size: Annotated[int, Field(ge=1)] | None = None
     """Frames of the stream's first group, so that playing starts after a small download; the rest of the trained group
@@ -162,6 +166,10 @@ class BakeSettings(Settings):
                 "target_kb_per_frame",
                 "target_psnr",
             )
+        if self.splats < 1 and self.stream_version == 2:
+            raise Conflict("splats requires stream_version 3", "Set stream_version to 3.", "splats", "stream_version")
+        if self.splats < 1 and self.ladder:
+            raise Conflict("splats and ladder are both set", "Set splats in the rungs.", "splats", "ladder")
         if self.b_frames and self.stream_version == 2:
             raise Conflict(
                 "b_frames require stream_version 3", "Set stream_version to 3.", "b_frames", "stream_version"
@@ -209,7 +217,7 @@ class BakeSettings(Settings):
     @property
     def rungs(self) -> tuple[Rung, ...]:
         """The ladder; without one, a single rung by `qp`."""
-        return self.ladder or (Rung(qp=self.qp),)
+        return self.ladder or (Rung(qp=self.qp, splats=self.splats),)
 
     @property
     def encoding(self) -> Encoding:
@@ -243,5 +251,6 @@ class BakeSettings(Settings):
             "preset": self.preset,
             "mirror_low_bytes": self.mirror_low_bytes,
             **coding,
+            **({"splats": self.splats} if self.splats < 1 else {}),
             **ladder,
         }

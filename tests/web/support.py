@@ -25,6 +25,7 @@ from studio.stream.manifest_models import MotionGroup
 from studio.stream.motion_state import Side
 from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
+from studio.stream.video import PlaneEncoder
 
 FPS = 25.0
 
@@ -129,6 +130,21 @@ def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int
             entry["raw_bytes"] = raw_bytes
 
     edit_manifest(folder, change)
+
+
+def with_b_pictures(folder: Path, b_frames: int) -> None:
+    """Encode the pictures of a stream of profile `motion` again, with B pictures between them."""
+    for index, group in enumerate(json.loads((folder / "manifest.json").read_bytes())["groups"]):
+        python = PythonFrames(folder)
+        pictures = python.luma(index)
+        python.close()
+        path = folder / "b.mp4"
+        encoder = PlaneEncoder(path, pictures[0].shape[::-1], 16, "veryfast", tiles="h264", b_frames=b_frames)
+        for picture in pictures:
+            encoder.add(picture)
+        encoder.close()
+        replace_file(folder, group["index"], "video", path.read_bytes())
+        path.unlink()
 
 
 def as_version_1(folder: Path) -> None:

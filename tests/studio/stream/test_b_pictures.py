@@ -87,7 +87,7 @@ def picture_types(folder):
     [
         ({"stream_version": 2}, [1, 2, 2, 2, 2, 2, 2]),
         ({"stream_version": 2, "smooth_paths": True}, [1, 2, 2, 2, 2, 2, 2]),
-        ({"stream_version": 3}, [1, 3, 3, 3, 2, 3, 2]),
+        ({"stream_version": 3}, [1, 3, 3, 3, 3, 3, 2]),
         ({"stream_version": 3, "b_frames": 0}, [1, 2, 2, 2, 2, 2, 2]),
         ({"stream_version": 3, "b_frames": 1, "codec": "hevc"}, [1, 3, 2, 3, 2, 3, 2]),
     ],
@@ -106,6 +106,10 @@ def test_settings_that_cannot_have_them():
         BakeSettings(b_frames=2, stream_version=3, codec="av1")
     with refuses_setting("b_frames", "profile"):
         BakeSettings(b_frames=2, stream_version=3, profile="planes")
+    with refuses_setting("splats", "stream_version"):
+        BakeSettings(splats=0.9, stream_version=2)
+    with refuses_setting("splats", "ladder"):
+        BakeSettings(splats=0.9, stream_version=3, ladder=[{"qp": 20}])
     with refuses_setting("smooth_paths", "profile"):
         BakeSettings(smooth_paths=True, profile="planes")
 

@@ -2,6 +2,7 @@
 
 import { BufferSource, EncodedPacketSink, Input, MP4 } from "mediabunny";
 import { messageOf, StreamError } from "../stream/errors.ts";
+import { inDisplayOrder } from "./order.ts";
 
 export interface Packet {
   /** Frame of the group that it decodes to: its place in the order of display. */
@@ -63,16 +64,4 @@ export async function demux(
   } finally {
     input.dispose();
   }
-}
-
-/** Place of each packet in the order of display, which is that of the time stamps. */
-export function inDisplayOrder(packets: readonly { readonly timestamp: number }[]): number[] {
-  const order = packets.map((_, at) => at).sort((a, b) => packets[a].timestamp - packets[b].timestamp);
-  const places = new Array<number>(packets.length);
-  order.forEach((at, picture) => {
-    if (picture > 0 && packets[at].timestamp === packets[order[picture - 1]].timestamp)
-      throw new StreamError("two of its pictures have the same time");
-    places[at] = picture;
-  });
-  return places;
 }

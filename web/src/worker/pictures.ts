@@ -2,6 +2,7 @@
 
 import type { Packet } from "./demux.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
+import { packetsNeeded } from "./order.ts";
 import type { Pool } from "./pool.ts";
 
 /** A decoded picture: luma, and how long decoding it took by the clock, milliseconds. */
@@ -30,17 +31,6 @@ const AHEAD = 4;
 const TICK = 33_333;
 /** Milliseconds without any picture after which the decoder is given up. */
 const PATIENCE = 20_000;
-
-/** For each picture: how many packets hold it and all pictures before it. B pictures need some that come later. */
-export function packetsNeeded(packets: readonly Packet[]): number[] {
-  const needed = new Array<number>(packets.length).fill(0);
-  packets.forEach(({ picture }, at) => {
-    needed[picture] = at + 1;
-  });
-  for (let picture = 1; picture < needed.length; picture++)
-    needed[picture] = Math.max(needed[picture], needed[picture - 1]);
-  return needed;
-}
 
 /** One video through WebCodecs. */
 export class WebCodecsPictures implements PictureSource {
