@@ -19,6 +19,7 @@ with I and P frames only; the one with the better BD-rate counts.
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import os
 import re
@@ -47,7 +48,7 @@ from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, ContributionFn, StreamReader, bake_group, write_manifest
 from studio.stream.layout import plane_side
 
 RELEASED_QPS = (10, 16, 22, 28, 34, 40)
@@ -57,13 +58,12 @@ CODEC_QPS = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
 VERSION_QPS = (16, 20, 24, 28)
 VERSIONS: dict[str, dict[str, Any]] = {
     "version 2": {"stream_version": 2},
-    "version 3 without B pictures and smoothing": {"stream_version": 3, "b_frames": 0, "smooth_paths": False},
     "version 3 without smoothing": {"stream_version": 3, "smooth_paths": False},
     "version 3 without B pictures": {"stream_version": 3, "b_frames": 0},
     "version 3": {"stream_version": 3},
-    "version 3, two B pictures": {"stream_version": 3, "b_frames": 2},
-    "version 3, 95 % of the splats": {"stream_version": 3, "splats": 0.95},
-    "version 3, 90 % of the splats": {"stream_version": 3, "splats": 0.9},
+    "version 3, splats 0.9": {"stream_version": 3, "splats": 0.9},
+    "version 3, splats 0.8": {"stream_version": 3, "splats": 0.8},
+    "version 3, splats 0.7": {"stream_version": 3, "splats": 0.7},
 }
 """Settings of `bake`."""
 
@@ -94,6 +94,7 @@ class Views:
     truth: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
     trained: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
     boxes: dict[tuple[int, str], tuple[slice, slice]] = field(default_factory=dict)
+    contributions: dict[int, ContributionFn] = field(default_factory=dict)
 
     @classmethod
     def of(cls, context: Context) -> Views:
@@ -133,6 +134,13 @@ class Views:
         ]
         footage, own = np.mean(errors, axis=0)
         return -10 * math.log10(footage), -10 * math.log10(max(own, 1e-12))
+
+    def contribution(self, group: int) -> ContributionFn:
+        """What each splat of a group adds to the training cameras' pictures; drawn when first asked for."""
+        if group not in self.contributions:
+            parts = {part.trained.index: part for part in parts_of(self.context.groups, None)}
+            self.contributions[group] = functools.cache(DrawnContribution(self.context, parts[group]).__call__)
+        return self.contributions[group]
 
     def lowest(self, frames: dict[int, Gaussians]) -> float:
         """The lowest PSNR of a frame against the footage."""
@@ -276,9 +284,8 @@ def measure_ours(
     shutil.rmtree(folder, ignore_errors=True)
     began = time.perf_counter()
     first, entries = 0, []
-    parts = {part.trained.index: part for part in parts_of(views.context.groups, None)}
     for number, group in enumerate(groups):
-        contribution = DrawnContribution(views.context, parts[group.index])
+        contribution = views.contribution(group.index)
         entries.append(bake_group(group.frames, folder, number, first, settings, contribution=contribution))
         first += len(group.frames)
     baked = time.perf_counter()
