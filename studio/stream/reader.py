@@ -17,7 +17,7 @@ from studio.stream.group_index import GroupIndex, no_such_rendition
 from studio.stream.ladder_manifest import parse_ladder
 from studio.stream.ladder_models import RenditionEntry
 from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_head, parse_manifest
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, GroupEntry
+from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, GroupEntry
 from studio.stream.open_source import open_source
 from studio.stream.source import BAKE_AGAIN, Source, close_source, read_files
 
@@ -30,20 +30,31 @@ def fetch_group(source: Source, group: GroupEntry) -> dict[str, bytes]:
     """
     files = read_files(source, [(file.path, file.bytes) for file in group.files])
     for file in group.files:
-        data = files[file.path]
-        name = f"{source.name}/{file.path}"
-        if len(data) != file.bytes:
-            raise StudioError(
-                "stream.wrong_size",
-                f"the file has {len(data)} bytes, the manifest says {file.bytes}",
-                file=name,
-                value=len(data),
-                fix=BAKE_AGAIN,
-                expected=file.bytes,
-            )
-        if hashlib.sha256(data).hexdigest() != file.sha256:
-            raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
+        check_file(files[file.path], file, source)
     return files
+
+
+def checked_file(source: Source, file: FileEntry) -> bytes:
+    """Content of one file of a stream, verified. Raises StudioError as `fetch_group`."""
+    data = source.read(file.path, file.bytes)
+    check_file(data, file, source)
+    return data
+
+
+def check_file(data: bytes, file: FileEntry, source: Source) -> None:
+    """Raises StudioError unless the bytes have the size and the SHA-256 of the manifest."""
+    name = f"{source.name}/{file.path}"
+    if len(data) != file.bytes:
+        raise StudioError(
+            "stream.wrong_size",
+            f"the file has {len(data)} bytes, the manifest says {file.bytes}",
+            file=name,
+            value=len(data),
+            fix=BAKE_AGAIN,
+            expected=file.bytes,
+        )
+    if hashlib.sha256(data).hexdigest() != file.sha256:
+        raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
 
 
 class StreamReader:
