@@ -142,7 +142,7 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
             "capture.key_color = [0.5, 0.5, 0.5] is invalid: gray and black cannot be keyed. "
             "Use a saturated color such as [0.2, 0.6, 0.3], or auto.",
         ),
-        ("train: 3", "train", 3, "train = 3 is not a section. Put settings below it, one per line (train: ...)."),
+        ("train: 3", "train", 3, "train = 3 is not a section. Indent settings under it, one per line (train: ...)."),
         (
             "calibrate: {board: {marker: 0.07}}",
             "calibrate.board",
