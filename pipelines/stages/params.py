@@ -17,8 +17,8 @@ Params = dict[str, Any]
 def settings_of(config: Config, *names: str) -> Params:
     """Values of settings by dotted name; the name of a section selects all settings in it.
 
-    `capture.root` is never included: a capture may move, and the digest of its files identifies it. A setting in `ADDED`
-    is left out at the value that keeps the behavior from before it existed, so that results made then stay valid.
+    `capture.root` is never included: a capture may move, and the digest of its files identifies it. A setting in
+    `ADDED` is left out at the value that keeps the behavior from before it existed, so that older results stay valid.
     """
     tree = config.model_dump(mode="json")
     found: Params = {}

@@ -29,7 +29,7 @@ def test_a_run_told_by_its_events() -> None:
     run.apply(RunStarted(take="t", stages=("train", "bake"), done=("calibrate",), pid=7, version="1"))
     run.apply(StageStarted(stage="train", reason="never run"))
     run.apply(progress(0.25, loss=0.5, psnr=20.0, splats=100))
-    assert (run.stage, run.stage_words()) == ("train", "25 %, 1 min 30 s left")
+    assert (run.stage, run.stage_words()) == ("train", "25%, 1 min 30 s left")
     run.apply(progress(0.5, loss=0.4, psnr=21.0, splats=120))
     run.apply(progress(0.6, loss=0.9, psnr=15.0, splats=80, group=1))
     assert run.curves["loss"][0].positions == [0.25, 0.5]

@@ -209,7 +209,7 @@ def test_what_a_click_does_is_said(tmp_path: Path) -> None:
     marks.mark("cam0", 1, 2, 7)
     assert "click to move 'point 1' in cam0" in advice(marks, names, "cam0", 7)
     assert "click to mark 'point 1' in cam1" in advice(marks, names, "cam1", 7)
-    assert "was marked in frame 7, this is 9" in advice(marks, names, "cam1", 9)
+    assert "was marked in frame 7, but this is frame 9" in advice(marks, names, "cam1", 9)
 
 
 def test_zoom_keeps_the_place_under_the_mouse() -> None:
