@@ -168,4 +168,4 @@ def test_a_manifest_that_was_edited_is_refused(site, baked, open_page):
     path.write_bytes(path.read_bytes().replace(b'"fps": 25', b'"fps": 24'))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "do not match their own SHA-256" in page.seen("error")[0]
+    assert "does not match its own SHA-256" in page.seen("error")[0]

@@ -90,7 +90,7 @@ def test_a_damaged_group_is_left_out(stream, open_page, name, damage):
     notices = page.seen("notice")
     assert len(notices) == 1
     assert f"group_001/{name}" in notices[0]
-    assert "Frames 5 to 8 are left out." in notices[0]
+    assert "Frames 5 to 8 are skipped." in notices[0]
     # Seeking into it goes on with what comes after it.
     page.call("seek", 6 / 25)
     page.wait("player.state.frame < 5")
@@ -101,14 +101,14 @@ def test_all_groups_damaged(stream, open_page):
         (stream / f"group_00{group}" / "video.mp4").unlink()
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "video.mp4 cannot be fetched: the server answers 404" in page.seen("error")[0]
+    assert "video.mp4 cannot be fetched: the server returned status 404" in page.seen("error")[0]
     assert page.handle.locator("v3-player .failure").is_visible()
 
 
 def test_no_stream(open_page):
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "manifest.json cannot be fetched: the server answers 404" in page.seen("error")[0]
+    assert "manifest.json cannot be fetched: the server returned status 404" in page.seen("error")[0]
 
 
 def test_a_newer_version_is_refused_in_a_sentence(stream, open_page):
