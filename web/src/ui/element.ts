@@ -95,7 +95,7 @@ export class V3PlayerElement extends HTMLElement {
     if (name === "loop") this.setLoop(now !== null);
   }
 
-  // Public interface ----------------------------------------------------------------------------------------------------
+  // Public interface --------------------------------------------------------------------------------------------------
 
   play(): void {
     this.wantsToPlay = true;
@@ -146,7 +146,7 @@ export class V3PlayerElement extends HTMLElement {
     return this.player;
   }
 
-  // Implementation ------------------------------------------------------------------------------------------------------
+  // Implementation ----------------------------------------------------------------------------------------------------
 
   // The caller knows the element's type from the template.
   // eslint-disable-next-line @typescript-eslint/no-unnecessary-type-parameters
