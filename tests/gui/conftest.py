@@ -25,8 +25,8 @@ from tests.support.waiting import POLL, wait_until
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
 STILL = 25
-"""Ticks without a change after which a widget counts as still. Panels show a change only when they are next drawn, up to
-`gui.window.LONGER_PAUSE` later; a tick takes at least 9.5 ms."""
+"""Ticks without a change after which a widget counts as still. Panels show a change only when they are next drawn,
+up to `gui.window.LONGER_PAUSE` later; a tick takes at least 9.5 ms."""
 
 
 def body(frame: int, splats: int = 600) -> Gaussians:
@@ -252,8 +252,8 @@ class RunningWindow:
         self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)
 
     def menu(self, title: str, row: int, separators: int = 0) -> None:
-        """Choose an item of a menu by its row and the number of separators above it. The toolkit draws menus and does not report
-        their frames; the offsets were measured at its default font size."""
+        """Choose an item of a menu by its row and the number of separators above it. The toolkit draws menus without
+        reporting their frames; the offsets were measured at its default font size."""
         left, top = self.point("stages", 0.0, 0.0)
         across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Help": 208}[title]
         self.press(across, top - 12)
@@ -271,8 +271,8 @@ class RunningWindow:
         self.send("mouseup", 1)
 
     def send(self, *arguments: object) -> None:
-        """Send an input event; return when the window has handled it and has been drawn. The query after the event makes
-        sure that the X server has processed it."""
+        """Send an input event; return when the window has handled it and has been drawn. The query after the event
+        makes sure that the X server has processed it."""
         self.xdotool(*arguments, "getmouselocation")
         self.drawn()
 

@@ -1,4 +1,4 @@
-"""The calibration's page and what is warned of."""
+"""The calibration report and its warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers on the command line: what is wrong with them is said in plain words and in the option's own unit."""
+"""Numbers on the command line: errors are clear and use the unit of the option."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def camera() -> Camera:
 @pytest.mark.parametrize("image_zoom", [ImageZoom(), ImageZoom(0.6, 0.4, 2.5), ImageZoom(0.3, 0.7, 6.0)])
 @pytest.mark.parametrize("size", [(64, 48), (300, 200), (40, 90)])
 def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZoom, size: tuple[int, int]) -> None:
-    """A spot is drawn where the camera sees a point; the zoomed camera must see the point where the picture shows it."""
+    """A spot is drawn where the camera sees a point; the zoomed camera must see it where the picture shows it."""
     point = np.array([[0.1, -0.15, 0.0]])
     seen = camera().project(point)[0][0]
     rows, columns = np.mgrid[0:48, 0:64] + 0.5
