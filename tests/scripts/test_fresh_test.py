@@ -26,6 +26,7 @@ def test_pip_settings_certificates_and_folders_are_carried_over(fresh_test: Modu
         "PIP_CACHE_DIR": "/cache",
         "https_proxy": "http://proxy:3128",
         "SSL_CERT_FILE": str(bundle),
+        "NODE_EXTRA_CA_CERTS": str(bundle),
         "SECRET": "x",
     }
     carried = fresh_test.carry(config, environment)
@@ -39,6 +40,7 @@ def test_pip_settings_certificates_and_folders_are_carried_over(fresh_test: Modu
         "PIP_FIND_LINKS": str(wheels),
         "https_proxy": "http://proxy:3128",
         "SSL_CERT_FILE": inside,
+        "NODE_EXTRA_CA_CERTS": inside,
     }
 
 
