@@ -153,7 +153,7 @@ def test_what_is_missing_is_said() -> None:
         calibrate_from_tie_points(outside, sizes(truth))
     assert str(caught.value) == (
         "point 'edge' is marked at (2000, 5) in 00, outside its image of 1088x1920. "
-        "Mark it again, in images of that size."
+        "Mark it again in images of that size."
     )
     with refuses("tie_points.none", expected=list(truth.names)):
         calibrate_from_tie_points([TiePoint("elsewhere", {"x": (1.0, 2.0)})], sizes(truth))
