@@ -37,8 +37,8 @@ class Background:
     Attributes:
         plate: (H, W, 3) uint8 RGB.
         known: (H, W) bool, where the plate is reliable; None: everywhere.
-        doubtful: (H, W) bool, where the plate has a color of the performer that is only visible at times, so it may show
-            the performer standing still; None: nowhere.
+        doubtful: (H, W) bool, where the plate has a color of the performer that is only visible at times, so that the
+            plate may show the performer standing still; None: nowhere.
         colors: (B, B, B) float32, log ratio of a color's density on the performer to that on the set (see
             `color_table`); None if the performer's colors were not learned.
     """
