@@ -104,7 +104,7 @@ def test_whole_or_not_at_all(tmp_path, make_video):
     (tmp_path / "one.ply").touch()
     with refuses("export.already_exists", file=tmp_path / "one.ply") as caught:
         export_frame(make_video(), tmp_path / "one.ply")
-    assert str(caught.value) == f"{tmp_path / 'one.ply'}: the file exists already. Delete it, or choose another name."
+    assert str(caught.value) == f"{tmp_path / 'one.ply'}: the file already exists. Delete it, or choose another name."
 
 
 def test_parts_of_a_video(make_video):
