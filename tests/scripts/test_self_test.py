@@ -137,7 +137,7 @@ def test_a_missing_library_is_one_sentence_and_explains_its_packages_failures(se
         "importing av": "libx.so.1 was not found; install libx1 (Debian, Ubuntu)",
     }
     assert self_test.sentences({"libOpenGL.so.0": {"pymeshlab"}}, failures, {"libOpenGL.so.0": "libopengl0"}) == [
-        "libOpenGL.so.0, which pymeshlab needs, was not found; install libopengl0 (Debian, Ubuntu).",
+        "libOpenGL.so.0, required by pymeshlab, was not found; install libopengl0 (Debian, Ubuntu).",
         "Importing av failed: libx.so.1 was not found; install libx1 (Debian, Ubuntu).",
     ]
 
