@@ -81,7 +81,7 @@ def test_cameras_far_apart_with_known_lenses(count: int, points: int, options: d
     assert found.report.left_out == []
     assert found.report.metric == ("measured" in options)
     assert found.report.known_lenses == list(truth.names)
-    if "measured" in options:  # in the world's coordinates, without any alignment
+    if "measured" in options:  # in world coordinates, without alignment
         for camera in truth:
             assert np.linalg.norm(found.rig[camera.name].center - camera.center) < 0.03
         assert 0 < found.report.tie_points["point 0"].off < 0.02
@@ -295,7 +295,7 @@ def test_a_file_that_is_not_text(tmp_path: Path) -> None:
 
 
 def drawn(kind: str, center: np.ndarray, angle: float) -> np.ndarray:
-    """A dot or a corner of a known place, drawn 8 times as large and averaged."""
+    """A dot or corner at a known position, drawn at 8 times the size and averaged."""
     import cv2
 
     y, x = np.mgrid[:480, :480] / 8 + 1 / 16
