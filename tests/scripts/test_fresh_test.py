@@ -1,4 +1,4 @@
-"""The test of freshness: what it carries over, what it reads, and when it refuses. The systems are built in CI only."""
+"""scripts/fresh_test.py: the settings that it copies, the output that it parses, and when it is skipped."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_pip_settings_certificates_and_folders_are_carried_over(fresh_test: Modu
         "SECRET": "x",
     }
     carried = fresh_test.carry(config, environment)
-    assert carried.folders == (str(index.parent), str(wheels))  # an index's pages link to files beside it
+    assert carried.folders == (str(index.parent), str(wheels))  # the pages of an index link to files next to it
     [(inside, outside)] = carried.certificates.items()
     assert outside == str(bundle)
     assert carried.pip_conf == (

@@ -184,7 +184,7 @@ def test_movies(here, take, tmp_path):
 def test_mistakes_are_one_sentence(here, take, tmp_path):
     out = tmp_path / "out"
     cases = [
-        ([take, "--format", "ply", "--out", tmp_path], "exists already"),
+        ([take, "--format", "ply", "--out", tmp_path], "already exists"),
         ([take, "--format", "ply", "--out", out, "--frames", "0:9"], "Choose a range within 0:5"),
         ([take, "--format", "ply", "--out", out, "--frames", "all"], "--frames 'all' is not of the form"),
         ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames cannot be written to one file"),
