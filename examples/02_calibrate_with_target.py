@@ -76,7 +76,7 @@ def main() -> None:
     aligned = v3.align_rigs(result.rig, truth).rig(result.rig)
     for camera in truth:
         distance = np.linalg.norm(aligned[camera.name].center - camera.center)
-        print(f"{camera.name}: center {1000 * distance:.2f} mm from ground truth, fx {result.rig[camera.name].fx:.1f} px")
+        print(f"{camera.name}: center {1000 * distance:.2f} mm off, fx {result.rig[camera.name].fx:.1f} px")
         assert distance < 0.01
 
 

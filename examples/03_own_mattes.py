@@ -1,7 +1,7 @@
 """Use your own matting function.
 
-The function takes an (H, W, 3) uint8 RGB image and returns an (H, W) matte, 0 to 1, 1 = performer. It could run a network
-or call a service. Here it compares the image with a clean plate.
+The function takes an (H, W, 3) uint8 RGB image and returns an (H, W) matte, 0 to 1, 1 = performer. It could run a
+network or call a service. Here it compares the image with a clean plate.
 """
 
 import argparse
