@@ -9,7 +9,7 @@ import v3studio as v3
 
 
 def swinging_cloud(count: int, time: float) -> v3.Gaussians:
-    """`count` splats on a sphere that swings back and forth; `time` 0 to 1 is one period. The splats keep their order."""
+    """`count` splats on a sphere that swings back and forth; one period is `time` 0 to 1. The order is fixed."""
     random = torch.Generator().manual_seed(0)
     directions = torch.nn.functional.normalize(torch.randn(count, 3, generator=random), dim=1)
     shift = torch.tensor([0.3 * math.sin(2 * math.pi * time), 0.0, 0.0])
