@@ -39,7 +39,7 @@ ADDED: dict[str, Any] = {
     "bake.ladder": [],
     "bake.first_group_size": None,
 }
-"""Settings added after takes of format 2 were first written, each with the value that changes nothing."""
+"""Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior."""
 
 REPORT_KEYS = {"explained": "match_inlier_ratio", "neighbours": "neighbors"}
 """Keys of calibrate/report.json, old to new."""

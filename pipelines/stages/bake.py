@@ -58,7 +58,7 @@ def parts_of(groups: Sequence[Group], first_size: int | None) -> tuple[Part, ...
 class BakeStage:
     """The stage `bake`; its units are groups.
 
-    Groups are baked into a work folder, each with a file that says what it was made from. When all are finished, the
+    Groups are baked into a work folder, each with a file that records what it was made from. When all are finished, the
     manifest is written and the folder replaces the old stream, or, in version 3, the old stream gets the new files
     and then the new manifest. Valid groups of the old stream are reused.
     """
@@ -70,7 +70,7 @@ class BakeStage:
     dependencies: tuple[str, ...] = ("train",)
 
     def params(self, context: Context) -> Params:
-        """Encoding settings, and what the manifest holds."""
+        """Encoding settings, and the contents of the manifest."""
         return {
             **settings_affecting(context.config, "videos", "manifest"),
             "frames a second": float(context.footage.raw.fps),
@@ -225,7 +225,7 @@ class BakeStage:
                 reporter.warn(message)
 
     def _metadata(self, context: Context) -> dict[str, Any]:
-        """Deterministic, so that equal takes bake to equal bytes."""
+        """Deterministic, so that identical takes bake to identical bytes."""
         footage = context.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         return {

@@ -123,7 +123,7 @@ PAGE_DAMAGE = {
     "another format": (set_(("format",), "x"), "literal_error"),
     "a rendition missing": (lambda v: v["groups"][1]["renditions"].pop(), "rendition_ids"),
     "renditions that disagree in frames": (
-        set_(("groups", 1, "renditions", 1, "frame_count"), 1),
+        set_(("groups", 1, "renditions", 1, "frame_count"), 3),
         "rendition_frames",
     ),
     "another SH degree": (set_(("groups", 0, "renditions", 0, "sh_degree"), 2), "channels"),
