@@ -79,8 +79,8 @@ def build_app(streams: dict[str, Path]) -> Starlette:
     """The web application: GET and HEAD of stream files, with ranges, CORS and revalidation.
 
     Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
-    revalidate every response (ETag), since a stream that is baked again keeps its file names; except files of version 3,
-    which are named by their content.
+    revalidate every response (ETag), since a stream that is baked again keeps its file names; files of version 3, which
+    are named by their content, may be kept forever.
 
     Args:
         streams: from `find_streams`.
