@@ -339,3 +339,22 @@ def parse_page(
 def starts_of(manifest: LadderManifest) -> tuple[int, ...]:
     """First frame of each group."""
     return tuple(accumulate(manifest.frame_counts[:-1], initial=0))
+
+
+def check_growth(old: LadderManifest, new: LadderManifest, name: str) -> None:
+    """Raises StudioError unless a live stream's new manifest only adds groups to the old one."""
+    kept = old.frame_counts
+    fixed = ("profile", "fps", "scan", "codec")
+    changed = [key for key in fixed if getattr(old, key) != getattr(new, key)]
+    if [one.id for one in old.renditions] != [one.id for one in new.renditions]:
+        changed.append("renditions")
+    if new.frame_counts[: len(kept)] != kept:
+        changed.append("groups")
+    if changed:
+        raise StudioError(
+            "stream.live_changed",
+            f"the live stream was replaced by another one ({', '.join(changed)} differ)",
+            file=name,
+            value=changed,
+            fix="Open the stream again.",
+        )

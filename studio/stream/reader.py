@@ -14,7 +14,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decode import GroupDecoder, open_decoder
 from studio.stream.group_index import GroupIndex, no_such_rendition
-from studio.stream.ladder_manifest import parse_ladder
+from studio.stream.ladder_manifest import RenditionManifest, check_growth, parse_ladder
 from studio.stream.ladder_models import RenditionEntry
 from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_head, parse_manifest
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, GroupEntry
@@ -114,6 +114,33 @@ class StreamReader:
     def renditions(self) -> tuple[RenditionEntry, ...]:
         """Renditions to choose from, the best first; empty in versions 1 and 2, which have one."""
         return () if self.index is None else self.index.manifest.renditions
+
+    @property
+    def live(self) -> bool:
+        """Whether groups are still being added, so that `refresh` may find more."""
+        return self.index is not None and self.index.manifest.live
+
+    def refresh(self) -> int:
+        """Read the manifest of a live stream again; frames of known groups stay the same.
+
+        Returns:
+            Number of new groups.
+
+        Raises:
+            StudioError: `stream.live_changed`: the new manifest takes back what the old one published; also as `open`.
+        """
+        if self.index is None or not self.index.manifest.live:
+            return 0
+        data = self.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
+        name = f"{self.source.name}/{MANIFEST_NAME}"
+        old, new = self.index.manifest, parse_ladder(data, name)
+        check_growth(old, new, name)
+        index = GroupIndex(new, self.source, len(data))
+        rendition = self.manifest.rendition if isinstance(self.manifest, RenditionManifest) else None
+        with self._lock:
+            grown = len(index) - len(self.index)
+            self.index, self.manifest = index, index.view(rendition)
+        return grown
 
     @property
     def group_starts(self) -> tuple[int, ...]:
