@@ -6,7 +6,6 @@ import torch
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
 from tests.support.errors import refuses
 
-
 LADDER = (Rung(qp=24), Rung(qp=34))
 
 
