@@ -127,7 +127,8 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.takes.videos import open_reader
     from studio.export.placing import new_file
-    from studio.stream.archive import SUFFIX, write_archive
+    from studio.stream.archive import SUFFIX
+    from studio.stream.write_archive import write_archive
 
     for option in ("frames", "of", "sh_degree"):
         if getattr(arguments, option) not in (None, "decoded"):

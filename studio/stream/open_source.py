@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from studio.errors import StudioError
+from studio.stream.archive import SUFFIX, ArchiveSource, FileRanges, HttpRanges, Ranges
 from studio.stream.http_source import HttpSource
 from studio.stream.source import FolderSource, Source, is_address
-
-if TYPE_CHECKING:
-    from studio.stream.archive import Ranges
 
 
 def open_source(place: Path | str | Source) -> Source:
@@ -22,8 +19,6 @@ def open_source(place: Path | str | Source) -> Source:
     """
     if not isinstance(place, str | Path):
         return place
-    from studio.stream.archive import SUFFIX, FileRanges, HttpRanges  # it imports the reader
-
     if isinstance(place, str) and is_address(place):
         if urlsplit(place).path.lower().endswith(SUFFIX):
             return _archive(HttpRanges(place))
@@ -42,8 +37,6 @@ def open_source(place: Path | str | Source) -> Source:
 
 
 def _archive(ranges: Ranges) -> Source:
-    from studio.stream.archive import ArchiveSource
-
     try:
         return ArchiveSource(ranges)
     except BaseException:

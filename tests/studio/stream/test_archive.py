@@ -10,7 +10,7 @@ import torch
 
 from studio.errors import StudioError
 from studio.stream import StreamReader, write_ladder
-from studio.stream.archive import write_archive
+from studio.stream.write_archive import write_archive
 from tests.support.errors import refuses
 
 
