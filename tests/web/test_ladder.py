@@ -37,12 +37,11 @@ def test_the_picture_is_the_rasterizers(site, baked, open_page, decoder):
     python.close()
 
 
-def test_a_decoder_that_is_not_exact_is_not_drawn_from(site, baked, open_page):
-    shutil.copytree(baked(ladder=(16,)), site.stream)
-    path = site.stream / "manifest.json"
+def spoil(folder, group):
+    """Change the CRC-32 of a group's first picture, and seal the manifest again."""
+    path = folder / "manifest.json"
     values = json.loads(path.read_bytes())
-    for check in values["groups"][1]["renditions"][0]["video"]["checks"]:
-        check["crc32"] = 1_000_000_000  # as long as most, so that the size may stay
+    values["groups"][group]["renditions"][0]["video"]["checks"][0]["crc32"] ^= 1
     before = values["total_bytes"] - path.stat().st_size
     values["manifest_sha256"] = "0" * 64
     while True:
@@ -51,7 +50,20 @@ def test_a_decoder_that_is_not_exact_is_not_drawn_from(site, baked, open_page):
             break
         values["total_bytes"] = before + len(data)
     path.write_bytes(data.replace(b"0" * 64, hashlib.sha256(data).hexdigest().encode(), 1))
+
+
+def test_a_decoder_that_is_not_exact_is_not_drawn_from(site, baked, open_page):
+    shutil.copytree(baked(ladder=(16,)), site.stream)
+    spoil(site.stream, 1)
     page = open_page("?decoder=webcodecs")
     page.wait("(seen.looped ?? []).length >= 2")
     assert {entry["frame"] for entry in page.seen("time")} <= set(range(5))
-    assert "inexactly" in page.seen("notice")[0]
+    assert "picture 0 inexactly" in page.seen("notice")[0]
+
+
+def test_nor_where_playing_begins_after_its_first_picture(site, baked, open_page):
+    shutil.copytree(baked(ladder=(16,)), site.stream)
+    spoil(site.stream, 1)
+    page = open_page("?decoder=webcodecs&t=0")
+    page.call("seek", 8 / 25)
+    page.wait("(seen.notice ?? []).length && player.state.frame < 5")

@@ -378,7 +378,7 @@ export class Session {
     frames: number,
   ): Promise<PictureSource> {
     const pictures = await this.openPictures(files, video.path, size, frames);
-    return video.checks.length > 0 ? new CheckedPictures(pictures, video.checks, video.path) : pictures;
+    return video.checks.length > 0 ? new CheckedPictures(pictures, video.checks, video.path, this.pool) : pictures;
   }
 
   private async openPictures(
