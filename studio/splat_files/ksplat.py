@@ -7,9 +7,9 @@ each section, then the sections: buckets of neighboring splats, and the splats. 
 - 1: positions in 16 bits relative to the middle of their bucket, the rest as float16.
 - 2: as 1, with SH in 8 bits over a range that the header has.
 
-Scales are linear, colors and opacities 8 bits, rotations wxyz. SH (degree 0 to 2) have one band after the other, in each
-band red first, then green, then blue. Axes are those of PLY files. The splats are in another order than in the file that
-they were converted from.
+Scales are linear, colors and opacities 8 bits, rotations wxyz. SH (degree 0 to 2) have one band after the other, in
+each band red first, then green, then blue. Axes are those of PLY files. The splats are in another order than in the
+file that they were converted from.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ def _sections(path: Path, data: bytes, head: _Head) -> Iterator[_Section]:
         raise truncated(path, len(data), start)
     counted = 0
     for number in range(head.sections):
-        count, capacity, bucket_size, buckets, block, bucket_bytes, levels, full, partial, degree = _SECTION.unpack_from(
-            data, _HEAD_SIZE + number * _SECTION_HEAD_SIZE
+        count, capacity, bucket_size, buckets, block, bucket_bytes, levels, full, partial, degree = (
+            _SECTION.unpack_from(data, _HEAD_SIZE + number * _SECTION_HEAD_SIZE)
         )
         if count > capacity or degree > _MAX_DEGREE:
             problem = f"section {number} has {count} splats of SH degree {degree} and room for {capacity}"
@@ -194,7 +194,7 @@ def _middles(path: Path, data: bytes, section: _Section) -> np.ndarray:
     lengths = np.frombuffer(data, "<u4", section.partial, section.start).astype(np.int64)
     middles = np.frombuffer(data, "<f4", 3 * section.buckets, section.start + 4 * section.partial).reshape(-1, 3)
     held = section.full * section.bucket_size + int(lengths.sum())
-    if held < section.count or (lengths > section.count).any():
+    if not section.count <= held <= section.capacity:
         raise _invalid(path, f"buckets hold {held} of {section.count} splats", (held, section.count))
     sizes = np.concatenate([np.full(section.full, section.bucket_size, np.int64), lengths])
     return middles[np.repeat(np.arange(len(sizes)), sizes)[: section.count]].astype(np.float64)
