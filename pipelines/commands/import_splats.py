@@ -16,8 +16,8 @@ def register(commands: Any) -> None:
         help="bake splat files of other programs to a stream: PLY, SPZ, SOG, .splat, .ksplat, VideoGS",
         description="Bake a folder of numbered splat files of one format, one such file, or a folder in the VideoGS "
         "layout to a stream. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json with "
-        "its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the previous "
-        "frame.",
+        "its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the "
+        "previous frame.",
         epilog="--set bake.qp=22 or --bake.qp 22 overrides a setting; `v3studio config` lists all settings.",
         allow_abbrev=False,
     )
