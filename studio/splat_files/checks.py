@@ -136,7 +136,8 @@ def from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Gaussians:
     Raises:
         StudioError: a value that is not finite, or a zero quaternion.
     """
-    values = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
+    with np.errstate(invalid="ignore", over="ignore"):  # what does not fit is refused below
+        values = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
     logits = values["logit_opacities"]
     values["logit_opacities"] = np.where(np.isinf(logits), np.sign(logits) * np.float32(LOGIT_LIMIT), logits)
     for name, array in values.items():
