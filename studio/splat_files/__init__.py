@@ -9,8 +9,8 @@
 | .ksplat | GaussianSplats3D's | yes | |
 | .glb | glTF 2.0 with KHR_gaussian_splatting | | yes |
 
-Axes are never changed here. `UP` is the up direction by convention of each format; `studio.export.rigid_motion` rotates
-splats to it.
+Readers and writers never change axes. `UP` is the conventional up direction of each format;
+`studio.export.rigid_motion` rotates splats to it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ UP = {
     ".ksplat": (0.0, -1.0, 0.0),
     ".glb": (0.0, 1.0, 0.0),
 }
-"""Up direction by convention. 3DGS has the axes of COLMAP cameras (y down), and so have files converted from it to SOG,
+"""Conventional up direction: 3DGS uses the axes of COLMAP cameras (y down), and so do files converted from it to SOG,
 .splat and .ksplat; SPZ and glTF are y up."""
 
 
@@ -56,7 +56,7 @@ def _ending(path: Path, known: Iterable[str], what: str) -> str:
     if ending not in endings:
         raise StudioError(
             "splat_file.unsupported_format",
-            f"splats are {what} {', '.join(endings)} files, not {path.suffix!r}",
+            f"splats can be {what} {', '.join(endings)} files, not {path.suffix!r}",
             file=path,
             value=path.suffix,
             expected=endings,
@@ -65,16 +65,16 @@ def _ending(path: Path, known: Iterable[str], what: str) -> str:
 
 
 def read_splats(path: Path) -> Gaussians:
-    """Read a .ply, .spz, .sog, .splat or .ksplat file or a SOG's meta.json: float32 on the CPU.
+    """Read the splats of a .ply, .spz, .sog, .splat or .ksplat file or of a SOG's meta.json as float32 on the CPU.
 
     Raises:
-        StudioError: unsupported extension, missing or damaged file, or a file without splats.
+        StudioError: the extension is not supported, or the file is missing, damaged or does not contain splats.
     """
     return READERS[_ending(path, READERS, "read from")](path)
 
 
 def splats_size(path: Path) -> tuple[int, int]:
-    """Number of splats and SH degree, from the header only. Raises StudioError as `read_splats`."""
+    """Number of splats and SH degree of a file, from its header only. Raises StudioError as `read_splats`."""
     return SIZERS[_ending(path, SIZERS, "read from")](path)
 
 
@@ -87,7 +87,8 @@ def write_splats(path: Path, gaussians: Gaussians, spz_version: int = SPZ_VERSIO
         spz_version: of a .spz file, 3 or 4.
 
     Raises:
-        StudioError: unsupported extension, no splats, or a value that is not finite or out of the format's range.
+        StudioError: the extension is not supported, there are no splats, or a value is not finite or outside the range
+            of the format.
     """
     ending = _ending(path, WRITTEN, "written to")
     if ending == ".ply":

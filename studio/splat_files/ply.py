@@ -28,7 +28,11 @@ _NEEDED = (
 
 
 def write_ply(path: Path, gaussians: Gaussians) -> None:
-    """Write a 3DGS PLY. Raises StudioError: no splats or values that are not finite."""
+    """Write a 3DGS PLY file.
+
+    Raises:
+        StudioError: there are no splats, or a value is not finite.
+    """
     from plyfile import PlyData, PlyElement
 
     arrays = to_arrays(path, gaussians)
@@ -63,10 +67,10 @@ def ply_size(path: Path) -> tuple[int, int]:
 
 
 def read_ply(path: Path) -> Gaussians:
-    """Read a 3DGS PLY or a compressed PLY. Properties that do not belong to splats are ignored.
+    """Read a 3DGS PLY file or a compressed PLY file. Properties that do not belong to splats are ignored.
 
     Raises:
-        StudioError: missing or damaged file, not a PLY, or a point cloud or mesh without splats.
+        StudioError: the file is missing, damaged, not a PLY, or a point cloud or mesh without splats.
     """
     ply = _opened(path)
     if is_compressed(ply):

@@ -22,7 +22,7 @@ DEFAULT_VERSION = 4
 """Which version is written: what other converters write by default."""
 
 _LARGEST = (1 << 23) - 1  # largest integer of a position
-_FRACTION_BITS = (12, 20)  # 12 is what the reference implementation writes
+_FRACTION_BITS = (12, 20)  # range of fractional bits; the reference implementation writes 12
 _COLOR_SCALE = 0.15
 _SH_BITS = (5, 4)  # degree 1, higher degrees
 _SMALLEST = 511  # 9 bits for a quaternion component of at most sqrt(1/2)
@@ -39,7 +39,8 @@ def write_spz(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION) 
         version: 4 (Zstandard), or 3 (gzip) for older viewers; both have the same splats.
 
     Raises:
-        StudioError: another version, no splats, values that are not finite, or positions too far out for 24 bits.
+        StudioError: the version is another one, there are no splats, a value is not finite, or a position is too far
+            from the origin for 24 bits.
     """
     if version not in WRITTEN_VERSIONS:
         raise StudioError(
@@ -81,7 +82,7 @@ def _byte(values: np.ndarray) -> bytes:
 
 
 def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_bits: int) -> bytes:
-    """SH, rounded to bucket centers for better compression."""
+    """SH coefficients as bytes, rounded to bucket centers for better compression."""
 
     def rounded(values: np.ndarray, bits: int) -> np.ndarray:
         bucket = 1 << (8 - bits)
@@ -92,7 +93,7 @@ def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_
 
 
 def _pack_quats(wxyz: np.ndarray) -> np.ndarray:
-    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits of the other three."""
+    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits for each of the others."""
     xyzw = wxyz[:, [1, 2, 3, 0]].astype(np.float64)
     largest = np.abs(xyzw).argmax(axis=1)
     rows = np.arange(len(xyzw))
@@ -131,8 +132,8 @@ def read_spz(path: Path) -> Gaussians:
     """Read an SPZ file of version 2, 3 or 4.
 
     Raises:
-        StudioError: missing or damaged file, not an SPZ file, an unsupported version, or extensions that change the
-            meaning of the values.
+        StudioError: the file is missing, damaged, not an SPZ file, of an unsupported version, or has extensions that
+            change the meaning of the values.
     """
     head, attributes = read_container(path)
     count = head.count
