@@ -204,7 +204,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
             [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"],
             "--background 'red' is",
         ),
-        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "only has the axes of the capture"),
+        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "supports only the axes of the capture"),
         ([take, "--format", "ply", "--spz-version", "3", "--out", out], "has no --spz-version"),
         ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
     ]
