@@ -120,6 +120,12 @@ def test_viewer_axes(here, take, tmp_path):
     done = here("export", take / "stream", "--format", "spz", "--frames", "0:1", "--out", tmp_path / "a.spz")
     assert done.returncode == 0, done.stderr
     assert torch.allclose(read_splats(tmp_path / "a.spz").means[:, 1], world[:, 2], atol=1e-3)  # y up
+    assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
+    older = ("--spz-version", "3", "--frames", "0:1", "--out", tmp_path / "b.spz")
+    done = here("export", take / "stream", "--format", "spz", *older)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "b.spz").read_bytes()[:2] == b"\x1f\x8b"
+    assert torch.equal(read_splats(tmp_path / "b.spz").means, read_splats(tmp_path / "a.spz").means)
 
 
 def test_videogs_there_and_back(here, take, tmp_path):
@@ -199,6 +205,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
             "--background 'red' is",
         ),
         ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "supports only the axes of the capture"),
+        ([take, "--format", "ply", "--spz-version", "3", "--out", out], "has no --spz-version"),
         ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
     ]
     for arguments, message in cases:
@@ -211,7 +218,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     assert here("export", take, "--format", "obj", "--out", out).returncode == 2
     done = here("import", take, "--out", out)
     assert done.returncode == 1
-    assert "no .ply or .spz files" in done.stderr
+    assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
 
 
 def test_nothing_trained_yet(tmp_path):
