@@ -1,16 +1,17 @@
-"""Calibration from tie points as a stage: what a user types, and what the take then holds."""
+"""The stage calibrate from tie points: the cameras, and the record that staleness is judged by."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import yaml
 
+from pipelines.config import load_config
+from pipelines.runs.runner import run, status
+from pipelines.takes.take import Take
 from studio.calibration import align_rigs
 from studio.camera_files import read_rig
-from tests.pipelines.conftest import v3studio
 
 
 def test_a_take_is_calibrated_from_tie_points(project: Path) -> None:
@@ -23,16 +24,18 @@ def test_a_take_is_calibrated_from_tie_points(project: Path) -> None:
         for number, position in enumerate(positions)
     }
     (project / "capture" / "points.yaml").write_text(yaml.safe_dump({"points": points}))
-    take = project / "take"
-    settings = ["--capture.rig=null", "--calibrate.tie_points=points.yaml", "--calibrate.known_cameras=cameras.json"]
-    done = v3studio("calibrate", project / "ball.yaml", "--take", take, *settings)
-    assert done.returncode == 0, done.stderr
+    overrides = {
+        "capture.rig": None,
+        "calibrate.tie_points": "points.yaml",
+        "calibrate.known_cameras": "cameras.json",
+    }
+    config = load_config(project / "ball.yaml", overrides.items())
+    take = Take.create(project / "take")
+    run(take, config, lambda event: None, stages=("calibrate",))
 
-    found = read_rig(take / "calibrate" / "rig.json")
+    found = read_rig(take.rig)
     aligned = align_rigs(found, truth).rig(found)
     for camera in truth:
         assert np.linalg.norm(aligned[camera.name].center - camera.center) < 1e-3
 
-    status = json.loads(v3studio("status", take, "--json").stdout)
-    (calibrate,) = [stage for stage in status["stages"] if stage["stage"] == "calibrate"]
-    assert calibrate["state"] == "done"
+    assert status(take, config)["calibrate"].state == "done"
