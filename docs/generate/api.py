@@ -12,7 +12,7 @@ MODULES = {
     "studio.capture": "Footage and mattes",
     "studio.calibration": "Calibration",
     "studio.camera_files": "Camera files",
-    "studio.meshing": "Visual hull and starting points",
+    "studio.meshing": "Visual hull and initial points",
     "studio.training": "Training",
     "studio.rasterizer": "Rasterizer",
     "studio.stream": "Stream",

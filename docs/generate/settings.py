@@ -65,7 +65,7 @@ def _names(prefix: str, model: BaseModel) -> Iterator[str]:
 
 
 def _section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> Iterator[str]:
-    affects = _results(getattr(type(model), "affects", None)) or affects
+    affects = _results(getattr(type(model), "affects", None), affects)
     rows: list[tuple[str, ...]] = []
     nested: list[tuple[str, BaseModel, tuple[str, ...]]] = []
     for name, field in type(model).model_fields.items():
@@ -74,7 +74,7 @@ def _section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> It
             yield from _table(rows)
             rows = []
             yield from (f"### {heading} {{ #{prefix}-{_slug(heading)} }}", "")
-        changed = _results(_marker(field, "Affects")) or affects
+        changed = _results(_marker(field, "Affects"), affects)
         value = getattr(model, name)
         dotted = f"{prefix}.{name}"
         if isinstance(value, BaseModel):
@@ -112,8 +112,9 @@ def _marker(field: FieldInfo, kind: str, attribute: str | None = None) -> Any:
     return getattr(found, attribute) if found is not None and attribute else found
 
 
-def _results(affects: Any) -> tuple[str, ...]:
-    return tuple(affects.results) if affects is not None else ()
+def _results(affects: Any, outer: tuple[str, ...]) -> tuple[str, ...]:
+    """What the marker says, which may be nothing; `outer` without a marker."""
+    return tuple(affects.results) if affects is not None else outer
 
 
 def _stale(results: tuple[str, ...]) -> str:
