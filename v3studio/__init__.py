@@ -1,8 +1,8 @@
 """V3 Studio for scripts: from synchronized multi-camera footage to a streamable Gaussian video, and back.
 
-Everything exported here is stable: it follows the version number, and changes of meaning are listed in CHANGELOG.md.
-Modules below `studio`, `pipelines` and `gui` may change at any release; import from here instead. `examples/` holds
-scripts that use each part.
+The exports are stable: they follow the version number, and CHANGELOG.md lists changes of meaning. Modules under
+`studio`, `pipelines` and `gui` may change in any release; import from here instead. `examples/` has scripts that use
+each part.
 
     footage        open_footage, CaptureSettings, Footage, read_rig, write_rig
     calibration    calibrate_from_images, detect_target, calibrate_from_target, calibrate_from_tie_points, ...

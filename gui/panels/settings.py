@@ -77,10 +77,11 @@ class SettingsList:
         for field in found:
             if field.heading != heading:
                 heading = field.heading
-                title = gui.Label("\n".join(textwrap.wrap(heading, width, break_long_words=False)))
+                lines = textwrap.wrap(heading, width, break_long_words=False)
+                title = gui.Label("\n".join(lines))
                 title.text_color = color(ACCENT)
                 grid.add_child(title)
-                grid.add_child(gui.Label(""))
+                grid.add_child(gui.Label("\n".join(" " for _ in lines)))  # as high: columns are laid out separately
             label = gui.Label(field.label)
             label.tooltip = _broken(field.documentation)
             label.text_color = color(DIM)

@@ -1,4 +1,4 @@
-"""Cameras from images, and how good they are."""
+"""Camera calibration, and reports of its accuracy."""
 
 from typing import TYPE_CHECKING
 
