@@ -57,7 +57,7 @@ class CalibrateStage:
         if config.calibrate.tie_points:
             return {
                 "tie points": _digest(tie_file(context)),
-                "sizes": {name: context.footage.raw.raw_size(name) for name in context.footage.raw.camera_names},
+                "sizes": {name: list(context.footage.raw.raw_size(name)) for name in context.footage.raw.camera_names},
                 **settings_affecting(config, "cameras_from_points"),
                 **_lens_files(context),
             }
