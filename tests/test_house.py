@@ -62,7 +62,7 @@ def test_imports_run_downwards(floor: str) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-ROOMS = ("cli", "commands", "ablation", "runs", "stages", "reports", "takes", "events", "config", "version")
+ROOMS = ("cli", "commands", "ablation", "share", "runs", "stages", "reports", "takes", "events", "config", "version")
 """Of `pipelines`, top down: each may import the ones after it, and nothing before or beside it."""
 
 

@@ -12,6 +12,8 @@ const STALL = 15_000;
 export interface Source {
   /** A file of exactly `bytes` bytes. */
   read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
+  /** A file whose size is not known, of at most `limit` bytes. */
+  readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
 }
 
 /** Bytes and milliseconds of what was received, for the bandwidth. */
@@ -37,7 +39,6 @@ export class HttpSource implements Source {
     });
   }
 
-  /** A file whose size is not known, of at most `limit` bytes. */
   async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
     return this.tryAgain(path, signal, async () => {
       const parts: Uint8Array[] = [];

@@ -1,6 +1,7 @@
 /** What the page and the worker tell each other. */
 
 import type { Camera, Vector } from "../stream/manifest.ts";
+import type { EmbeddedFiles } from "./embedded.ts";
 
 /** A splat's depth is axis · (x, y, z, 1). */
 export type DepthAxis = readonly [number, number, number, number];
@@ -9,7 +10,15 @@ export type DepthAxis = readonly [number, number, number, number];
 export type DecodePath = "webcodecs" | "webcodecs-software" | "video";
 
 export type ToWorker =
-  | { readonly type: "open"; readonly url: string; readonly maxTexture: number; readonly path: DecodePath | "auto"; readonly loop: boolean }
+  | {
+      readonly type: "open";
+      readonly url: string;
+      /** The stream's files where the page holds them, else null. */
+      readonly files: EmbeddedFiles | null;
+      readonly maxTexture: number;
+      readonly path: DecodePath | "auto";
+      readonly loop: boolean;
+    }
   /** Bring a frame: decode it, sort it along the axis. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
   /** Sort the frame that was brought last along another axis. `request` comes back with the order. */
