@@ -10,10 +10,8 @@ import psutil
 ANY = ("", "0.0.0.0", "::")
 """Hosts that mean every interface."""
 
-_ELSEWHERE = {
-    socket.AF_INET: "192.0.2.1",
-    socket.AF_INET6: "2001:db8::1",
-}  # reserved for documentation (RFC 5737, 3849)
+# reserved for documentation (RFC 5737 and 3849)
+_ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 
 
 def reachable_hosts(host: str) -> list[str]:

@@ -20,11 +20,9 @@ export class EmbeddedSource implements Source {
   }
 
   readAll(path: string, limit: number): Promise<Uint8Array<ArrayBuffer>> {
-    try {
-      return Promise.resolve(this.decode(path, limit));
-    } catch (error) {
-      return Promise.reject(error);
-    }
+    return new Promise((resolve) => {
+      resolve(this.decode(path, limit));
+    });
   }
 
   private decode(path: string, limit: number): Uint8Array<ArrayBuffer> {
