@@ -12,7 +12,7 @@ from pathlib import Path
 from studio.errors import StudioError
 
 _VALID = datetime.timedelta(days=90)  # browsers refuse certificates that are valid for years
-_PEM_END = "-----END CERTIFICATE-----"
+_BEGIN, _END = "-----BEGIN CERTIFICATE-----", "-----END CERTIFICATE-----"
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def load_certificate(certificate: Path, key: Path | None) -> Certificate:
     try:
         text = certificate.read_text(encoding="ascii", errors="replace")
         context.load_cert_chain(certificate, key, password="")
-        first = ssl.PEM_cert_to_DER_cert(text[text.index("-----BEGIN") : text.index(_PEM_END) + len(_PEM_END)])
+        first = ssl.PEM_cert_to_DER_cert(text[text.index(_BEGIN) : text.index(_END) + len(_END)])
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
         raise StudioError(
             "serve.bad_certificate",

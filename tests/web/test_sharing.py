@@ -1,4 +1,4 @@
-"""What `v3studio serve` and `v3studio share` give plays in a browser: served, from a plain web server, from the disk."""
+"""What `v3studio serve` and `v3studio share` give plays in a browser, also from a plain web server and the disk."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pipelines.share.player_files import read_player
 
 pytestmark = pytest.mark.web
 
-TEXT = PageText("Walk <1> & \"2\"", "Jane Doe's studio", "CC BY 4.0 </script><!--")
+TEXT = PageText('Walk <1> & "2"', "Jane Doe's studio", "CC BY 4.0 </script><!--")
 SIZE = (640, 500)  # wide enough for all buttons
 
 
