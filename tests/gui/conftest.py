@@ -255,7 +255,7 @@ class RunningWindow:
         """Choose an item of a menu: the row-th, below so many separators. The toolkit draws menus and does not report
         their frames; the offsets were measured at its default font size."""
         left, top = self.point("stages", 0.0, 0.0)
-        across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Help": 208}[title]
+        across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Share": 208, "Help": 252}[title]
         self.press(across, top - 12)
         self.press(across + 20, top + 21 + round(24.3 * row + 6.4 * separators))
 
