@@ -77,7 +77,7 @@ class ShareActions:
         if serving.failure:
             window.dialogs.message("Share", serving.failure)
             serving.failure = ""
-        elif serving.address:
+        elif serving.address and not window.dialogs.name:  # what is being typed elsewhere must not be lost
             show_serving(window.dialogs, serving, self.stop)
         return True
 

@@ -88,9 +88,8 @@ def size_words(size: ShareSize, form: str) -> str:
     parts = f"{size.frames} frames, {size.seconds:.1f} s: stream {megabytes(size.stream_bytes)}"
     if form == "single-file":
         if not size.single_file_possible:
-            return (
-                f"{parts}. A single file can hold {megabytes(MAX_SINGLE_FILE_BYTES)} at most; share a folder instead."
-            )
+            most = megabytes(MAX_SINGLE_FILE_BYTES)
+            return f"{parts}. A single file holds {most} at most; share a folder instead."
         return f"{parts}, the file about {megabytes(size.single_file_bytes)}."
     return f"{parts}, player {megabytes(size.player_bytes)}, and a poster."
 
