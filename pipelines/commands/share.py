@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
+from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -53,9 +55,18 @@ def _share(arguments: argparse.Namespace) -> int:
     if arguments.single_file:
         print("Open it in a browser.")
     else:
-        print(f"To look at it: python3 -m http.server --directory {arguments.out}, then http://localhost:8000/")
+        folder = shlex.quote(str(arguments.out))
+        print(f"To look at it: python3 -m http.server --directory {folder}    then open http://localhost:8000/")
         print("Phones decode fastest from https:// addresses.")
+        if arguments.address is not None:
+            print(f"To embed it: {iframe(arguments.address)}")
     return 0
+
+
+def iframe(address: str) -> str:
+    """HTML that embeds a shared page in another page."""
+    allowed = "fullscreen; clipboard-write; gamepad"
+    return f'<iframe src="{escape(address)}" allow="{allowed}" width="640" height="480" style="border: 0"></iframe>'
 
 
 def _check_address(address: str | None) -> None:

@@ -290,6 +290,8 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     assert last["form"] == "single-file"
     assert last["total_bytes"] == (tmp_path / "take.html").stat().st_size
     assert json.loads(done.stdout.splitlines()[0])["kind"] == "progress"
+    done = here("share", stream, "--out", tmp_path / "site", "--address", 'https://example.org/"walk"/')
+    assert '<iframe src="https://example.org/&quot;walk&quot;/"' in done.stdout
     for address in ("example.org", "ftp://example.org/", "https://example.org/?a=1"):
         done = here("share", stream, "--out", tmp_path / "b", "--address", address, "--json")
         assert done.returncode == 1
