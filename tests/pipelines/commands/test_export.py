@@ -45,7 +45,7 @@ def body(frame: int, splats: int) -> Gaussians:
 
 @pytest.fixture(scope="module")
 def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A take with two groups of three and two frames, trained and baked, without ever having run."""
+    """A take with two groups of three and two frames, trained and baked, made without a run."""
     take = Take.create(tmp_path_factory.mktemp("export") / "take")
     take.config.write_text("capture: {fps: 12.5, background: [0.0, 0.0, 1.0]}\n")
     take.rig.parent.mkdir()
@@ -164,7 +164,7 @@ def test_movies(here, take, tmp_path):
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
     assert len(frames) == 5
     assert frames[0][0, 0, 2] > 240  # the take's background is blue
-    assert frames[0][32, 48].min() > 100  # the body in the middle
+    assert frames[0][32, 48].min() > 100  # the body at the center
 
     keys = [Key(0, RIG["front"], 4.0), Key(1, RIG["side"], 0.0)]
     (tmp_path / "path.json").write_text(json.dumps(path_to_json(keys)))
@@ -184,7 +184,7 @@ def test_movies(here, take, tmp_path):
 def test_mistakes_are_one_sentence(here, take, tmp_path):
     out = tmp_path / "out"
     cases = [
-        ([take, "--format", "ply", "--out", tmp_path], "exists already"),
+        ([take, "--format", "ply", "--out", tmp_path], "already exists"),
         ([take, "--format", "ply", "--out", out, "--frames", "0:9"], "Choose a range within 0:5"),
         ([take, "--format", "ply", "--out", out, "--frames", "all"], "--frames 'all' is not of the form"),
         ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames cannot be written to one file"),

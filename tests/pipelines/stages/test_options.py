@@ -1,4 +1,4 @@
-"""Numbers on the command line: what is wrong with them is said in plain words and in the option's own unit."""
+"""Numbers on the command line: errors are clear and use the unit of the option."""
 
 from __future__ import annotations
 
@@ -64,4 +64,4 @@ def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, moving):
 def test_sync_needs_seconds_to_look_through(here, moving, seconds):
     done = here("sync", moving, "--seconds", seconds)
     assert done.returncode == 1
-    assert f"The largest offset to search is {seconds} s. It must be above 0 and finite" in done.stderr
+    assert f"The largest offset to search is {seconds} s. It must be positive and finite" in done.stderr

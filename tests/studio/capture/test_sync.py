@@ -18,7 +18,7 @@ LATE = {"a": 0, "b": 3, "c": -2, "d": 0}
 
 
 def pace(time: np.ndarray) -> np.ndarray:
-    """Position (0..1) at a time (seconds) of something that moves irregularly."""
+    """Position (0..1) of an irregularly moving object at a time in seconds."""
     rng = np.random.default_rng(5)
     steps = rng.gamma(0.6, 1.0, 400)
     way = np.concatenate([[0], np.cumsum(steps)])
