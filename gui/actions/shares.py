@@ -56,7 +56,7 @@ class ShareActions:
         if size is None:
             return
         assert opened is not None
-        ask_serve(window.dialogs, size_words(size, "folder"), partial(self._start, str(opened.path)))
+        ask_serve(window.dialogs, size_words(size, "serve"), partial(self._start, str(opened.path)))
 
     def _start(self, source: str, https: bool) -> None:
         try:

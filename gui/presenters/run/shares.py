@@ -22,9 +22,9 @@ PHONES = {
 """What whoever watches needs."""
 
 PHONES_SERVE = (
-    "The phone must be in the same network as this machine, and its firewall must let the phone in.\n"
-    "With https the phone warns of the certificate, which is made for this time only: compare the\n"
-    "fingerprint. Without, the phone decodes slower, and does not check what it receives."
+    "The phone must be in the same network, and this machine's firewall must let it in.\n"
+    "With https, the phone warns of the certificate, which is made for this time only:\n"
+    "compare the fingerprint. Without, it decodes slower and does not check what it receives."
 )
 """The same, where this machine serves."""
 
@@ -84,14 +84,15 @@ class ShareRequest:
 
 
 def size_words(size: ShareSize, form: str) -> str:
-    """What a share takes, as a sentence."""
+    """What a share takes, as a sentence; `form` is of `FORMS`, or "serve"."""
     parts = f"{size.frames} frames, {size.seconds:.1f} s: stream {megabytes(size.stream_bytes)}"
     if form == "single-file":
         if not size.single_file_possible:
             most = megabytes(MAX_SINGLE_FILE_BYTES)
             return f"{parts}. A single file holds {most} at most; share a folder instead."
         return f"{parts}, the file about {megabytes(size.single_file_bytes)}."
-    return f"{parts}, player {megabytes(size.player_bytes)}, and a poster."
+    player = f"{parts}, player {megabytes(size.player_bytes)}"
+    return f"{player}." if form == "serve" else f"{player}, and a poster."
 
 
 def megabytes(count: int) -> str:
