@@ -14,10 +14,10 @@ FORMS: dict[str, tuple[str, str]] = {
 """Forms of a share: label, and what its name ends in."""
 
 PHONES = {
-    "folder": "Upload the folder to any web server; it works below any path. Phones decode fastest, and check\n"
-    "what they receive, where the server's addresses begin with https://.",
-    "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files that were sent to them:\n"
-    "share a folder, or serve it, for phones.",
+    "folder": "Upload the folder to any web server; it works below any path.\n"
+    "Phones decode fastest, and check what they receive, from https:// addresses.",
+    "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
+    "that were sent to them: share a folder for phones, or serve it.",
 }
 """What whoever watches needs."""
 
