@@ -28,6 +28,7 @@ from gui.presenters.playback.sources import Opened
 from gui.presenters.playback.timeline_plots import plots_of
 from gui.presenters.preferences import PICTURE_SIZES, Preferences
 from gui.presenters.run.exports import Exports
+from gui.presenters.run.serving import Serving
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_views import StageViews
 from gui.presenters.worker import LatestWorker
@@ -64,7 +65,7 @@ class MainWindow:
         self.workspace = Workspace()
         self.player = PlayerPresenter()
         self.views = StageViews(self.workspace, self.player, MeshPicture)
-        self.exports = Exports()
+        self.exports, self.serving = Exports(), Serving()
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.opening = ""
         self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
@@ -175,6 +176,7 @@ class MainWindow:
     def closed(self) -> None:
         """After the last tick: end threads, close files. A job keeps running."""
         self.views.close()
+        self.serving.stop()
         self.workspace.close()
         self._opener.close()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
@@ -243,8 +245,9 @@ class MainWindow:
         if self.exports.poll():
             changed = True
             if self.exports.result:
-                self.dialogs.message("Export", self.exports.result)
+                self.dialogs.message(self.exports.title, self.exports.result)
                 self.exports.result = ""
+        changed |= self.actions.shares.poll()
         changed |= self.actions.points.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
@@ -285,7 +288,8 @@ class MainWindow:
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn.value
         )
         status = self.player.status if stage_view is None else stage_view.status
-        return changed | self._set_text(self.status, "   ".join(filter(None, [status, self.exports.words])))
+        words = [status, self.exports.words, self.serving.words]
+        return changed | self._set_text(self.status, "   ".join(filter(None, words)))
 
     def _read_evaluation(self) -> None:
         take, frames = self.workspace.take, self.player.transport.frame_count

@@ -33,7 +33,7 @@ GROUPS = {
     "Make a stream from footage": ("run", "status", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
-    "Use streams and takes": ("play", "serve", "export", "import"),
+    "Use streams and takes": ("play", "serve", "share", "export", "import"),
     "Research": ("ablate",),
 }
 """Commands in the order of `v3studio --help`."""
@@ -127,7 +127,7 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, export, import_splats, play, serve
+    from pipelines.commands import ablate, export, import_splats, play, serve, share
     from pipelines.version import program_version
 
     parser = _Parser(
@@ -166,6 +166,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
     play.register(commands)
     serve.register(commands)
+    share.register(commands)
     export.register(commands)
     import_splats.register(commands)
     ablate.register(commands)

@@ -62,7 +62,7 @@ def test_imports_run_downward(layer: str) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-PIPELINES = ("cli", "commands", "ablation", "runs", "stages", "reports", "takes", "events", "config", "version")
+PIPELINES = ("cli", "commands", "ablation", "share", "runs", "stages", "reports", "takes", "events", "config", "version")
 """Of `pipelines`, top down: each may import the ones after it, and nothing before or beside it."""
 
 

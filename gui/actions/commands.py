@@ -13,12 +13,14 @@ from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
 from gui.actions.output import OutputActions
 from gui.actions.points import PointActions
+from gui.actions.shares import ShareActions
 from gui.panels.folder_dialog import ask_path
 from gui.panels.option_dialogs import ask_preferences
 from gui.panels.take_dialog import ask_new_take
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import FORMATS
 from gui.presenters.run.new_take import NewTake
+from gui.presenters.run.shares import FORMS
 from gui.presenters.stages.stage_rows import TITLES
 from gui.shell import Shell
 from pipelines.takes.take import program_version
@@ -38,6 +40,7 @@ class Actions:
         self._window = window
         self._marks, self._outputs = MarkActions(window), OutputActions(window)
         self.points = PointActions(window)
+        self.shares = ShareActions(window)
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
@@ -64,6 +67,9 @@ class Actions:
             "add_key": self._outputs.add_key,
             "clear_keys": window.exports.keys.clear,
             "stop_export": window.exports.stop,
+            **{f"share {form}": partial(self.shares.ask, form) for form in FORMS},
+            "serve": self.shares.serve,
+            "stop_serving": self.shares.stop,
             "shortcuts": lambda: window.dialogs.message("Shortcuts", shortcuts_text()),
             "about": self._about,
         }
