@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from studio.json_types import JsonObject
+
 MAX_LENGTH = 2000
 """Characters of a sentence. Longer ones are cut, since file contents end up in them."""
 
@@ -48,9 +50,9 @@ class Message:
         text = _CONTROL.sub("?", " ".join(parts))
         return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready: `code`, `message` (the whole sentence), then what is set of `file`, `value`, `fix`, fields."""
-        found: dict[str, Any] = {"code": self.code, "message": str(self)}
+        found: JsonObject = {"code": self.code, "message": str(self)}
         if self.file is not None:
             found["file"] = os.fspath(self.file)
         if self.value is not None:

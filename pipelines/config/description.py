@@ -32,7 +32,7 @@ def allowed_values(field: FieldInfo) -> str:
     choices = list(_choices(field.annotation))
     if choices:
         parts.append("one of " + ", ".join(map(str, choices)))
-    bounds: dict[str, Any] = {}
+    bounds: dict[str, float] = {}
     for rule in (*field.metadata, *_inner_rules(field.annotation)):
         for name in ("ge", "gt", "le", "lt"):
             if getattr(rule, name, None) is not None:

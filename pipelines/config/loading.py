@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from pipelines.config.config import Config
 from pipelines.config.renamed import first_tree, note_renames, renamed, renamed_override
 from studio.errors import Message, StudioError
+from studio.json_types import JsonObject
 from studio.paths import need_utf8
 from studio.settings import Conflict, Settings, submodel
 
@@ -91,7 +92,7 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
         StudioError: the file cannot be read (see `read_yaml`), a setting is unknown (`settings.unknown`) or has an
             invalid value (`settings.invalid`).
     """
-    values: dict[str, Any] = {}
+    values: JsonObject = {}
     if path is not None:
         values, changes = renamed(read_yaml(path), str(path))
         note_renames(str(path), changes)
@@ -124,7 +125,7 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
         raise refused(error, path, given=given) from None
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> JsonObject:
     """The sections in a YAML file; an empty file has none.
 
     Raises:
@@ -176,12 +177,12 @@ def digest_text(config: Config) -> str:
     return dump_tree(first_tree(config.model_dump(mode="json")))
 
 
-def dump_tree(tree: dict[str, Any]) -> str:
+def dump_tree(tree: JsonObject) -> str:
     """YAML of sections of settings."""
     return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True, width=120)
 
 
-def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
+def _anchor_root(values: JsonObject, folder: Path, where: str) -> None:
     """Make `capture.root` absolute, relative to `folder`. Raises StudioError if it cannot be a path."""
     capture = values.get("capture")
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
@@ -260,7 +261,7 @@ def refused(
     return StudioError("settings.invalid", lines, mistakes=[mistake.to_dict() for mistake in mistakes])
 
 
-def _mistake(problem: dict[str, Any], file: Path | str | None, prefix: str, given: Collection[str]) -> Message:
+def _mistake(problem: JsonObject, file: Path | str | None, prefix: str, given: Collection[str]) -> Message:
     location = [*filter(None, prefix.split(".")), *map(str, problem["loc"])]
     name = ".".join(location)
     known = set(all_names())
@@ -277,7 +278,7 @@ def _mistake(problem: dict[str, Any], file: Path | str | None, prefix: str, give
         return Message(
             "settings.unknown", f"unknown setting {name}", where, found, _nearest_sentence(name), {"setting": name}
         )
-    fields: dict[str, Any] = {"setting": setting}
+    fields: JsonObject = {"setting": setting}
     fix = ""
     cause = problem.get("ctx", {}).get("error")
     if isinstance(cause, Conflict):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic import Field, JsonValue, ValidationError
 
 from pipelines.config.renamed import REPORT_KEYS, current_name, current_names, current_path
 from pipelines.takes.atomic_files import Result, digest_of_files, read_json, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
+from studio.json_types import JsonObject
 
 
 class StageRecord(Result):
@@ -68,7 +67,7 @@ def read_record(take: Take, stage: str) -> StageRecord | None:
         return None
 
 
-def current_record(record: dict[str, Any]) -> dict[str, Any] | None:
+def current_record(record: JsonObject) -> JsonObject | None:
     """A record of any take format with current names; None if it is not a record."""
     params = record.get("params", record.get("ingredients"))
     if not isinstance(params, dict):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.validation import array, check_finite
 
 
@@ -64,7 +65,7 @@ def no_cameras(problem: str, file: Path | None = None) -> StudioError:
     return StudioError("camera_file.no_cameras", problem, file=file, fix="Export the cameras again.")
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> JsonObject:
     """A JSON object.
 
     Raises:

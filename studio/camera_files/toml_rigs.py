@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from studio.camera_files.common import fisheye, naming, no_cameras, read_text, write_atomic, wrong_shape
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.validation import array, check_finite, missing_key
 
 
@@ -50,7 +50,7 @@ def read_toml(path: Path) -> Rig:
         return Rig(tuple(_camera(key, table, bool(nested)) for key, table in used.items()))
 
 
-def _camera(key: str, table: dict[str, Any], nested: bool) -> Camera:
+def _camera(key: str, table: JsonObject, nested: bool) -> Camera:
     import cv2
 
     # Caliscope names its videos by number
@@ -68,7 +68,7 @@ def _camera(key: str, table: dict[str, Any], nested: bool) -> Camera:
     return Camera(name, round(width), round(height), K, pose, lens if lens.any() else np.zeros(0))
 
 
-def _array(table: dict[str, Any], key: str, camera: str, shapes: tuple[tuple[int, ...], ...] = ()) -> np.ndarray:
+def _array(table: JsonObject, key: str, camera: str, shapes: tuple[tuple[int, ...], ...] = ()) -> np.ndarray:
     if key not in table:
         raise missing_key(key, camera)
     value = array(table[key], key, camera)

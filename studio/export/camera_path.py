@@ -23,10 +23,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from studio.atomic_files import write_json
 from studio.camera_files import read_rig
 from studio.camera_files.common import read_json
 from studio.cameras import Camera, Rig, look_at_pose
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.splat_video import SplatVideo
 
 FORMAT = "v3studio-camera-path"
@@ -199,15 +201,15 @@ def _key(path: Path, index: int, entry: Any) -> Key:
     return Key(float(numbers["time"]), Camera.from_dict(entry["camera"]), numbers["frame"])
 
 
-def path_to_json(keys: Sequence[Key]) -> dict[str, Any]:
-    """JSON values that `read_path_keys` reads."""
+def write_path_keys(keys: Sequence[Key], path: Path) -> None:
+    """Write a camera path that `read_path_keys` reads, atomically. Raises OSError if it cannot be written."""
     entries = []
     for key in keys:
-        entry: dict[str, Any] = {"time": key.time, "camera": key.camera.to_dict()}
+        entry: JsonObject = {"time": key.time, "camera": key.camera.to_dict()}
         if key.frame is not None:
             entry["frame"] = key.frame
         entries.append(entry)
-    return {"format": FORMAT, "version": VERSION, "keys": entries}
+    write_json(path, {"format": FORMAT, "version": VERSION, "keys": entries})
 
 
 def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:

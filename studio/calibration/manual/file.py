@@ -23,6 +23,7 @@ import yaml
 
 from studio.camera_files.common import naming, write_atomic
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 
 
 class _Loader(yaml.BaseLoader):
@@ -108,7 +109,7 @@ def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
     """Write a tie point file atomically; pixels are rounded to 0.01. Raises StudioError if it cannot be written."""
     content = {}
     for point in points:
-        values: dict[str, Any] = {}
+        values: JsonObject = {}
         if point.world is not None:
             values["world"] = [float(value) for value in point.world]
         if point.frame is not None:

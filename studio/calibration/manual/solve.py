@@ -64,7 +64,7 @@ def calibrate_from_tie_points(
     Returns:
         cameras and triangulated points. With three measured positions that are not on a line, world coordinates are
         those of the measurements; otherwise they are those of `alignment.upright`. The report has `tie_points`,
-        `left_out`, `uncertain`, `world_accuracy`, `known_lenses`, `metric` and `unregistered` (empty).
+        `left_out`, `uncertain`, `world_accuracy`, `known_intrinsics`, `metric` and `unregistered` (empty).
 
     Raises:
         StudioError: there are no marks (tie_points.none) or one is outside its image (tie_points.outside), a camera
@@ -104,7 +104,7 @@ def calibrate_from_tie_points(
     progress(len(guesses) + 1, len(guesses) + 1)
     result = _result(best, observations, left_out, distance, sizes)
     update = {
-        "known_lenses": [name for name in sizes if name in known],
+        "known_intrinsics": [name for name in sizes if name in known],
         "uncertain": {name: round(uncertain[name], 4) for name in sizes},
         "world_accuracy": accuracy.world,
     }

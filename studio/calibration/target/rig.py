@@ -147,7 +147,7 @@ def calibrate_from_target(
         progress: called per step.
 
     Returns:
-        cameras in meters; the points are the corners of the target in all sync frames. The report has `boards`.
+        cameras in meters; the points are the corners of the target in all sync frames. The report has `target`.
 
     Raises:
         StudioError: the target is symmetric (target.symmetric), a camera never sees it (target.not_seen) or never
@@ -203,7 +203,7 @@ def calibrate_from_target(
     accuracy = scale_check(state, board)
     if accuracy is not None:
         figures = figures.model_copy(update={"scale_bias": accuracy[0], "corner_error_mm": accuracy[1]})
-    update = {"boards": figures, "unregistered": {}, "metric": True}
+    update = {"target": figures, "unregistered": {}, "metric": True}
     result = replace(result, report=result.report.model_copy(update=update))
     progress(2 * len(sizes) + 3, 2 * len(sizes) + 3)
     return result

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import torch
 
-from pipelines.takes.frame_files import write_frame
+from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import write_rig_json
 from studio.cameras import Rig
-from studio.export.camera_path import Key, look_at, path_to_json
+from studio.export.camera_path import Key, look_at, write_path_keys
 from studio.gaussians import Gaussians
 from studio.splat_files import read_splats
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
@@ -55,7 +55,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for group, (first, count, splats) in enumerate(((0, 3, 60), (3, 2, 75))):
         frames = [body(index, splats) for index in range(first, first + count)]
         for index, frame in enumerate(frames, first):
-            write_frame(take.trained_frame(group, index), frame, {})
+            write_frame(take.trained_frame(group, index), frame, FrameMetadata())
         entries.append(bake_group(frames, take.stream, group, first, settings))
     metadata = {"suggested_camera": RIG["side"].to_dict(), "up": [0.0, 0.0, 1.0], "background": [1.0, 0.0, 0.0]}
     write_manifest(take.stream, entries, 12.5, settings, metadata)
@@ -167,7 +167,7 @@ def test_movies(here, take, tmp_path):
     assert frames[0][32, 48].min() > 100  # the body in the middle
 
     keys = [Key(0, RIG["front"], 4.0), Key(1, RIG["side"], 0.0)]
-    (tmp_path / "path.json").write_text(json.dumps(path_to_json(keys)))
+    write_path_keys(keys, tmp_path / "path.json")
     done = here(
         "export", take / "stream", "--format", "camera-path", "--path", tmp_path / "path.json", "--size", "96x64",
         "--fps", "4", "--background", "0,1,0", "--out", tmp_path / "path.mp4",

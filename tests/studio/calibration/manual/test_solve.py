@@ -68,7 +68,7 @@ def sizes(rig: Rig) -> dict[str, tuple[int, int]]:
     ("count", "points", "options"),
     [(4, 12, {}), (4, 20, {"flat": True}), (12, 24, {"seen": 0.5}), (4, 12, {"measured": 5})],
 )
-def test_cameras_far_apart_with_known_lenses(count: int, points: int, options: dict) -> None:
+def test_cameras_far_apart_with_known_intrinsics(count: int, points: int, options: dict) -> None:
     truth = ring(count)
     found = calibrate_from_tie_points(
         marked(truth, points, **options), sizes(truth), known={camera.name: camera for camera in truth}
@@ -80,7 +80,7 @@ def test_cameras_far_apart_with_known_lenses(count: int, points: int, options: d
     assert 0.2 < found.report.reprojection.mean < 0.7  # half a pixel of noise in both directions
     assert found.report.left_out == []
     assert found.report.metric == ("measured" in options)
-    assert found.report.known_lenses == list(truth.names)
+    assert found.report.known_intrinsics == list(truth.names)
     if "measured" in options:  # in the world's coordinates, without any alignment
         for camera in truth:
             assert np.linalg.norm(found.rig[camera.name].center - camera.center) < 0.03
@@ -198,7 +198,7 @@ def test_measured_places_of_a_mirrored_world_are_noticed(known: bool) -> None:
     lenses = {camera.name: camera for camera in truth} if known else None
     try:
         found = calibrate_from_tie_points(points, sizes(truth), known=lenses)
-        said = " ".join(map(str, calibration_warnings(found.report.to_dict())))
+        said = " ".join(map(str, calibration_warnings(found.report)))
     except StudioError as error:
         refused = error.code
         assert refused == "tie_points.contradiction"
@@ -227,14 +227,14 @@ def test_what_is_odd_is_warned_of() -> None:
 
     def warnings(points: list[TiePoint]) -> list[str]:
         report = calibrate_from_tie_points(points, sizes(truth), known=known).report
-        return [message.code for message in calibration_warnings(report.to_dict())]
+        return [message.code for message in calibration_warnings(report)]
 
     points = marked(truth, 20, measured=6)
     assert warnings(points) == []
     x, y, z = points[2].world or (0, 0, 0)
     off = [*points[:2], replace(points[2], world=(x + 0.4, y, z)), *points[3:]]
     report = calibrate_from_tie_points(off, sizes(truth), known=known).report
-    message = next(one for one in calibration_warnings(report.to_dict()) if one.code == "tie_points.world_error")
+    message = next(one for one in calibration_warnings(report) if one.code == "tie_points.world_error")
     assert message.fields["points"][0] == "point 2", "the worst one first"
     large = [replace(p, world=p.world and tuple(1000 * value for value in p.world)) for p in points]
     assert "tie_points.unit" in warnings(large)

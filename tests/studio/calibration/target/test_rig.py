@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import zlib
 from dataclasses import replace
@@ -199,12 +198,12 @@ def test_rig_from_a_board() -> None:
     assert 0.15 < result.report.reprojection.mean < 0.3  # the noise, no more
     assert result.report.quality == "excellent"
     assert result.report.metric is True
-    figures = result.report.boards
+    figures = result.report.target
     assert figures is not None
     assert abs(figures.scale_bias) < 0.002
     assert figures.corner_error_mm < 1
     assert said == sorted(said)
-    assert CalibrationReport.model_validate_json(json.dumps(result.report.to_dict())) == result.report
+    assert CalibrationReport.model_validate_json(result.report.model_dump_json(exclude_unset=True)) == result.report
 
 
 def test_observations_out_of_sync_are_rejected() -> None:
@@ -221,7 +220,7 @@ def test_observations_out_of_sync_are_rejected() -> None:
                 ids, camera.project(CHARUCO.corners[ids] @ later[:3, :3].T + later[:3, 3])[0]
             )
     result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=RADIAL, threads=1)
-    assert result.report.boards.views_left_out == pytest.approx(8, abs=1)
+    assert result.report.target.views_left_out == pytest.approx(8, abs=1)
     from studio.calibration import compare_rigs
 
     assert compare_rigs(result.rig, rig).rotation_degrees < 0.4
@@ -244,7 +243,7 @@ def test_known_intrinsics_are_kept_and_chains_reach_all_cameras() -> None:
         np.testing.assert_allclose(result.rig[camera.name].K, camera.K, atol=1e-9)
     distance = np.linalg.norm(result.rig["cam0"].center - result.rig["cam2"].center)
     assert distance == pytest.approx(np.linalg.norm(rig["cam0"].center - rig["cam2"].center), abs=0.002)
-    assert "cam0 cam2" not in result.report.boards.shared
+    assert "cam0 cam2" not in result.report.target.shared
     apart = {key: view for key, view in views.items() if key[1] != "cam1"}
     with refuses("target.not_connected", camera="cam2", cameras=["cam2"]):
         calibrate_from_target(CHARUCO, apart, {"cam0": SIZE, "cam2": SIZE}, known=known)
