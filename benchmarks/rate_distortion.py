@@ -101,8 +101,8 @@ class Views:
 
     def _draw(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
         context = self.context
-        lens = context.footage.calibrated.view(camera, context.footage.calibrated.frames[index]).camera
-        return draw(gaussians, lens, context.config.capture.background, context.device)[self.boxes[index, camera]]
+        view = context.footage.calibrated.view(camera, context.footage.calibrated.frames[index]).camera
+        return draw(gaussians, view, context.config.capture.background, context.device)[self.boxes[index, camera]]
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
         """PSNR against the footage and against the trained splats, over all views of `frames`."""

@@ -71,7 +71,7 @@ def _board(arguments: argparse.Namespace) -> int:
             option="--marker",
         )
     try:
-        board = CalibrationTarget(
+        target = CalibrationTarget(
             kind=arguments.kind,
             columns=arguments.columns,
             rows=arguments.rows,
@@ -82,11 +82,11 @@ def _board(arguments: argparse.Namespace) -> int:
         )
     except ValidationError as error:
         raise refused(error, COMMAND_LINE, "calibrate.board.") from None
-    width, height = write_target_pdf(board, arguments.file, paper=arguments.paper)
+    width, height = write_target_pdf(target, arguments.file, paper=arguments.paper)
     names = ["kind", "columns", "rows", "square"]
-    names += ["marker", "dictionary"] if board.kind == "charuco" else []
-    names += ["inverted"] if board.inverted else []
-    values = {"calibrate": {"board": {name: getattr(board, name) for name in names}}}
+    names += ["marker", "dictionary"] if target.kind == "charuco" else []
+    names += ["inverted"] if target.inverted else []
+    values = {"calibrate": {"board": {name: getattr(target, name) for name in names}}}
     print(
         f"{arguments.file}: {width:g} x {height:g} mm. Print at 100%, measure a square, and use these settings with "
         "the measured size:"

@@ -1,4 +1,4 @@
-"""All settings of a run: one section per stage, composed of the settings models of the library's rooms.
+"""All settings of a run: one section per stage, composed of the settings models of the library's packages.
 
 The settings models of the library are described in `studio.settings`. Declared here is what only the pipelines know:
 grouping, evaluation and the run itself.

@@ -48,6 +48,9 @@ REPORT_KEYS = {
 }
 """Keys of calibrate/report.json, old to new; of a nested key the last part changes."""
 
+RECORD_KEYS = {"ingredients": "params"}
+"""Keys of a stage's record, old to new."""
+
 _FIRST_STAGES = {now: before for before, now in STAGES.items()}
 _FIRST_SETTINGS = {now: before for before, now in SETTINGS.items()}
 _FIRST_VALUES = {name: {now: before for before, now in values.items()} for name, values in VALUES.items()}

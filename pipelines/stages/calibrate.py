@@ -90,7 +90,7 @@ class CalibrateStage:
         if given is not None:
             rig, report = self._from_file(context, given)
         elif context.config.calibrate.board_images:
-            rig, report = self._from_board(context, reporter)
+            rig, report = self._from_target(context, reporter)
         elif context.config.calibrate.tie_points:
             rig, report = self._from_tie_points(context, reporter)
         else:
@@ -159,7 +159,7 @@ class CalibrateStage:
             )
         return [section.frame]
 
-    def _from_board(self, context: Context, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
+    def _from_target(self, context: Context, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
         result = calibrate_with_target(context, reporter)
         _keep_points(context, result.points, result.colors)
         return result.rig, result.report.model_copy(update={"source": "board"})

@@ -90,12 +90,12 @@ def intrinsics_from_target(
     Raises:
         StudioError: a camera has no footage of the target, or too few observations.
     """
-    from studio.calibration import calibrate_lenses
+    from studio.calibration import calibrate_intrinsics
 
     section = context.config.calibrate
     views, sizes = _views(context, section.intrinsics_images, reporter, start, stop)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
-    return calibrate_lenses(section.board, own, sizes, section, context.config.run.threads)
+    return calibrate_intrinsics(section.board, own, sizes, section, context.config.run.threads)
 
 
 def _open(context: Context, pattern: str) -> Footage:

@@ -177,7 +177,7 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
                 fix="Calibrate without skew, or write rig.json.",
                 camera=camera.name,
             )
-        lens = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
+        distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(
             {
                 "file_path": image_pattern.format(camera=camera.name),
@@ -187,7 +187,7 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
                 "fl_y": camera.fy,
                 "cx": camera.cx,
                 "cy": camera.cy,
-                **lens,
+                **distortion,
                 "transform_matrix": (rigid_inverse(camera.world_to_camera) @ _FLIP).tolist(),
             }
         )

@@ -78,11 +78,11 @@ class CameraPath:
         cameras = [_fitted(key.camera, width, height) for key in keys]
         self._cameras = cameras
         self._frames = frames
-        lens = np.log([[camera.fx, camera.fy] for camera in cameras])
+        focal_lengths = np.log([[camera.fx, camera.fy] for camera in cameras])
         if len(keys) > 1:
             self._centers = CubicSpline(self._times, [camera.center for camera in cameras], bc_type="natural")
             self._rotations = RotationSpline(self._times, Rotation.from_matrix([c.rotation for c in cameras]))
-            self._lens = PchipInterpolator(self._times, lens)
+            self._focal_lengths = PchipInterpolator(self._times, focal_lengths)
             self._middle = PchipInterpolator(self._times, [[camera.cx, camera.cy] for camera in cameras])
             self._frame = PchipInterpolator(self._times, frames) if frames else None
 
@@ -105,7 +105,7 @@ class CameraPath:
         pose = np.eye(4)
         pose[:3, :3] = rotation
         pose[:3, 3] = -rotation @ self._centers(time)
-        fx, fy = np.exp(self._lens(time))
+        fx, fy = np.exp(self._focal_lengths(time))
         cx, cy = self._middle(time)
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         first = self._cameras[0]

@@ -154,7 +154,7 @@ def test_marks_stay_in_the_take(tmp_path: Path) -> None:
     assert not session.kept
 
 
-def test_strips_show_the_frame_and_clicks_find_it() -> None:
+def test_plots_show_the_frame_and_clicks_find_it() -> None:
     plots_view = TimelinePlots(640, 120, 16.0, 20, (0, 10))
     series: dict[str, list[float | None]] = {"psnr_trained": [30.0] * 20, "psnr_decoded": [20.0 + n for n in range(20)]}
     plots = plots_of({**series, "bytes": []})

@@ -81,8 +81,8 @@ def calibrate_from_tie_points(
     def attempts() -> Iterator[TieRig]:
         for number, guess in enumerate(guesses):
             progress(number, len(guesses) + 1)
-            lenses = _lenses(sizes, known, focal_lengths or {}, guess)
-            for start in initial_rigs(lenses, observations, seed):
+            intrinsics = _intrinsics(sizes, known, focal_lengths or {}, guess)
+            for start in initial_rigs(intrinsics, observations, seed):
                 if len(start.cameras) >= 2:
                     yield adjust(start, observations, groups, accuracy, radial=False, steps=_ROUGH)
 
@@ -159,7 +159,7 @@ def _groups(free: Sequence[str], sizes: Mapping[str, tuple[int, int]], shared: b
     return [[name for name in free if sizes[name] == size] for size in dict.fromkeys(sizes[name] for name in free)]
 
 
-def _lenses(
+def _intrinsics(
     sizes: Mapping[str, tuple[int, int]], known: Mapping[str, Camera], focal: Mapping[str, float], guess: float
 ) -> dict[str, Camera]:
     found = {}

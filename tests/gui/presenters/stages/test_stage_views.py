@@ -214,7 +214,7 @@ def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
     with refuses("take.exists", file=tmp_path / "take"):
         new.create()
     new.take = str(footage_project)
-    with pytest.raises(StudioError, match="not empty"):  # of the take's room
+    with pytest.raises(StudioError, match="not empty"):  # of the take's folder
         new.create()
 
 

@@ -100,7 +100,7 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
          str(tmp_path / "job.json")],
         stdin=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )  # fmt: skip
-    (tmp_path / "job.json").write_text('{"names": [], "lenses": [], "lens_of": []}')
+    (tmp_path / "job.json").write_text('{"names": [], "intrinsics": [], "intrinsics_of": []}')
     assert child.stdin is not None
     time.sleep(1.0)
     child.stdin.close()

@@ -130,7 +130,7 @@ def test_progress_rises_to_the_end(solved: Any) -> None:
     assert len(set(done)) > 8
 
 
-def test_same_seed_same_result_and_known_lenses(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_same_seed_same_result_and_known_intrinsics(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     """With known lenses the result is better, stays on them, can be put on a reference, and repeats bit for bit."""
     images, truth = scene
     known = {camera.name: camera for camera in truth}
@@ -145,7 +145,7 @@ def test_same_seed_same_result_and_known_lenses(scene: tuple[dict[str, np.ndarra
     assert compare_rigs(first.rig, truth).center_percent < 0.6
 
 
-def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_several_sync_frames_and_an_older_solution(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     """Two noisy moments, read when needed; a camera that was pushed since the older solution is found and named."""
     from dataclasses import replace
 
@@ -190,7 +190,7 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
         CalibrateSettings(intrinsics_groups=((),))
 
 
-def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_a_camera_without_a_pose(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     images = dict(list(scene[0].items())[:4])
     images["wall"] = np.full((*SIZE[::-1], 3), 90, np.uint8)
     settings = FAST.replace(mapper="incremental")
