@@ -42,6 +42,7 @@ from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
+from studio.atomic_files import write_text
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
@@ -455,9 +456,7 @@ def write_between(path: Path, marker: str, text: str) -> None:
     pattern = re.compile(rf"(<!-- {re.escape(marker)} -->\n).*?(<!-- /{re.escape(marker)} -->)", re.DOTALL)
     if not pattern.search(document):
         raise StudioError(f"{path}: there are no markers <!-- {marker} --> and <!-- /{marker} --> to write between.")
-    temporary = path.with_suffix(".partial")
-    temporary.write_text(pattern.sub(lambda match: match[1] + text + "\n" + match[2], document), encoding="utf-8")
-    os.replace(temporary, path)
+    write_text(path, pattern.sub(lambda match: match[1] + text + "\n" + match[2], document))
 
 
 def main() -> int:

@@ -1,8 +1,10 @@
-"""Writes requirements.lock and requirements-dev.lock: all that v3studio needs, pinned as installed in .venv.
+"""Writes requirements.lock, requirements-dev.lock and requirements-docs.lock: all that v3studio needs, pinned as
+installed in .venv.
 
-requirements.lock holds what runs the program and builds its kernel, requirements-dev.lock what tests and linters need
-besides. Left out are packages that nothing needs, what torch's CUDA build brings (pip finds those by itself where it
-installs that build), torch's build suffix such as +cpu, and dependencies that are declared but never imported here.
+requirements.lock holds what runs the program and builds its kernel, the others what tests and linters and what the
+documentation need besides. Left out are packages that nothing needs, what torch's CUDA build brings (pip finds those by
+itself where it installs that build), torch's build suffix such as +cpu, and dependencies that are declared but never
+imported here.
 """
 
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
@@ -64,6 +66,7 @@ def write(file: Path, what: str, packages: dict[str, str]) -> None:
 
 if __name__ == "__main__":
     run = needed("v3studio", ("build",))
-    dev = {name: version for name, version in needed("v3studio", ("dev",)).items() if name not in run}
     write(ROOT / "requirements.lock", "What runs V3 Studio and builds its kernel", run)
-    write(ROOT / "requirements-dev.lock", "What tests and linters need besides requirements.lock", dev)
+    for extra, what in (("dev", "What tests and linters need"), ("docs", "What `make docs` needs")):
+        besides = {name: version for name, version in needed("v3studio", (extra,)).items() if name not in run}
+        write(ROOT / f"requirements-{extra}.lock", f"{what} besides requirements.lock", besides)

@@ -221,7 +221,7 @@ def test_the_lock_pins_every_dependency_within_its_range() -> None:
     from packaging.utils import canonicalize_name
 
     pinned = {}
-    for lock in ("requirements.lock", "requirements-dev.lock"):
+    for lock in ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock"):
         for line in (ROOT / lock).read_text(encoding="utf-8").splitlines():
             if line and not line.startswith("#"):
                 name, _, version = line.partition("==")
@@ -230,7 +230,7 @@ def test_the_lock_pins_every_dependency_within_its_range() -> None:
                 pinned[canonicalize_name(name)] = version
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    for text in [*project["dependencies"], *extras["build"], *extras["dev"]]:
+    for text in [*project["dependencies"], *extras["build"], *extras["dev"], *extras["docs"]]:
         requirement = Requirement(text)
         version = pinned.get(canonicalize_name(requirement.name))
         assert version is not None, f"{requirement.name} is in no lock"

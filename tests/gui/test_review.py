@@ -22,7 +22,7 @@ from pipelines.stages.base import Context
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-from tests.support.waiting import wait_until
+from tests.support.players import settle
 
 
 @pytest.fixture
@@ -34,14 +34,6 @@ def player(finished_project: Path) -> Iterator[PlayerPresenter]:
     presenter.resize(256, 192)
     yield presenter
     assert presenter.close()
-
-
-def settle(player: PlayerPresenter, seconds: float = 60.0) -> None:
-    def settled() -> bool:
-        player.poll()
-        return player.settled and player.poll() is None and player.settled
-
-    wait_until("settled", settled, seconds)
 
 
 def image(player: PlayerPresenter) -> np.ndarray:

@@ -45,7 +45,7 @@ def assert_same_images(found: Rig, wanted: Rig) -> None:
 def test_what_is_written_is_read_again(rig: Rig, tmp_path: Path, name: str) -> None:
     write_rig(rig, tmp_path / name)
     assert_same_images(read_rig(tmp_path / name), rig)
-    assert not [path for path in tmp_path.rglob("*") if ".tmp" in path.name]
+    assert not [path for path in tmp_path.rglob("*") if ".partial" in path.name]
 
 
 def test_cameras_json_with_k_r_t(rig: Rig, tmp_path: Path) -> None:

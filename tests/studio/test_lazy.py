@@ -38,7 +38,7 @@ def run(code: str, folder: Path) -> str:
 def test_an_export_wins_over_a_submodule_of_its_name(tmp_path: Path) -> None:
     package = tmp_path / "sample"
     package.mkdir()
-    (package / "door.py").write_text("def part():\n    return 'open'\n")
+    (package / "part.py").write_text("def part():\n    return 'open'\n")
     (package / "__init__.py").write_text(
         "from typing import TYPE_CHECKING\nfrom studio.lazy import lazy_exports\n"
         "if TYPE_CHECKING:\n    from sample.part import part\nlazy_exports(__name__)\n"

@@ -1,6 +1,6 @@
 """Writes what the player's unit tests (web/tests) are held against: arrays that Python wrote.
 
-python tests/web/write_fixtures.py FOLDER
+PYTHONPATH=. python tests/web/write_fixtures.py FOLDER
 """
 
 from __future__ import annotations

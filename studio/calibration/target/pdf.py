@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studio.atomic_files import atomic_path
 from studio.calibration.target.pattern import CalibrationTarget
 from studio.errors import StudioError
 
@@ -57,14 +57,11 @@ def write_target_pdf(target: CalibrationTarget, path: Path, *, paper: str = "fit
     ink = "white" if target.inverted else "black"
     _rectangles(axes, [(left + 1000 * x, top + 1000 * y, 1000 * w, 1000 * h) for x, y, w, h in dark(target)], ink)
     _foot(axes, target, left, height)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    # no date or host in the file: the same target gives the same bytes
+    about = {"Title": describe(target), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # no date or host in the file: the same target gives the same bytes
-        with rc_context({"pdf.compression": 6}):
-            about = {"Title": describe(target), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
+        with atomic_path(path) as temporary, rc_context({"pdf.compression": 6}):
             FigureCanvasPdf(figure).print_pdf(str(temporary), metadata=about)
-        os.replace(temporary, path)
     except OSError as error:
         raise StudioError(
             "target.unwritable",
@@ -72,8 +69,6 @@ def write_target_pdf(target: CalibrationTarget, path: Path, *, paper: str = "fit
             file=path,
             fix="Check the free space and permissions.",
         ) from None
-    finally:
-        temporary.unlink(missing_ok=True)
     return width, height
 
 

@@ -341,7 +341,7 @@ def test_folders_of_frames_with_transforms(tmp_path: Path) -> None:
 def test_what_is_written_is_read_again(tmp_path: Path, name: str, rig: Rig) -> None:
     write_rig(rig, tmp_path / name)
     assert_same_images(read_rig(tmp_path / name), rig)
-    assert not [path for path in tmp_path.rglob("*") if ".tmp" in path.name]
+    assert not [path for path in tmp_path.rglob("*") if ".partial" in path.name]
 
 
 def test_actorshq_cannot_express_distortion(tmp_path: Path) -> None:
