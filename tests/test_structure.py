@@ -193,7 +193,7 @@ def test_each_dependency_says_why() -> None:
 
 
 # Where the import's name is not the package's. torch, numpy and so on are the same.
-MODULES = {"opencv-contrib-python-headless": "cv2", "pyyaml": "yaml", "pillow": "PIL", "ruamel.yaml": "ruamel"}
+MODULES = {"opencv-contrib-python-headless": "cv2", "pillow": "PIL", "ruamel.yaml": "ruamel"}
 NEVER_IMPORTED = {"packaging"}  # extra cuda: gsplat imports it
 
 

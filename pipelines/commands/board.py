@@ -37,12 +37,12 @@ def add_board_command(commands: Any) -> None:
 
 
 def _board(arguments: argparse.Namespace) -> int:
-    import yaml
     from pydantic import ValidationError
 
     from pipelines.config.loading import COMMAND_LINE, refused
     from studio.calibration import CalibrationTarget, write_target_pdf
     from studio.errors import StudioError
+    from studio.yaml_text import dump_yaml
 
     if arguments.file.suffix.lower() != ".pdf":
         raise StudioError(
@@ -91,7 +91,7 @@ def _board(arguments: argparse.Namespace) -> int:
         f"{arguments.file}: {width:g} x {height:g} mm. Print at 100%, measure a square, and use these settings with "
         "the measured size:"
     )
-    print(yaml.safe_dump(values, sort_keys=False), end="")
+    print(dump_yaml(values), end="")
     return 0
 
 

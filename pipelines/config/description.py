@@ -7,11 +7,11 @@ import types
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-import yaml
 from pydantic.fields import FieldInfo
 
 from pipelines.config.config import Config
 from studio.settings import Heading, Settings, marker
+from studio.yaml_text import inline_yaml
 
 _WIDTH = 110
 
@@ -62,12 +62,7 @@ def _section(model: Settings, depth: int) -> Iterator[str]:
             yield from _section(value, depth + 1)
         else:
             dumped = model.model_dump(mode="json", include={name})[name]
-            text = (
-                yaml.safe_dump(dumped, default_flow_style=True, allow_unicode=True, width=10**6)
-                .removesuffix("...\n")
-                .strip()
-            )
-            yield f"{indent}{name}: {text}"
+            yield f"{indent}{name}: {inline_yaml(dumped)}"
         yield ""
 
 

@@ -10,11 +10,11 @@ import contextlib
 import os
 from pathlib import Path
 
-from pipelines.config.loading import dump_tree, read_yaml
-from pipelines.config.renamed import STAGES, renamed
+from pipelines.config.renamed import STAGES
 from pipelines.takes.atomic_files import read_json, write_json, write_text
 from pipelines.takes.calibration import current_report
 from pipelines.takes.records import current_record
+from pipelines.takes.settings_file import current_text
 from pipelines.takes.take import TAKE_FORMAT, Take
 from studio.errors import StudioError
 from studio.json_types import JsonObject
@@ -48,9 +48,9 @@ def migrate(take: Take) -> bool:
     for path in sorted((take.private / "stages").glob("*.json")):
         _rewrite_record(path)
     with contextlib.suppress(StudioError):  # unreadable settings are reported when they are used
-        values, changes = renamed(read_yaml(take.config), str(take.config))
+        text, changes = current_text(take.config)
         if changes:
-            write_text(take.config, dump_tree(values))
+            write_text(take.config, text)
     with contextlib.suppress(StudioError):
         report = read_json(take.calibration_report)
         if current_report(report) != report:

@@ -3,7 +3,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -15,6 +14,7 @@ from studio.errors import StudioError
 from studio.meshing.settings import InitializeSettings
 from studio.stream.settings import BakeSettings
 from studio.training.settings import TrainSettings
+from studio.yaml_text import dump_yaml
 from tests.support.errors import refuses
 
 
@@ -245,7 +245,7 @@ def test_a_root_that_is_not_a_path(tmp_path: Path, root: str) -> None:
     st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.lists(st.integers())),
 )))  # fmt: skip
 def test_any_yaml_is_read_or_refused_with_a_sentence(tmp_path_factory, values):
-    path = write(tmp_path_factory.mktemp("any"), yaml.safe_dump(values))
+    path = write(tmp_path_factory.mktemp("any"), dump_yaml(values))
     message = None
     try:
         load_config(path)
