@@ -12,6 +12,7 @@ from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, write_manifest
+from studio.training.settings import TrainSettings
 
 
 class _Frames(Sequence[Gaussians]):
@@ -46,7 +47,7 @@ def bake_video(
     video: SplatVideo,
     folder: Path,
     settings: BakeSettings,
-    group_size: int = 20,
+    group_size: int | None = None,
     progress: ProgressFn = no_progress,
     threads: int = 0,
 ) -> Manifest:
@@ -56,7 +57,7 @@ def bake_video(
         video: the frames; its groups are kept, and split if they are longer than `group_size`.
         folder: must not exist.
         settings: bake settings.
-        group_size: maximum number of frames per group.
+        group_size: maximum number of frames per group; None: `TrainSettings.group_size`.
         progress: called with (frames baked, frames).
         threads: CPU threads; 0: one per core.
 
@@ -71,7 +72,8 @@ def bake_video(
     )
     with new_folder(folder) as temporary:
         entries = []
-        for number, group in enumerate(cut(video, group_size)):
+        size = TrainSettings().group_size if group_size is None else group_size
+        for number, group in enumerate(cut(video, size)):
 
             def report(done: int, total: int, start: int = group.start, **figures: Any) -> None:
                 progress(start + done, video.frame_count, **figures)
