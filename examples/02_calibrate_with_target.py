@@ -1,7 +1,7 @@
-"""Calibrate cameras from a ChArUco board.
+"""Calibrate cameras with a ChArUco board.
 
-Here the board is rendered from known cameras, so that the result can be compared with the truth. With real footage,
-`cameras` maps each camera's name to a function that reads frame `f` as an (H, W, 3) uint8 RGB array.
+The board is rendered from known cameras, so that the result can be compared with ground truth. With real footage, pass
+`detect_target` a function per camera that reads a frame as an (H, W, 3) uint8 RGB array.
 """
 
 import argparse
@@ -28,7 +28,7 @@ def look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def target_pose(frame: int) -> np.ndarray:
-    """(4, 4) board to world: it faces the cameras, turns and moves."""
+    """(4, 4) board to world; the board faces the cameras, rotates and moves."""
     rng = np.random.default_rng(frame)
     rotation = cv2.Rodrigues(rng.uniform(-0.35, 0.35, 3))[0]
     upright = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # x right, y (rows) down, z away from the cameras
@@ -47,7 +47,7 @@ def photograph(camera: v3.Camera, frame: int) -> np.ndarray:
     ).generateImage((TARGET.columns * pixels, TARGET.rows * pixels))
     flat = cv2.copyMakeBorder(flat, pixels, pixels, pixels, pixels, cv2.BORDER_CONSTANT, value=255)
     width, height = TARGET.columns * TARGET.square, TARGET.rows * TARGET.square
-    s = TARGET.square / pixels  # meters per pixel of the flat picture
+    s = TARGET.square / pixels  # meters per pixel of the flat image
     place = np.array([[s, 0, -TARGET.square - width / 2], [0, s, -TARGET.square - height / 2], [0, 0, 0], [0, 0, 1]])
     homography = K @ (camera.world_to_camera @ target_pose(frame) @ place)[:3]
     gray = cv2.warpPerspective(flat, homography, (WIDTH, HEIGHT), flags=cv2.INTER_AREA, borderValue=127)
@@ -69,14 +69,14 @@ def main() -> None:
         dict.fromkeys(truth.names, frames),
         TARGET,
     )
-    print(f"The board was found in {len(views)} of {len(frames) * len(truth)} pictures.")
+    print(f"The board was found in {len(views)} of {len(frames) * len(truth)} images.")
 
     result = v3.calibrate_from_target(TARGET, views, sizes)
 
     aligned = v3.align_rigs(result.rig, truth).rig(result.rig)
     for camera in truth:
         distance = np.linalg.norm(aligned[camera.name].center - camera.center)
-        print(f"{camera.name}: center {1000 * distance:.2f} mm from the truth, fx {result.rig[camera.name].fx:.1f} px")
+        print(f"{camera.name}: center {1000 * distance:.2f} mm off, fx {result.rig[camera.name].fx:.1f} px")
         assert distance < 0.01
 
 

@@ -195,7 +195,7 @@ def _read(reader: YAML, text: str) -> Any:
         raise YamlError("nested too deeply", None) from None
     except (YAMLError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not valid YAML"
         raise YamlError(problem, None if mark is None else mark.line + 1) from None
 
 

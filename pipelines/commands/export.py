@@ -1,4 +1,4 @@
-"""`v3studio export`: writes frames of a take or a stream in formats of other programs, or as a movie."""
+"""`v3studio export`: writes frames of a take or a stream in other programs' formats, or as a movie."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def register(commands: Any) -> None:
     export = commands.add_parser(
         "export",
         help="export frames as PLY, SPZ, GLB or VideoGS, or as a movie",
-        description="Export frames of a take or a stream in formats of other programs, or as a movie.",
+        description="Export frames of a take or a stream in other programs' formats, or as a movie.",
         epilog=_NOTE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
@@ -85,7 +85,7 @@ def _export(arguments: argparse.Namespace) -> int:
         needs = arguments.format == "camera-path"
         raise StudioError(
             "command.invalid_option",
-            "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} has no --path",
+            "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} does not take --path",
             fix="Add --path FILE." if needs else "Remove --path.",
             option="--path",
         )
@@ -171,7 +171,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
         if arguments.axes == "viewer":
             raise StudioError(
                 "command.invalid_option",
-                "--axes viewer: the VideoGS layout only has the axes of the capture",
+                "--axes viewer: the VideoGS layout supports only the axes of the capture",
                 value="viewer",
                 fix="Remove --axes.",
                 option="--axes",

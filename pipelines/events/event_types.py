@@ -23,7 +23,7 @@ class Event:
     """Base of all events.
 
     Attributes:
-        stage: the stage that it is about; "" for the whole run.
+        stage: the stage concerned; "" for the whole run.
         time: seconds since 1970.
     """
 
@@ -43,11 +43,11 @@ class Notice(Event):
     """Base of events that carry a `studio.errors.Message`; `of` makes them.
 
     Attributes:
-        message: the whole sentence, for people.
-        code: what it is ("footage.no_frames"), for programs; "" in logs of earlier versions.
-        file: the file or folder that it is about.
-        value: the value found, where there is one.
-        fix: what to do about it, a sentence.
+        message: the full sentence, for display.
+        code: identifies it for programs ("footage.no_frames"); "" in logs of earlier versions.
+        file: the file or folder concerned.
+        value: the value found, if any.
+        fix: how to fix it, as a sentence.
         fields: camera, frame, setting, expected, ...
     """
 
@@ -80,7 +80,7 @@ class RunStarted(Event):
         stages: stages that will run, in order.
         done: stages that are up to date.
         pid: process id of the run.
-        version: of the program.
+        version: program version.
     """
 
     kind: ClassVar[str] = "run_started"
@@ -149,7 +149,7 @@ class Preview(Event):
         path: a PNG file in the take, absolute.
         caption: what it shows.
         camera: name of the camera that it is rendered from.
-        group, frame, iteration: what was in training.
+        group, frame, iteration: what was being trained.
     """
 
     kind: ClassVar[str] = "preview"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from studio.stream import StreamReader
 
 FALLBACK_FPS = 30.0
-"""Frame rate if neither the settings nor the stream have one: footage of still images has none."""
+"""Frame rate if neither the settings nor the stream specify one, as for footage of still images."""
 
 
 def is_take(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""Cameras from images, and how good they are."""
+"""Camera calibration from images, targets or marked points, with a quality report."""
 
 from typing import TYPE_CHECKING
 

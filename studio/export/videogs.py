@@ -35,7 +35,7 @@ POSITIONS, NORMALS = 3, 3
 
 
 def attribute_count(sh_degree: int) -> int:
-    """A: 3 for position, 3 for the normal, SH of three colors, opacity, 3 scales, 4 for rotation."""
+    """Number A of attributes: position (3), normal (3), SH of three colors, opacity, scale (3), rotation (4)."""
     return 14 + 3 * (sh_degree + 1) ** 2
 
 
@@ -47,23 +47,23 @@ def export_videogs(
     threads: int = 0,
     progress: ProgressFn = no_progress,
 ) -> None:
-    """Write the layout described in the module.
+    """Write the layout described in the module docstring.
 
-    QPs follow the paper: high bytes of positions are lossless; above 22, color, scale and rotation stay at 22.
+    QPs follow the paper: high bytes of positions are lossless, and the QP of color, scale and rotation is at most 22.
 
     Args:
         video: the frames and groups.
-        folder: must not exist; appears when it is complete.
-        qp: 0 (lossless) to 51.
-        preset: of x264.
-        threads: channels encoded in parallel; 0 is one per core.
-        progress: called with (frames written, frames).
+        folder: must not exist; appears only when it is complete.
+        qp: quantization parameter, 0 (lossless) to 51.
+        preset: preset of x264.
+        threads: number of channels encoded in parallel; 0: one per core.
+        progress: called with written and total frames.
 
     Raises:
         StudioError: a frame cannot be read or baked, the QP is out of range, or the folder exists or cannot be written.
     """
     if not 0 <= qp <= 51:
-        raise StudioError("export.invalid_qp", f"QP is {qp}; it must be from 0 to 51", value=qp)
+        raise StudioError("export.invalid_qp", f"QP is {qp}; it must be 0 to 51", value=qp)
     groups: dict[str, dict[str, list[int]]] = {}
     frames: dict[str, dict[str, object]] = {}
     with new_folder(folder) as temporary, ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
@@ -95,7 +95,7 @@ def export_videogs(
 
 
 def _attributes(video: SplatVideo, group: range) -> Iterator[np.ndarray]:
-    """(A, N) float32 per frame, activated, in Morton order of the group's first frame, which compresses better."""
+    """(A, N) float32 per frame, activated, in Morton order of the group's first frame, which improves compression."""
 
     def frames() -> Iterator[Gaussians]:
         for index in group:
@@ -122,7 +122,7 @@ def _encoders(folder: Path, attributes: int, side: int, qp: int, preset: str) ->
 
 
 def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) -> Iterator[np.ndarray]:
-    """Pictures of the channels, (side, side) uint8 each."""
+    """One (side, side) uint8 picture per channel."""
 
     def picture(codes: np.ndarray) -> np.ndarray:
         plane = np.zeros(side * side, np.uint8)

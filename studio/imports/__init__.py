@@ -1,4 +1,4 @@
-"""Import of splat videos from other programs as `SplatVideo`, for baking, playback and comparison."""
+"""Imports splat videos of other programs as `SplatVideo`, for baking, playback and comparison."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ def open_import(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no
 
     Args:
         place: folder or file.
-        fps: frame rate of playback; none of these formats has one.
-        progress: called with (files scanned, files).
+        fps: frame rate of playback, which none of these formats stores.
+        progress: called with scanned and total files.
 
     Raises:
-        StudioError: none of these formats, or the files are damaged.
+        StudioError: the input has none of these formats, or its files are damaged.
     """
     if is_videogs(place):
         return open_videogs(place, fps)

@@ -12,11 +12,11 @@ from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, write_manifest
-from studio.training.settings import TrainSettings
+from studio.training.settings import GROUP_SIZE
 
 
 class _Frames(Sequence[Gaussians]):
-    """Lazily read frames of one group."""
+    """The frames of one group, read on demand."""
 
     def __init__(self, video: SplatVideo, indices: range) -> None:
         self._video = video
@@ -35,7 +35,11 @@ class _Frames(Sequence[Gaussians]):
 
 
 def cut(video: SplatVideo, group_size: int) -> list[range]:
-    """Groups of the video, split into groups of at most `group_size` frames. Raises StudioError if it is below 1."""
+    """The groups of the video, split into groups of at most `group_size` frames.
+
+    Raises:
+        StudioError: `group_size` is below 1 (import.invalid_group_size).
+    """
     if group_size < 1:
         raise StudioError(
             "import.invalid_group_size", f"group size is {group_size}; it must be at least 1", value=group_size
@@ -47,18 +51,18 @@ def bake_video(
     video: SplatVideo,
     folder: Path,
     settings: BakeSettings,
-    group_size: int | None = None,
+    group_size: int = GROUP_SIZE,
     progress: ProgressFn = no_progress,
     threads: int = 0,
 ) -> Manifest:
-    """Bake all frames to a stream. The folder appears when it is complete.
+    """Bake all frames to a stream. The folder appears only when it is complete.
 
     Args:
-        video: the frames; its groups are kept, and split if they are longer than `group_size`.
+        video: the frames; its groups are kept, but split if they are longer than `group_size`.
         folder: must not exist.
         settings: bake settings.
-        group_size: maximum number of frames per group; None: `TrainSettings.group_size`.
-        progress: called with (frames baked, frames).
+        group_size: maximum number of frames per group.
+        progress: called with baked and total frames.
         threads: CPU threads; 0: one per core.
 
     Raises:
@@ -72,8 +76,7 @@ def bake_video(
     )
     with new_folder(folder) as temporary:
         entries = []
-        size = TrainSettings().group_size if group_size is None else group_size
-        for number, group in enumerate(cut(video, size)):
+        for number, group in enumerate(cut(video, group_size)):
 
             def report(done: int, total: int, start: int = group.start, **figures: Any) -> None:
                 progress(start + done, video.frame_count, **figures)

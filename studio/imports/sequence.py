@@ -1,4 +1,4 @@
-"""Folders of numbered splat files, one per frame, from other programs or `studio.export.sequence`."""
+"""Reads folders of numbered splat files, one per frame, from other programs or from `studio.export.sequence`."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from studio.splat_files import UP, read_splats, splats_size
 from studio.splat_video import SplatVideo
 
 DEFAULT_FPS = 30.0
-"""Splat files have no frame rate."""
+"""Default frame rate, because splat files do not store one."""
 
-_SAMPLE = 4000  # splats compared to decide whether two frames have the same splats in the same order
-# relative to the distance between two random splats: moving splats are far below, shuffled ones at 1
+_SAMPLE = 4000  # number of splats compared to decide whether two frames have the same splats in the same order
+# relative to the distance between two random splats: moving splats are far below, shuffled splats near 1
 _SAME_ORDER = 0.3
 
 
 def find_frames(place: Path) -> list[Path]:
-    """Files of a sequence, sorted by the last number in their names: all .ply files of a folder, otherwise all .spz
-    files; or `place` itself if it is a file.
+    """The files of a sequence, sorted by the last number in their names.
+
+    These are all .ply files of a folder; if there are none, all .spz files; or `place` itself if it is a file.
 
     Raises:
-        StudioError: no files found, or two files have the same number.
+        StudioError: no files were found, or two files have the same number.
     """
     if place.is_file():
         return [place]
@@ -72,10 +73,11 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
     Args:
         place: folder or file; see `find_frames`.
         fps: frame rate of playback.
-        progress: called with (files scanned, files).
+        progress: called with scanned and total files.
 
     Raises:
-        StudioError: no files, or a damaged file. Files are not read completely here: reading a frame may raise, too.
+        StudioError: there are no files, or a file is damaged. Since files are not read completely here, reading a frame
+            may also raise it.
     """
     paths = find_frames(place)
     sizes = [splats_size(path) for path in paths]
@@ -93,12 +95,12 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
 def find_groups(
     counts: list[int], read: Callable[[int], Gaussians], progress: ProgressFn = no_progress
 ) -> tuple[int, ...]:
-    """First frames of the groups: maximal runs with the same splats in the same order.
+    """The first frames of the groups, which are maximal runs of frames with the same splats in the same order.
 
     Args:
         counts: number of splats per frame.
         read: reads a frame.
-        progress: called with (frames scanned, frames).
+        progress: called with scanned and total frames.
     """
     starts = [0]
     before: np.ndarray | None = None

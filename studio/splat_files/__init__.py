@@ -1,7 +1,7 @@
 """Files with the splats of one frame: 3DGS PLY, SPZ, GLB with KHR_gaussian_splatting.
 
-Axes are never changed here. `UP` is the up direction by convention of each format; `studio.export.rigid_motion` rotates
-splats to it.
+Readers and writers never change axes. `UP` is the conventional up direction of each format;
+`studio.export.rigid_motion` rotates splats to it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SIZERS = {".ply": ply_size, ".spz": spz_size}
 WRITERS = {".ply": write_ply, ".spz": write_spz, ".glb": write_glb}
 
 UP = {".ply": (0.0, -1.0, 0.0), ".spz": (0.0, 1.0, 0.0), ".glb": (0.0, 1.0, 0.0)}
-"""Up direction by convention: 3DGS has the axes of COLMAP cameras (y down), SPZ and glTF are y up."""
+"""Conventional up direction: 3DGS uses the axes of COLMAP cameras (y down); SPZ and glTF are y up."""
 
 
 def _ending(path: Path, table: dict[str, object], what: str) -> str:
@@ -27,7 +27,7 @@ def _ending(path: Path, table: dict[str, object], what: str) -> str:
     if ending not in table:
         raise StudioError(
             "splat_file.unsupported_format",
-            f"splats are {what} {', '.join(table)} files, not {path.suffix!r}",
+            f"splats can be {what} {', '.join(table)} files, not {path.suffix!r}",
             file=path,
             value=path.suffix,
             expected=list(table),
@@ -36,16 +36,16 @@ def _ending(path: Path, table: dict[str, object], what: str) -> str:
 
 
 def read_splats(path: Path) -> Gaussians:
-    """Read a .ply or .spz file, float32 on the CPU.
+    """Read the splats of a .ply or .spz file as float32 on the CPU.
 
     Raises:
-        StudioError: unsupported extension, missing or damaged file, or a file without splats.
+        StudioError: the extension is not supported, or the file is missing, damaged or does not contain splats.
     """
     return READERS[_ending(path, dict(READERS), "read from")](path)
 
 
 def splats_size(path: Path) -> tuple[int, int]:
-    """Number of splats and SH degree, from the header only. Raises StudioError as `read_splats`."""
+    """Number of splats and SH degree of a file, from its header only. Raises StudioError as `read_splats`."""
     return SIZERS[_ending(path, dict(SIZERS), "read from")](path)
 
 
@@ -53,7 +53,8 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
     """Write a .ply, .spz or .glb file. Not atomic: callers write to a temporary name.
 
     Raises:
-        StudioError: unsupported extension, no splats, or a value that is not finite or out of the format's range.
+        StudioError: the extension is not supported, there are no splats, or a value is not finite or outside the range
+            of the format.
     """
     WRITERS[_ending(path, dict(WRITERS), "written to")](path, gaussians)
 

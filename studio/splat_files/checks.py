@@ -13,17 +13,17 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 MAX_SPLATS = 1 << 26
-"""Larger than any frame: a header with more splats is damaged."""
+"""Larger than any real frame: a header with more splats is damaged."""
 
 LOGIT_LIMIT = 13.8
-"""Replaces infinite opacity logits: an opacity within 1e-6 of 0 or 1."""
+"""Replaces infinite opacity logits; the opacity is within 1e-6 of 0 or 1."""
 
 
 def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """Attributes as float32 arrays, with unit quaternions.
+    """The attributes as float32 arrays, with unit quaternions.
 
     Raises:
-        StudioError: no splats, a value that is not finite, or a zero quaternion.
+        StudioError: there are no splats, a value is not finite, or a quaternion is zero.
     """
     if len(gaussians) == 0:
         raise StudioError("splat_file.no_splats", "there are no splats to write", file=path)
@@ -50,10 +50,10 @@ def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
 
 
 def from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Gaussians:
-    """Gaussians from float arrays named as `Gaussians.ATTRIBUTES`. Infinite logits become `LOGIT_LIMIT`.
+    """Gaussians from float arrays named as in `Gaussians.ATTRIBUTES`. Infinite logits become +-`LOGIT_LIMIT`.
 
     Raises:
-        StudioError: a value that is not finite, or a zero quaternion.
+        StudioError: a value is not finite, or a quaternion is zero.
     """
     values = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
     logits = values["logit_opacities"]

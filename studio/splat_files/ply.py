@@ -26,7 +26,11 @@ _NEEDED = (
 
 
 def write_ply(path: Path, gaussians: Gaussians) -> None:
-    """Write a 3DGS PLY. Raises StudioError: no splats or values that are not finite."""
+    """Write a 3DGS PLY file.
+
+    Raises:
+        StudioError: there are no splats, or a value is not finite.
+    """
     from plyfile import PlyData, PlyElement
 
     arrays = to_arrays(path, gaussians)
@@ -52,16 +56,16 @@ def _columns(prefix: str, names: str | range, values: np.ndarray) -> dict[str, n
 
 
 def ply_size(path: Path) -> tuple[int, int]:
-    """Number of splats and SH degree from the header. Raises StudioError as `read_ply`, except for invalid values."""
+    """Number of splats and SH degree, from the header. Raises StudioError as `read_ply`, except for invalid values."""
     element = _vertices(path)
     return element.count, _degree(path, element)
 
 
 def read_ply(path: Path) -> Gaussians:
-    """Read a 3DGS PLY. Properties that do not belong to splats are ignored.
+    """Read a 3DGS PLY file. Properties that do not belong to splats are ignored.
 
     Raises:
-        StudioError: missing or damaged file, not a PLY, a point cloud or mesh without splats, or a compressed PLY.
+        StudioError: the file is missing, damaged, not a PLY, a compressed PLY, or a point cloud or mesh without splats.
     """
     element = _vertices(path)
     degree = _degree(path, element)
@@ -106,7 +110,7 @@ def _vertices(path: Path) -> PlyElement:
             "splat_file.compressed_ply",
             "compressed PLY files are not supported",
             file=path,
-            fix="Convert it to an uncompressed PLY, with SuperSplat for example.",
+            fix="Convert it to an uncompressed PLY, for example with SuperSplat.",
         )
     if "vertex" not in names:
         raise StudioError(

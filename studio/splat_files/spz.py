@@ -1,9 +1,9 @@
 """SPZ, Niantic's compressed splat format: writes version 3, reads versions 2 and 3, plain or gzipped.
 
-Source: README and source code of github.com/nianticlabs/spz. A 16-byte header, then one attribute after the other, all
-gzipped: positions (24-bit fixed point), opacities (8 bits), colors (8 bits over a wider range than 0 to 1), log scales
-(8 bits, steps of 1/16), rotations (version 2: x y z in 8 bits each; version 3: the smallest three components in 10 bits
-each) and SH (8 bits, of which degree 1 uses 5 and higher degrees 4).
+Source: README and source code of github.com/nianticlabs/spz. A 16-byte header is followed by one attribute after the
+other, all gzipped: positions (24-bit fixed point), opacities (8 bits), colors (8 bits over a wider range than 0 to 1),
+log scales (8 bits, steps of 1/16), rotations (version 2: x y z in 8 bits each; version 3: the smallest three components
+in 10 bits each) and SH (8 bits, of which degree 1 uses 5 and higher degrees use 4).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MAGIC = 0x5053474E  # "NGSP"
 _WRITTEN_VERSION = 3
 _EXTENSIONS = 0x2  # flag: vendor extensions between header and positions
 _LARGEST = (1 << 23) - 1  # largest integer of a position
-_FRACTION_BITS = (12, 20)  # 12 is what the reference implementation writes
+_FRACTION_BITS = (12, 20)  # range of fractional bits; the reference implementation writes 12
 _COLOR_SCALE = 0.15
 _SH_BITS = (5, 4)  # degree 1, higher degrees
 _SMALLEST = 511  # 9 bits for a quaternion component of at most sqrt(1/2)
@@ -37,7 +37,7 @@ def write_spz(path: Path, gaussians: Gaussians) -> None:
     Positions have at least 12 fractional bits and at least 16 bits over the extent of the splats, if that fits.
 
     Raises:
-        StudioError: no splats, values that are not finite, or positions too far out for 24 bits.
+        StudioError: there are no splats, a value is not finite, or a position is too far from the origin for 24 bits.
     """
     arrays = to_arrays(path, gaussians)
     means = arrays["means"].astype(np.float64)
@@ -72,7 +72,7 @@ def _byte(values: np.ndarray) -> bytes:
 
 
 def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_bits: int) -> bytes:
-    """SH, rounded to bucket centers for better compression."""
+    """SH coefficients as bytes, rounded to bucket centers for better compression."""
 
     def rounded(values: np.ndarray, bits: int) -> np.ndarray:
         bucket = 1 << (8 - bits)
@@ -83,7 +83,7 @@ def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_
 
 
 def _pack_quats(wxyz: np.ndarray) -> np.ndarray:
-    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits of the other three."""
+    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits for each of the others."""
     xyzw = wxyz[:, [1, 2, 3, 0]].astype(np.float64)
     largest = np.abs(xyzw).argmax(axis=1)
     rows = np.arange(len(xyzw))
@@ -119,7 +119,7 @@ def spz_size(path: Path) -> tuple[int, int]:
 
 
 def _read_head(path: Path) -> tuple[int, int, int, int, bytes]:
-    """Splats, SH degree, version, fractional bits and the bytes after the header, never more than it declares."""
+    """Splat count, SH degree, version, fractional bits; and the bytes after the header, up to the declared size."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -162,10 +162,10 @@ def _checked_head(path: Path, head: bytes) -> tuple[int, int, int, int]:
     if version not in (2, 3):
         raise StudioError(
             "splat_file.unsupported_version",
-            f"SPZ version {version}; versions 2 and 3 are supported",
+            f"the SPZ version is {version}; only versions 2 and 3 are supported",
             file=path,
             value=version,
-            fix="Convert it, to PLY for example.",
+            fix="Convert it, for example to PLY.",
         )
     if not 0 < count <= MAX_SPLATS or degree > 3 or bits > 23:
         raise StudioError(
@@ -193,7 +193,7 @@ def read_spz(path: Path) -> Gaussians:
     """Read an SPZ file of version 2 or 3.
 
     Raises:
-        StudioError: missing or damaged file, not an SPZ file, an unsupported version, or extensions.
+        StudioError: the file is missing, damaged, not an SPZ file, of an unsupported version, or has extensions.
     """
     count, degree, version, bits, body = _read_head(path)
     values = np.frombuffer(body, np.uint8)

@@ -7,7 +7,7 @@ from tests.support.waiting import wait_until
 
 
 def settle(player: PlayerPresenter, seconds: float = 60.0) -> None:
-    """Poll until the newest picture shows what is due."""
+    """Poll until the newest picture shows the current frame."""
 
     def settled() -> bool:
         player.poll()

@@ -20,7 +20,7 @@ PAPERS = {  # millimeters, portrait
     "letter": (215.9, 279.4),
     "tabloid": (279.4, 431.8),
 }
-_EDGE = 8.0  # millimeters that printers cannot print on
+_EDGE = 8.0  # unprintable margin in millimeters
 _TEXT = 9.0  # millimeters for the ruler and text below the target
 
 
@@ -30,8 +30,8 @@ def write_target_pdf(target: CalibrationTarget, path: Path, *, paper: str = "fit
     Args:
         target: the target.
         path: the PDF file, replaced atomically.
-        paper: "fit" for a page of the target's size with a margin of one square, or a key of `PAPERS`, in portrait or
-            landscape as the target fits.
+        paper: "fit" for a page of the target's size with a margin of one square, or a key of `PAPERS`; the orientation
+            (portrait or landscape) is chosen so that the target fits.
 
     Returns:
         width and height of the page in millimeters.
@@ -57,7 +57,7 @@ def write_target_pdf(target: CalibrationTarget, path: Path, *, paper: str = "fit
     ink = "white" if target.inverted else "black"
     _rectangles(axes, [(left + 1000 * x, top + 1000 * y, 1000 * w, 1000 * h) for x, y, w, h in dark(target)], ink)
     _foot(axes, target, left, height)
-    # no date or host in the file: the same target gives the same bytes
+    # no date or host name in the file: the same target gives the same bytes
     about = {"Title": describe(target), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
     try:
         with atomic_path(path) as temporary, rc_context({"pdf.compression": 6}):

@@ -45,7 +45,7 @@ def body(frame: int, splats: int) -> Gaussians:
 
 @pytest.fixture(scope="module")
 def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A take with two groups of three and two frames, trained and baked, without ever having run."""
+    """A take with two groups of three and two frames, trained and baked, made without a run."""
     take = Take.create(tmp_path_factory.mktemp("export") / "take")
     take.config.write_text("capture: {fps: 12.5, background: [0.0, 0.0, 1.0]}\n")
     take.rig.parent.mkdir()
@@ -122,6 +122,15 @@ def test_viewer_axes(here, take, tmp_path):
     assert torch.allclose(read_splats(tmp_path / "a.spz").means[:, 1], world[:, 2], atol=1e-3)  # y up
 
 
+@pytest.mark.parametrize("option", ["--group-size", "--train.group-size"])
+def test_import_groups_go_by_the_option_or_the_setting(here, take, tmp_path, option):
+    done = here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs")
+    assert done.returncode == 0, done.stderr
+    done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", option, "2")
+    assert done.returncode == 0, done.stderr
+    assert "back: 5 frames in 3 groups, " in done.stdout  # groups of 3 and 2 frames, the first of which is split
+
+
 def test_videogs_there_and_back(here, take, tmp_path):
     done = here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs")
     assert done.returncode == 0, done.stderr
@@ -164,7 +173,7 @@ def test_movies(here, take, tmp_path):
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
     assert len(frames) == 5
     assert frames[0][0, 0, 2] > 240  # the take's background is blue
-    assert frames[0][32, 48].min() > 100  # the body in the middle
+    assert frames[0][32, 48].min() > 100  # the body at the center
 
     keys = [Key(0, RIG["front"], 4.0), Key(1, RIG["side"], 0.0)]
     write_path_keys(keys, tmp_path / "path.json")
@@ -184,7 +193,7 @@ def test_movies(here, take, tmp_path):
 def test_mistakes_are_one_sentence(here, take, tmp_path):
     out = tmp_path / "out"
     cases = [
-        ([take, "--format", "ply", "--out", tmp_path], "exists already"),
+        ([take, "--format", "ply", "--out", tmp_path], "already exists"),
         ([take, "--format", "ply", "--out", out, "--frames", "0:9"], "Choose a range within 0:5"),
         ([take, "--format", "ply", "--out", out, "--frames", "all"], "--frames 'all' is not of the form"),
         ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames cannot be written to one file"),
@@ -198,7 +207,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
             [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"],
             "--background 'red' is",
         ),
-        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "only has the axes of the capture"),
+        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "supports only the axes of the capture"),
         ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
     ]
     for arguments, message in cases:

@@ -1,5 +1,5 @@
-"""The VideoGS layout, read by a reader that was written from the layout's description alone, with OpenCV, as the
-players of the released code decode: BGR pictures turned to gray."""
+"""The VideoGS layout, read by a reader that was written from the description of the layout alone. Like the players of
+the released code, it decodes with OpenCV to BGR pictures and converts these to gray."""
 
 import json
 
@@ -16,7 +16,7 @@ from tests.support.errors import refuses
 
 
 def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]:
-    """All frames: positions, f_dc, harmonics, opacity, scale, rotation as the released players have them."""
+    """All frames: positions, f_dc, f_rest, opacity, scale and rotation, as in the released players."""
     groups = json.loads((folder / "group_info.json").read_text())
     ranges = json.loads((folder / "viewer_min_max.json").read_text())
     assert sorted(groups, key=int) == [str(g) for g in range(len(groups))]
@@ -69,7 +69,7 @@ def order(points: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
 def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
-    """QP 0: within half a step of the ranges of each frame, splat by splat."""
+    """QP 0: every splat is within half a quantization step of the ranges of its frame."""
     video = make_video((3, 1, 2), degree=degree)
     export_videogs(video, tmp_path / "out", qp=0)
     frames = players_reader(tmp_path / "out")
@@ -101,7 +101,7 @@ def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
 
 
 def test_independent_reader_agrees_with_our_decoder(tmp_path, make_video):
-    """Of a decoded stream, exported without loss: the players' decoder, our import and our stream decoder agree."""
+    """For a losslessly exported stream, the players' decoder, our import and our stream decoder agree."""
     video = make_video((4, 3))
     settings = BakeSettings(qp=12)
     entries = [
@@ -141,7 +141,7 @@ def test_lossy_export_is_smaller_and_keeps_high_bytes(tmp_path, make_video):
     for channel in (1, 3, 5):
         data = [(tmp_path / str(qp) / "group0" / f"{channel}.mp4").read_bytes() for qp in (0, 35)]
         assert data[0] == data[1]
-    # above 22, color, scale and rotation stay at 22; low bytes of positions and opacity follow the QP
+    # the QP of color, scale and rotation is at most 22; low bytes of positions and opacity have the given QP
     export_videogs(video, tmp_path / "22", qp=22)
     files = {path.name: path.read_bytes() for path in (tmp_path / "22" / "group0").iterdir()}
     same = {name for name, data in files.items() if data == (tmp_path / "35" / "group0" / name).read_bytes()}

@@ -102,7 +102,7 @@ def test_baked_and_played(folder, tmp_path):
             found = reader.gaussians(index)
             assert len(found) == len(meant)
             nearest = torch.cdist(meant.means.double(), found.means.double())
-            assert nearest.min(dim=1).values.max() < 1e-3  # positions' steps follow the splats' size and opacity
+            assert nearest.min(dim=1).values.max() < 1e-3  # position steps depend on the splats' size and opacity
             which = nearest.argmin(dim=1)
             assert (found.opacities[which] - meant.opacities).abs().max() < 0.01
             shapes = [covariances(splats) for splats in (found[which], meant)]

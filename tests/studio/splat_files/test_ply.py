@@ -1,4 +1,4 @@
-"""3DGS PLY: our files read by Open3D and byte by byte, and foreign files read by us."""
+"""3DGS PLY: our files read by Open3D and byte by byte, and files of other programs read by us."""
 
 import struct
 
