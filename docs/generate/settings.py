@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import yaml
 from generate.markdown import code, escaped, table
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -124,7 +123,9 @@ def _stale(results: tuple[str, ...]) -> str:
 
 def _default(model: BaseModel, name: str) -> str:
     value: Any = model.model_dump(mode="json", include={name})[name]
-    return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+    from studio.yaml_text import inline_yaml
+
+    return inline_yaml(value)
 
 
 def _slug(text: str) -> str:

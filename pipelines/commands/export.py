@@ -150,30 +150,28 @@ def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> Splat
         video = replace(video, read=lambda index: read(index).with_sh_degree(degree))
     if text is None:
         return video
-    found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text)
-    if found is None:
-        raise StudioError(
-            "command.invalid_option",
-            f"--frames '{text}' is not of the form A:B or A:B:S",
-            value=text,
-            fix="Example: 0:20 for frames 0 to 19.",
-            option="--frames",
-        )
-    start, stop, step = found.groups()
+    pattern, form = r"(\d*):(\d*)(?::(\d+))?", "A:B or A:B:S"
+    start, stop, step = _parts("--frames", text, pattern, form, "0:20 for frames 0 to 19")
     return video.part(int(start or 0), int(stop) if stop else None, int(step or 1))
 
 
 def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    width, height = _parts("--size", text, r"(\d{1,5})x(\d{1,5})", "WxH", "1280x720")
+    return int(width), int(height)
+
+
+def _parts(option: str, text: str, pattern: str, form: str, example: str) -> tuple[str, ...]:
+    """The groups of `pattern` in the option's value; "" for one that is missing."""
+    found = re.fullmatch(pattern, text)
     if found is None:
         raise StudioError(
             "command.invalid_option",
-            f"--size '{text}' is not of the form WxH",
+            f"{option} '{text}' is not of the form {form}",
             value=text,
-            fix="Example: 1280x720.",
-            option="--size",
+            fix=f"Example: {example}.",
+            option=option,
         )
-    return int(found[1]), int(found[2])
+    return found.groups("")
 
 
 def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:

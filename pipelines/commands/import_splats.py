@@ -25,7 +25,7 @@ def register(commands: Any) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream; must not exist")
     parser.add_argument("--fps", type=float, default=30.0, help="frames per second (default: 30)")
     parser.add_argument(
-        "--group-size", type=int, default=20, metavar="N", help="maximum frames per group (default: 20)"
+        "--group-size", type=int, metavar="N", help="maximum frames per group (default: train.group_size)"
     )
     parser.add_argument(
         "--up", metavar="X,Y,Z", help="up direction (default: that of the format; 0,1,0 for SPZ, 0,-1,0 for others)"
@@ -61,9 +61,8 @@ def _import(arguments: argparse.Namespace) -> int:
     if up is not None:
         video = replace(video, up=np.array(up))
     with working("bake", json_output) as progress:
-        manifest = bake_video(
-            video, arguments.out, config.bake, arguments.group_size, progress, threads=config.run.threads
-        )
+        size = config.train.group_size if arguments.group_size is None else arguments.group_size
+        manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.threads)
     if not arguments.json:
         print(
             f"{arguments.out}: {manifest.frame_count} frames in {len(manifest.groups)} groups, "
