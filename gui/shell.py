@@ -17,6 +17,7 @@ from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import Exports
+from gui.presenters.run.serving import Serving
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_views import StageViews
 from gui.viewport import Viewport
@@ -31,6 +32,7 @@ class Shell(Protocol):
     player: PlayerPresenter
     views: StageViews
     exports: Exports
+    serving: Serving
     marks: Marks
     opening: str
     pictures: int

@@ -37,7 +37,8 @@ class WindowState:
         settled: whether the newest picture shows what was last requested.
         pictures: number of pictures shown so far.
         handed_over: pictures per second.
-        exporting: progress of the export; "" if none is running.
+        exporting: progress of the export or share; "" if none is running.
+        serving: URL at which the take is served; "" if it is not.
         marks: notes by frame number, as text.
         orbit: yaw, pitch, distance, target (x, y, z).
         background: name of the viewport's background.
@@ -73,6 +74,7 @@ class WindowState:
     pictures: int
     handed_over: int
     exporting: str
+    serving: str
     marks: dict[str, str]
     orbit: list[float]
     background: str
@@ -113,6 +115,7 @@ class WindowState:
             pictures=window.pictures,
             handed_over=round(player.rate),
             exporting=window.exports.words,
+            serving=window.serving.address,
             marks={str(frame): note for frame, note in sorted(window.marks.notes.items())},
             orbit=[player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
             background=player.background,

@@ -34,7 +34,7 @@ GROUPS = {
     "Make a stream from footage": ("run", "status", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
-    "Use streams and takes": ("play", "serve", "publish", "export", "import"),
+    "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Research": ("ablate",),
 }
 """Commands in the order of `v3studio --help`."""
@@ -108,7 +108,7 @@ def _print_failure(error: StudioError, output: TextIO) -> None:
     """Print the last event of a command with `--json`."""
     from pipelines.events import RunFinished
 
-    event = RunFinished(outcome="failed", seconds=0.0, **RunFinished.parts(error.message))
+    event = RunFinished.of(error.message, outcome="failed", seconds=0.0)
     with suppress(BrokenPipeError):
         print(event.to_json(), file=output, flush=True)
 
@@ -128,7 +128,7 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, export, import_splats, play, publish, serve
+    from pipelines.commands import ablate, export, import_splats, play, publish, serve, share
     from pipelines.version import program_version
 
     parser = _Parser(
@@ -168,6 +168,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
     play.register(commands)
     serve.register(commands)
+    share.register(commands)
     publish.register(commands)
     export.register(commands)
     import_splats.register(commands)

@@ -59,6 +59,16 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("stop_export", "Stop export"),
         ),
     ),
+    (
+        "Share",
+        (
+            ("share folder", "Folder for a web server..."),
+            ("share single-file", "Single HTML file..."),
+            ("", ""),
+            ("serve", "Serve with QR code..."),
+            ("stop_serving", "Stop serving"),
+        ),
+    ),
     ("Help", (("shortcuts", "Shortcuts (?)"), ("about", "About"))),
 )
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.stream.ladder_models import (
     MAX_RENDITIONS,
     AudioEntry,
@@ -79,14 +80,14 @@ class LadderManifest(Model):
     groups: Sequence[GroupLadder]
     pages: Annotated[tuple[PageEntry, ...], Field(max_length=MAX_GROUPS)] = ()
     audio: AudioEntry | None = None
-    settings: dict[str, Any] = Field(default_factory=dict)
-    metadata: dict[str, Any] = Field(default_factory=dict)
+    settings: JsonObject = Field(default_factory=dict)
+    metadata: JsonObject = Field(default_factory=dict)
     total_bytes: Annotated[int, Field(ge=1)]
     manifest_sha256: Sha256
 
     @field_validator("settings", "metadata")
     @classmethod
-    def _bounded(cls, value: dict[str, Any]) -> dict[str, Any]:
+    def _bounded(cls, value: JsonObject) -> JsonObject:
         check_free(value)
         return value
 

@@ -255,7 +255,7 @@ class RunningWindow:
         """Choose an item of a menu by its row and the number of separators above it. The toolkit draws menus without
         reporting their frames; the offsets were measured at its default font size."""
         left, top = self.point("stages", 0.0, 0.0)
-        across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Help": 208}[title]
+        across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Share": 212, "Help": 262}[title]
         self.press(across, top - 12)
         self.press(across + 20, top + 21 + round(24.3 * row + 6.4 * separators))
 

@@ -122,6 +122,7 @@ class Site:
 
 _PREPARE = """() => {
   const element = document.querySelector('v3-player');
+  if (element === null) return;  // a page that leads to players
   window.seen = {};
   const names = ['ready', 'opened', 'play', 'pause', 'time', 'view', 'waiting', 'ended', 'looped', 'notice', 'error'];
   for (const name of names)

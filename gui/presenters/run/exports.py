@@ -1,4 +1,4 @@
-"""Exports: `v3studio export` as a child process, and the views of a camera path."""
+"""Exports and shares: `v3studio export` and `v3studio share` as child processes, and the views of a camera path."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from pathlib import Path
 
 from gui.presenters.playback.viewpoint import BACKGROUNDS
 from gui.presenters.run.jobs import ChildProcess, v3studio_command
+from gui.presenters.run.shares import ShareRequest, megabytes
 from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.takes.atomic_files import remove, write_json
+from pipelines.takes.atomic_files import remove
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -123,22 +124,25 @@ class ExportRequest:
 
 @dataclass
 class Exports:
-    """Runs one export at a time.
+    """Runs one export or share at a time.
 
     Attributes:
         keys: views of the camera path.
-        words: progress; "" if no export is running.
-        result: outcome of the last export, shown once.
-        failed: whether the last export failed.
+        title: "Export" or "Share".
+        words: progress; "" if none is running.
+        result: outcome of the last one, shown once.
+        failed: whether the last one failed.
     """
 
     keys: list[PathKey] = field(default_factory=list)
+    title: str = "Export"
     words: str = ""
     result: str = ""
     failed: bool = False
     _process: ChildProcess | None = None
     _target: Path | None = None
     _stopping: bool = False
+    _told: str = ""
 
     @property
     def running(self) -> bool:
@@ -151,28 +155,44 @@ class Exports:
         Raises:
             StudioError: `export.running`, `export.target_exists`, `export.too_few_views` or `export.bad_seconds`.
         """
+        self._check_idle()
+        if request.path.exists():
+            raise StudioError(
+                "export.target_exists", "already exists; existing files are never overwritten", file=request.path,
+                fix="Choose another name.",
+            )  # fmt: skip
+        arguments = ["export", *request.arguments()]
+        scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
+        if request.kind == "camera-path":
+            width, height = map(int, request.size.split("x"))
+            arguments += ["--path", str(self._write_path(scratch, (width, height)))]
+        self._run("Export", arguments, request.path, scratch)
+
+    def share(self, request: ShareRequest) -> None:
+        """Begin to share.
+
+        Raises:
+            StudioError: `export.running`.
+        """
+        self._check_idle()
+        scratch = Path(tempfile.mkdtemp(prefix="v3studio-share-"))
+        self._run("Share", ["share", *request.arguments()], request.path, scratch)
+
+    def _check_idle(self) -> None:
         if self._process is not None:
             raise StudioError(
                 "export.running",
                 "another export is running",
                 fix="Wait for it to finish, or stop it from the Export menu.",
             )
-        if request.path.exists():
-            raise StudioError(
-                "export.target_exists", "already exists; existing files are never overwritten", file=request.path,
-                fix="Choose another name.",
-            )  # fmt: skip
-        command = [*v3studio_command(), "export", *request.arguments()]
-        scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
-        if request.kind == "camera-path":
-            width, height = map(int, request.size.split("x"))
-            command += ["--path", str(self._write_path(scratch, (width, height)))]
-        self._process = ChildProcess(command, scratch / "errors.txt", scratch)
-        self._target, self._stopping = request.path, False
-        self.words, self.result = f"export {request.kind}: starting", ""
+
+    def _run(self, title: str, arguments: list[str], target: Path, scratch: Path) -> None:
+        self._process = ChildProcess([*v3studio_command(), *arguments], scratch / "errors.txt", scratch)
+        self.title, self._target, self._stopping, self._told = title, target, False, ""
+        self.words, self.result = f"{title.lower()}: starting", ""
 
     def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
-        from studio.export import Key, path_to_json
+        from studio.export import Key, write_path_keys
 
         if len(self.keys) < 2:
             raise StudioError(
@@ -186,7 +206,7 @@ class Exports:
             for number, key in enumerate(self.keys)
         ]
         path = folder / "path.json"
-        write_json(path, path_to_json(keys))
+        write_path_keys(keys, path)
         return path
 
     def poll(self) -> bool:
@@ -200,6 +220,8 @@ class Exports:
                 event = json.loads(line)
                 if event["kind"] == "progress":
                     self.words = f"{event['what']}: {event['done']} of {event['total']}"
+                elif event["kind"] == "shared":
+                    self._told = f"\n{megabytes(event['total_bytes'])} in {event['files']} files"
         status = process.status
         if status is None:
             return self.words != before
@@ -208,11 +230,11 @@ class Exports:
         last = process.last_line()
         remove(process.errors.parent)
         if status == 0:
-            self.result = f"Written: {self._target}"
+            self.result = f"Written: {self._target}{self._told}"
         elif self._stopping or status == EXIT_CANCELLED:
-            self.result, self.failed = "Export stopped. No files were left behind.", False
+            self.result, self.failed = f"{self.title} stopped. No files were left behind.", False
         else:
-            self.result = f"Export failed: {last.removeprefix('error: ')}"
+            self.result = f"{self.title} failed: {last.removeprefix('error: ')}"
         return True
 
     def stop(self) -> None:

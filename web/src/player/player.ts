@@ -8,6 +8,7 @@ import type { Renderer } from "../draw/renderer.ts";
 import { WebGL2Renderer } from "../draw/webgl2.ts";
 import { messageOf } from "../stream/errors.ts";
 import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
+import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { Resolution } from "./resolution.ts";
 import { Statistics } from "./statistics.ts";
@@ -150,8 +151,8 @@ export class Player {
     for (const handler of this.handlers.get(event) ?? []) (handler as Handler<PlayerEvents[K]>)(value);
   }
 
-  /** Opens a stream by the URL of its folder or its manifest. */
-  open(address: string): void {
+  /** Opens a stream by the URL of its folder or its manifest, or from files that the page itself holds. */
+  open(address: string, files: EmbeddedFiles | null = null): void {
     this.info = null;
     this.shown = this.ready = this.requested = null;
     this.failed = false;
@@ -161,6 +162,7 @@ export class Player {
     this.post({
       type: "open",
       url: new URL(address, document.baseURI).href,
+      files,
       maxTexture: this.renderer.maxTexture,
       path: this.options.path ?? "auto",
       loop: this.loop_,

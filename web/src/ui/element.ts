@@ -6,6 +6,7 @@ import type { View } from "../draw/camera.ts";
 import { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/manifest.ts";
+import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath } from "../worker/messages.ts";
 import { clock } from "./format.ts";
 import { ICONS } from "./icons.ts";
@@ -31,6 +32,14 @@ export interface PlayerState {
   readonly speed: number;
   readonly loop: boolean;
   readonly view: View | null;
+}
+
+/** Files of a stream in this page: base64 in script elements below the element that `selector` names. */
+function embeddedFiles(selector: string): EmbeddedFiles {
+  const files: Record<string, string> = {};
+  for (const script of document.querySelectorAll<HTMLElement>(`${selector} script[data-v3-file]`))
+    files[script.dataset["v3File"]!] = script.textContent;
+  return files;
 }
 
 export class V3PlayerElement extends HTMLElement {
@@ -169,7 +178,7 @@ export class V3PlayerElement extends HTMLElement {
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.wantsToPlay ||= this.hasAttribute("autoplay") && !calm;
     try {
-      this.player.open(source);
+      this.player.open(source, source.startsWith("#") ? embeddedFiles(source) : null);
     } catch (error) {
       this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error)}.`);
     }
@@ -205,9 +214,11 @@ export class V3PlayerElement extends HTMLElement {
       this.suggested = info.background;
       this.setBackground(this.backgroundName);
       const title = this.getAttribute("data-title") ?? info.title;
-      const heading = this.part_<HTMLElement>(".title");
-      heading.hidden = title === null || !this.hasAttribute("page");
-      heading.textContent = title;
+      this.part_(".title").textContent = title;
+      const credits = [this.getAttribute("data-credits"), this.getAttribute("data-license")];
+      const names = credits.filter((text) => text !== null && text !== "").join(" · ");
+      this.part_(".credits").textContent = names;
+      this.part_<HTMLElement>(".head").hidden = !this.hasAttribute("page") || ((title ?? "") === "" && names === "");
       if (title !== null && this.hasAttribute("page")) document.title = title;
       this.part_(".total").textContent = `/ ${clock(player.duration)}`;
       if (this.startView !== null) player.view = this.startView;
@@ -416,13 +427,22 @@ export class V3PlayerElement extends HTMLElement {
     const { player } = this;
     if (!player?.info) return;
     const address = linkTo(location.href, player.seconds, player.view);
-    history.replaceState(null, "", address);
+    let shown = true;
+    try {
+      history.replaceState(null, "", address);
+    } catch {
+      shown = false; // some browsers forbid it on pages that were opened from the disk
+    }
     this.toggleSettings(false);
     try {
       await navigator.clipboard.writeText(address);
       this.notice("Link to this time and view copied.");
     } catch {
-      this.notice("Copy the link to this time and view from the address bar.");
+      this.notice(
+        shown
+          ? "Copy the link to this time and view from the address bar."
+          : `This page may not copy to the clipboard. Add to its address: ${new URL(address).search}`,
+      );
     }
   }
 

@@ -35,7 +35,7 @@ export const TEMPLATE = `
 </div>
 <img class="poster" alt="" hidden>
 <div class="veil"><div class="spinner" role="status" aria-label="Loading"></div></div>
-<h1 class="title" hidden></h1>
+<header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
 <button type="button" class="start" data-act="play" aria-label="Play" hidden>${ICONS.play}</button>
 <div class="bar" part="controls">
   <div class="timeline" role="slider" tabindex="0" aria-label="Time" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>

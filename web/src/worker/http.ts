@@ -13,6 +13,8 @@ const STALL = 15_000;
 export interface Source {
   /** Fetches a file of exactly `bytes` bytes. */
   read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
+  /** Fetches a file of unknown size, at most `limit` bytes. */
+  readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
 }
 
 /** Called with received bytes and milliseconds, to estimate the bandwidth. */
@@ -38,7 +40,6 @@ export class HttpSource implements Source {
     });
   }
 
-  /** Fetches a file of unknown size, at most `limit` bytes. */
   async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
     return this.tryAgain(path, signal, async () => {
       const parts: Uint8Array[] = [];

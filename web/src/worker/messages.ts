@@ -1,6 +1,7 @@
 /** Messages between the page and the worker. */
 
 import type { Camera, Vector } from "../stream/manifest.ts";
+import type { EmbeddedFiles } from "./embedded.ts";
 
 /** A splat's depth is axis · (x, y, z, 1). */
 export type DepthAxis = readonly [number, number, number, number];
@@ -9,7 +10,15 @@ export type DepthAxis = readonly [number, number, number, number];
 export type DecodePath = "webcodecs" | "webcodecs-software" | "video";
 
 export type ToWorker =
-  | { readonly type: "open"; readonly url: string; readonly maxTexture: number; readonly path: DecodePath | "auto"; readonly loop: boolean }
+  | {
+      readonly type: "open";
+      readonly url: string;
+      /** The stream's files if the page holds them, else null. */
+      readonly files: EmbeddedFiles | null;
+      readonly maxTexture: number;
+      readonly path: DecodePath | "auto";
+      readonly loop: boolean;
+    }
   /** Decode a frame and sort it along the axis. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
   /** Sort the last decoded frame along another axis. `request` is returned with the order. */

@@ -20,7 +20,8 @@ import { inflate, parseSideFile } from "../stream/side_file.ts";
 import { DepthSorter } from "../stream/sort.ts";
 import { CheckedPictures } from "./checked_pictures.ts";
 import { demux } from "./demux.ts";
-import { HttpSource, sha256 } from "./http.ts";
+import { type EmbeddedFiles, EmbeddedSource } from "./embedded.ts";
+import { HttpSource, sha256, type Source } from "./http.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo } from "./messages.ts";
 import { Closed, PathFailed, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
@@ -76,20 +77,13 @@ export class Session {
     this.path = path !== "auto" ? path : "VideoDecoder" in self ? "webcodecs" : "video";
   }
 
-  /** Fetches and validates the manifest. */
-  async open(url: string): Promise<void> {
+  /** Fetches and validates the manifest; `files` are the stream's if the page holds them. */
+  async open(url: string, files: EmbeddedFiles | null): Promise<void> {
     const address = new URL(url);
-    if (!address.pathname.endsWith(".json")) address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
-    const source = new HttpSource(
-      address.href,
-      (bytes, milliseconds) => {
-        this.count(bytes, milliseconds);
-      },
-      (message) => {
-        this.post({ type: "trouble", message });
-      },
-    );
-    const name = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
+    if (files === null && !address.pathname.endsWith(".json"))
+      address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
+    const source = files !== null ? new EmbeddedSource(files) : this.httpSource(address.href);
+    const name = files !== null ? MANIFEST_NAME : address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
     const data = await source.readAll(name, MAX_MANIFEST_BYTES, this.closing.signal);
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
@@ -134,6 +128,18 @@ export class Session {
     };
     this.post({ type: "opened", info });
     this.post({ type: "path", path: this.path });
+  }
+
+  private httpSource(address: string): Source {
+    return new HttpSource(
+      address,
+      (bytes, milliseconds) => {
+        this.count(bytes, milliseconds);
+      },
+      (message) => {
+        this.post({ type: "trouble", message });
+      },
+    );
   }
 
   close(): void {
@@ -431,7 +437,7 @@ export class Session {
     }
   }
 
-  private async readPage(source: HttpSource, page: PageEntry, manifest: Manifest): Promise<Group[][]> {
+  private async readPage(source: Source, page: PageEntry, manifest: Manifest): Promise<Group[][]> {
     const data = await source.read(page.path, page.bytes, this.closing.signal);
     const digest = await sha256(data);
     if (digest !== null && digest !== page.sha256)
