@@ -34,7 +34,7 @@ SETTINGS = {
 VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
 """Values of settings, old to new, by the setting's new name."""
 
-ADDED: dict[str, Any] = {
+ADDED: JsonObject = {
     "train.regularize": "planes",
     "bake.stream_version": 2,
     "bake.ladder": [],
