@@ -1,9 +1,10 @@
-"""All stages over a take: from multi-camera videos to a measured stream.
+"""Run all stages of a take: from multi-camera videos to a measured stream.
 
     python examples/01_footage_to_stream.py --take my-take
 
-The settings below are quick, not good: two frames at a quarter of the size. `sample_configs/quickstart.yaml` has better
-ones. Running it again continues after an interruption, and does nothing once all stages are done.
+The settings below are chosen for speed, not quality: two frames at a quarter of the size. For good results, see
+`sample_configs/quickstart.yaml`. Run the script again to resume after an interruption; if all stages are done, it does
+nothing.
 """
 
 import argparse
@@ -34,7 +35,7 @@ QUICK = {
 
 
 def report(event: v3.Event) -> None:
-    """Called with everything that happens: progress, figures, warnings."""
+    """Receives all events of the run: progress, figures, warnings."""
     if isinstance(event, v3.StageFinished):
         print(f"{event.stage}: {event.seconds:.1f} s")
     elif isinstance(event, v3.Warned):
@@ -43,7 +44,7 @@ def report(event: v3.Event) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--take", type=Path, help="folder of the take (default: a temporary one)")
+    parser.add_argument("--take", type=Path, help="folder of the take (default: a temporary folder)")
     folder = parser.parse_args().take or Path(tempfile.mkdtemp()) / "take"
 
     config = v3.load_config(None, QUICK.items())

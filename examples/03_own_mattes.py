@@ -1,7 +1,7 @@
-"""Use a matting function of your own.
+"""Use your own matting function.
 
-The function gets an (H, W, 3) uint8 RGB image and returns an (H, W) matte, 0 to 1, 1 = performer. It may run a network,
-call a service, or, as here, compare with the empty set.
+The function takes an (H, W, 3) uint8 RGB image and returns an (H, W) matte, 0 to 1, 1 = performer. It could run a
+network or call a service. Here it compares the image with a clean plate.
 """
 
 import argparse
@@ -18,7 +18,7 @@ SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "walk16"
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--camera", default="cam03")
-    parser.add_argument("--out", type=Path, help="write the matte there as a PNG file")
+    parser.add_argument("--out", type=Path, help="write the matte to this PNG file")
     arguments = parser.parse_args()
 
     plate = cv2.imread(str(SAMPLE / "clean_plates" / f"{arguments.camera}.png"))[:, :, ::-1].astype(np.float32)
@@ -30,7 +30,7 @@ def main() -> None:
     settings = v3.CaptureSettings(root=SAMPLE, masks="none", cameras=(arguments.camera,))
     rig = v3.read_rig(SAMPLE / "cameras.json").subset([arguments.camera])
     footage = v3.open_footage(settings, rig).with_matte_source(
-        v3.FunctionMatteSource(matte_of, "difference to the set")
+        v3.FunctionMatteSource(matte_of, "difference from the clean plate")
     )
     view = footage.view(arguments.camera, footage.frames[0])
     print(f"{arguments.camera}: {view.matte.shape[1]}x{view.matte.shape[0]}, {(view.matte > 127).mean():.1%} performer")

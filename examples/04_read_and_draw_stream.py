@@ -1,9 +1,9 @@
-"""Read a stream and draw its frames.
+"""Read a stream and render its frames.
 
     python examples/04_read_and_draw_stream.py demo-take/stream --out frames/
     python examples/04_read_and_draw_stream.py http://192.168.1.10:8000/ --out frames/
 
-Without a stream it makes a small one first.
+Without an argument, it bakes a small stream first.
 """
 
 import argparse
@@ -20,8 +20,8 @@ import v3studio as v3
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("stream", nargs="?", help="folder or http(s) address")
-    parser.add_argument("--out", type=Path, help="folder for the pictures (default: a temporary one)")
+    parser.add_argument("stream", nargs="?", help="folder or http(s) URL")
+    parser.add_argument("--out", type=Path, help="folder for the images (default: a temporary folder)")
     arguments = parser.parse_args()
     out = arguments.out or Path(tempfile.mkdtemp())
     out.mkdir(parents=True, exist_ok=True)
@@ -35,9 +35,9 @@ def main() -> None:
             picture = (drawn.image.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
             Image.fromarray(picture).save(out / f"{index:06d}.png")
             covered = np.mean(drawn.alpha.numpy() > 0.5)
-            print(f"frame {index}: {len(gaussians)} splats cover {covered:.0%} of the picture")
+            print(f"frame {index}: {len(gaussians)} splats cover {covered:.0%} of the image")
             assert drawn.alpha.max() > 0.5
-    print(f"pictures: {out}")
+    print(f"images: {out}")
 
 
 def make_stream(folder: Path) -> Path:

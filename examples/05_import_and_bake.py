@@ -1,8 +1,8 @@
-"""Bake a sequence of PLY files (of any 3D Gaussian Splatting trainer) into a stream.
+"""Bake a sequence of PLY files (from any 3D Gaussian Splatting program) into a stream.
 
     python examples/05_import_and_bake.py plys/ --out stream
 
-Without a folder it writes a few PLY files first.
+Without an argument, it writes a few PLY files first.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import v3studio as v3
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("plys", nargs="?", type=Path, help="folder of .ply files, one per frame")
-    parser.add_argument("--out", type=Path, help="folder of the stream (default: a temporary one)")
+    parser.add_argument("--out", type=Path, help="folder of the stream (default: a temporary folder)")
     parser.add_argument("--fps", type=float, default=30)
     parser.add_argument("--qp", type=int, default=20)
     arguments = parser.parse_args()
@@ -30,7 +30,7 @@ def main() -> None:
             v3.write_splats(plys / f"{frame:06d}.ply", swinging_cloud(1500, frame / 100))
 
     video = v3.open_import(plys, arguments.fps)
-    print(f"{plys}: {video.frame_count} frames; groups of the same splats start at {video.group_starts}")
+    print(f"{plys}: {video.frame_count} frames; groups start at frames {video.group_starts}")
     manifest = v3.bake_video(video, arguments.out or scratch / "stream", v3.BakeSettings(qp=arguments.qp))
     print(f"{manifest.total_bytes:,} bytes, {manifest.total_bytes / manifest.frame_count / 1000:.1f} kB per frame")
     assert manifest.frame_count == video.frame_count

@@ -1,4 +1,4 @@
-"""Compare two bakes of the same splats: bytes per frame, and PSNR of the drawn frames against the unbaked splats."""
+"""Compare bakes of the same splats: bytes per frame, and PSNR of rendered frames against the splats before baking."""
 
 import argparse
 import tempfile
@@ -32,7 +32,7 @@ def main() -> None:
             f"worst {min(psnrs):.2f} dB"
         )
     if arguments.qps == sorted(set(arguments.qps)):
-        assert found == sorted(found, reverse=True), "a higher QP must be smaller and worse"
+        assert found == sorted(found, reverse=True), "a higher QP must give fewer bytes and a lower PSNR"
 
 
 if __name__ == "__main__":

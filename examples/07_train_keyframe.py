@@ -1,6 +1,6 @@
-"""Train one keyframe from arrays: images, mattes and cameras in memory, no take and no files.
+"""Train one keyframe from arrays: images, mattes and cameras in memory, without a take or files.
 
-The pictures are drawn from known splats, so that the PSNR of a camera that training never saw can be printed.
+The images are rendered from known splats, so that the PSNR of a held-out camera can be computed.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""A step of your own between training and baking: splats below an opacity are removed, then the take is baked anew.
+"""Add your own step between training and baking: remove faint splats, then bake the take again.
 
     python examples/08_custom_stage.py demo-take --out stream-without-faint-splats
 
-The take itself is not changed. Without a take it works on a small cloud. A splat must be kept or removed in all frames
-of its group, since the stream codes the same splats in each.
+The take itself is not modified. Without a take, it uses a small synthetic cloud. A splat must be kept or removed in all
+frames of its group, because the stream encodes the same splats in each of them.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import v3studio as v3
 
 
 def without_faint(video: v3.SplatVideo, least: float) -> v3.SplatVideo:
-    """The video without the splats whose opacity stays below `least` (0 to 1) in every frame of their group."""
+    """The video without splats whose opacity is below `least` (0 to 1) in all frames of their group."""
     kept = {}
     for group in video.groups:
         highest = torch.stack([video.read(index).opacities for index in group]).max(dim=0).values
@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", nargs="?", type=Path)
     parser.add_argument("--least-opacity", type=float, default=0.05)
-    parser.add_argument("--out", type=Path, help="folder of the new stream (default: a temporary one)")
+    parser.add_argument("--out", type=Path, help="folder of the new stream (default: a temporary folder)")
     arguments = parser.parse_args()
     if arguments.take:
         video = v3.trained_video(arguments.take)

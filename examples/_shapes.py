@@ -9,7 +9,7 @@ import v3studio as v3
 
 
 def swinging_cloud(count: int, time: float) -> v3.Gaussians:
-    """`count` splats on a sphere that swings to and fro; `time` 0 to 1 is one swing. The same splats at each time."""
+    """`count` splats on a sphere that swings back and forth; one period is `time` 0 to 1. The order is fixed."""
     random = torch.Generator().manual_seed(0)
     directions = torch.nn.functional.normalize(torch.randn(count, 3, generator=random), dim=1)
     shift = torch.tensor([0.3 * math.sin(2 * math.pi * time), 0.0, 0.0])
@@ -29,7 +29,7 @@ def camera_of(manifest: "v3.Manifest | None" = None, width: int = 480, height: i
         low, high = np.array(manifest.bounding_box.min), np.array(manifest.bounding_box.max)
     center, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     pose = np.eye(4)
-    pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # x right, z up in the world is up in the picture
+    pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # x right; world z is up in the image
     pose[:3, 3] = -pose[:3, :3] @ (center - [0, 2.5 * radius, 0])
     focal = 0.9 * height
     return v3.Camera(

@@ -17,6 +17,7 @@ from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import Exports
+from gui.presenters.run.serving import Serving
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_views import StageViews
 from gui.viewport import Viewport
@@ -31,6 +32,7 @@ class Shell(Protocol):
     player: PlayerPresenter
     views: StageViews
     exports: Exports
+    serving: Serving
     marks: Marks
     opening: str
     pictures: int
@@ -55,7 +57,7 @@ class Shell(Protocol):
         """Run a stage, or check the footage."""
 
     def ask_close(self) -> None:
-        """Close, unless a job runs: then ask first."""
+        """Close the window; ask first if a job is running."""
 
     def apply_preferences(self) -> None:
         """Apply the preferences."""

@@ -28,12 +28,14 @@ from gui.presenters.playback.sources import Opened
 from gui.presenters.playback.timeline_plots import plots_of
 from gui.presenters.preferences import PICTURE_SIZES, Preferences
 from gui.presenters.run.exports import Exports
+from gui.presenters.run.serving import Serving
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_views import StageViews
 from gui.presenters.worker import LatestWorker
 from gui.raycast import MeshPicture
 from gui.state import StateLog
 from gui.viewport import Viewport
+from pipelines.events import as_message
 from studio.gaussians import Gaussians
 
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
@@ -47,13 +49,14 @@ class MainWindow:
     """See the module.
 
     Attributes:
+        ticks: completed ticks.
         wants_close: asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
 
     Args:
-        size: of the window's content, pixels.
-        log: file to which a JSON line is appended whenever what is shown has changed; None for none.
+        size: size of the window's content, pixels.
+        log: file to which a JSON line is appended whenever the state has changed; None for none.
         device: name of the Vulkan device, for Help > About.
-        software: whether the processor draws the window.
+        software: whether the CPU draws the window.
     """
 
     def __init__(
@@ -64,7 +67,7 @@ class MainWindow:
         self.workspace = Workspace()
         self.player = PlayerPresenter()
         self.views = StageViews(self.workspace, self.player, MeshPicture)
-        self.exports = Exports()
+        self.exports, self.serving = Exports(), Serving()
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.opening = ""
         self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
@@ -76,6 +79,7 @@ class MainWindow:
         self.drawn = Rate()
         self.close_requests = CloseRequests()
         self.wants_close = False
+        self.ticks = 0
         application = gui.Application.instance
         menus.build(application)
         self.window = application.create_window("V3 Studio", *size)
@@ -124,7 +128,7 @@ class MainWindow:
     # Opening and closing
 
     def open(self, path: str) -> None:
-        """Open a take, a stream or an address; bad input is reported in the window."""
+        """Open a take, a stream or a URL; bad input is reported in the window."""
         self.opening = path
         self.player.message = f"Opening {path} ..."
         self._opener.ask(path)
@@ -155,12 +159,12 @@ class MainWindow:
         self.player.background = self.preferences.background
 
     def close(self) -> None:
-        """Ask the window to close; it does at the next tick."""
+        """Request that the window close at the next tick."""
         self.close_requests.granted = True
         self.window.close()
 
     def ask_close(self) -> None:
-        """Close, unless a job runs: then ask first."""
+        """Close the window; ask first if a job is running."""
         self.close_requests.ask()
 
     def _close_if_asked(self) -> None:
@@ -172,19 +176,28 @@ class MainWindow:
             self.actions.ask_about_job()
             self.changed()
 
+    def failed(self, error: Exception) -> None:
+        """Show what a callback raised; an open dialog stays."""
+        message = as_message(error)
+        bug = "\nThis is a bug in V3 Studio; the terminal shows the details." if message.code == "program.bug" else ""
+        if not self.dialogs.name:
+            self.dialogs.message("Error", f"{message}{bug}")
+        self.changed()
+
     def closed(self) -> None:
         """After the last tick: end threads, close files. A job keeps running."""
         self.views.close()
+        self.serving.stop()
         self.workspace.close()
         self._opener.close()
-        # Open3D keeps references to callbacks, and so to this object: release what is large.
+        # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
         self._log.close()
 
     # User actions
 
     def changed(self) -> None:
-        """Something that is shown may have changed."""
+        """Note that something on screen may have changed."""
         self._redraws.changed()
 
     def select(self, stage: str) -> None:
@@ -228,7 +241,7 @@ class MainWindow:
             self.layout.set_fullscreen(False)
         self.changed()
 
-    # Each tick
+    # At each tick
 
     def _on_tick(self) -> bool:
         self._close_if_asked()
@@ -243,8 +256,9 @@ class MainWindow:
         if self.exports.poll():
             changed = True
             if self.exports.result:
-                self.dialogs.message("Export", self.exports.result)
+                self.dialogs.message(self.exports.title, self.exports.result)
                 self.exports.result = ""
+        changed |= self.actions.shares.poll()
         changed |= self.actions.points.poll()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.size, self.viewport.drawn_size, self.em)
@@ -269,6 +283,7 @@ class MainWindow:
             self.drawn.hit()
             if self.dialogs.tick():
                 self.changed()
+        self.ticks += 1
         return due
 
     def _update_panels(self) -> bool:
@@ -285,7 +300,8 @@ class MainWindow:
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage, self.drawn.value
         )
         status = self.player.status if stage_view is None else stage_view.status
-        return changed | self._set_text(self.status, "   ".join(filter(None, [status, self.exports.words])))
+        words = [status, self.exports.words, self.serving.words]
+        return changed | self._set_text(self.status, "   ".join(filter(None, words)))
 
     def _read_evaluation(self) -> None:
         take, frames = self.workspace.take, self.player.transport.frame_count
@@ -304,5 +320,5 @@ class MainWindow:
         if label.text == text:
             return False
         label.text = text
-        self.window.set_needs_layout()  # a label keeps the width of its first text otherwise
+        self.window.set_needs_layout()  # otherwise a label keeps the width of its first text
         return True

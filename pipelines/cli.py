@@ -34,7 +34,7 @@ GROUPS = {
     "Make a stream from footage": ("run", "status", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
-    "Use streams and takes": ("play", "serve", "export", "import"),
+    "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Research": ("ablate",),
 }
 """Commands in the order of `v3studio --help`."""
@@ -55,9 +55,9 @@ _SETTINGS_NOTE = """settings:
 
 
 def main() -> int:
-    """Run the command in `sys.argv` and return the exit code. If it is cancelled, the process ends at once.
+    """Run the command in `sys.argv` and return the exit code. If it is cancelled, the process exits immediately.
 
-    Only output of the command goes to stdout; output of native libraries, here or in child processes, goes to stderr.
+    Only the command's own output goes to stdout; that of native libraries, here or in child processes, goes to stderr.
     """
     passive_openmp()
     claim_stdout()
@@ -105,10 +105,10 @@ def execute(arguments: Sequence[str]) -> int:
 
 
 def _print_failure(error: StudioError, output: TextIO) -> None:
-    """The last event of a command with `--json`."""
+    """Print the last event of a command with `--json`."""
     from pipelines.events import RunFinished
 
-    event = RunFinished(outcome="failed", seconds=0.0, **RunFinished.parts(error.message))
+    event = RunFinished.of(error.message, outcome="failed", seconds=0.0)
     with suppress(BrokenPipeError):
         print(event.to_json(), file=output, flush=True)
 
@@ -128,12 +128,12 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, export, import_splats, play, serve
+    from pipelines.commands import ablate, export, import_splats, play, publish, serve, share
     from pipelines.version import program_version
 
     parser = _Parser(
         prog="v3studio",
-        description="Turns synchronized multi-camera footage of a performer into a streamable Gaussian video.",
+        description="Turn synchronized multi-camera footage of a performer into a streamable Gaussian video.",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"v3studio {program_version()}")
@@ -158,7 +158,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
     status = commands.add_parser(
         "status",
-        help="show which stages of a take are up to date, and why not",
+        help="show which stages of a take are up to date, and why others are not",
         description="Show which stages of a take are up to date, and why the others are not.",
         allow_abbrev=False,
     )
@@ -168,6 +168,8 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
     play.register(commands)
     serve.register(commands)
+    share.register(commands)
+    publish.register(commands)
     export.register(commands)
     import_splats.register(commands)
     ablate.register(commands)
@@ -192,10 +194,10 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
 
 class _Parser(argparse.ArgumentParser):
-    """With clear errors for numbers, and with commands in groups; used for the commands too."""
+    """Adds clear errors for numbers, and help that lists commands by group. Subcommands use it too."""
 
     commands: Any = None
-    """The commands, in the main parser."""
+    """The subcommands; None except in the main parser."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -245,8 +247,8 @@ class _Target(argparse.Action):
 def _add_targets(stage: argparse.ArgumentParser) -> None:
     """Bake targets as options."""
     for name, metavar, text in (
-        ("target_kb_per_frame", "KB", "search the QP of each group for at most this many kilobytes per frame"),
-        ("target_psnr", "DB", "search the QP of each group for at least this PSNR of decoded against trained renders"),
+        ("target_kb_per_frame", "KB", "choose each group's QP to stay within this many kilobytes per frame"),
+        ("target_psnr", "DB", "choose each group's QP so that decoded renders reach this PSNR against trained ones"),
     ):
         stage.add_argument(f"--{name.replace('_', '-')}", action=_Target, const=name, metavar=metavar, help=text)
 

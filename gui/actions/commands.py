@@ -13,12 +13,14 @@ from gui.actions.keys import shortcuts_text
 from gui.actions.marks import MarkActions
 from gui.actions.output import OutputActions
 from gui.actions.points import PointActions
+from gui.actions.shares import ShareActions
 from gui.panels.folder_dialog import ask_path
 from gui.panels.option_dialogs import ask_preferences
 from gui.panels.take_dialog import ask_new_take
 from gui.presenters.preferences import Preferences
 from gui.presenters.run.exports import FORMATS
 from gui.presenters.run.new_take import NewTake
+from gui.presenters.run.shares import FORMS
 from gui.presenters.stages.stage_rows import TITLES
 from gui.shell import Shell
 from pipelines.takes.take import program_version
@@ -28,7 +30,7 @@ Action = Callable[[], object]
 
 
 class Actions:
-    """See the module. Everything is reached through the window.
+    """See the module. Acts through the window.
 
     Args:
         window: the main window.
@@ -38,6 +40,7 @@ class Actions:
         self._window = window
         self._marks, self._outputs = MarkActions(window), OutputActions(window)
         self.points = PointActions(window)
+        self.shares = ShareActions(window)
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `gui.actions.menus.MENUS`."""
@@ -64,6 +67,9 @@ class Actions:
             "add_key": self._outputs.add_key,
             "clear_keys": window.exports.keys.clear,
             "stop_export": window.exports.stop,
+            **{f"share {form}": partial(self.shares.ask, form) for form in FORMS},
+            "serve": self.shares.serve,
+            "stop_serving": self.shares.stop,
             "shortcuts": lambda: window.dialogs.message("Shortcuts", shortcuts_text()),
             "about": self._about,
         }
@@ -73,6 +79,17 @@ class Actions:
         window, key = self._window, gui.KeyName
         player, transport = window.player, window.player.transport
         menu = self.menu()
+        of_menu: dict[str, tuple[Any, ...]] = {
+            "background": (key.B,),
+            "reset": (key.R,),
+            "mark": (key.M,),
+            "add_key": (key.K,),
+            "fullscreen": (key.F,),
+            "figures": (key.I,),
+            "shortcuts": (key.QUESTION_MARK, key.SLASH),
+            "previous_mark": (key.COMMA, key.LESS_THAN),
+            "next_mark": (key.PERIOD, key.GREATER_THAN),
+        }
         actions: dict[Any, Action] = {
             key.SPACE: transport.toggle,
             key.LEFT: lambda: transport.step(-1),
@@ -90,18 +107,7 @@ class Actions:
             key.C: player.next_camera,
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
-            key.B: menu["background"],
-            key.R: menu["reset"],
-            key.M: menu["mark"],
-            key.K: menu["add_key"],
-            key.F: menu["fullscreen"],
-            key.I: menu["figures"],
-            key.QUESTION_MARK: menu["shortcuts"],
-            key.SLASH: menu["shortcuts"],
-            key.COMMA: menu["previous_mark"],
-            key.PERIOD: menu["next_mark"],
-            key.LESS_THAN: menu["previous_mark"],
-            key.GREATER_THAN: menu["next_mark"],
+            **{one: menu[name] for name, keys in of_menu.items() for one in keys},
             **self.points.keys(),
         }
         return actions.get(event.key)

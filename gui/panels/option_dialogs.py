@@ -16,10 +16,10 @@ from gui.presenters.run.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, 
 
 
 def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferences], None]) -> None:
-    """Render resolution, background, autoplay."""
+    """Show the preferences: render resolution, background, autoplay."""
     dialogs.widgets = {}
     chosen = replace(now, recent=list(now.recent))
-    form = _Form(dialogs, chosen)
+    form = Form(dialogs, chosen)
     form.choice("picture_size", "Render resolution", list(PICTURE_SIZES))
     form.choice("background", "Background", BACKGROUND_NAMES)
     play = gui.Checkbox("")
@@ -39,16 +39,16 @@ def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferen
 def ask_export(
     dialogs: Dialogs, request: ExportRequest, sources: Sequence[str], start: Callable[[ExportRequest], None]
 ) -> None:
-    """Source, output path, and options of a movie.
+    """Ask for the source, the output path, and the options of a movie.
 
     Args:
-        dialogs: where it is shown.
+        dialogs: shows it.
         request: the defaults; modified while the dialog is open.
         sources: "decoded" and "trained" as available; empty for a bare stream.
-        start: called by "Export", after the dialog has closed.
+        start: called by "Export" after the dialog has closed.
     """
     dialogs.widgets = {}
-    form = _Form(dialogs, request)
+    form = Form(dialogs, request)
     target = gui.TextEdit()
     if sources:
 
@@ -99,7 +99,7 @@ def ask_export(
     dialogs.widgets |= {**form.widgets, "line": target}
 
 
-class _Form:
+class Form:
     """Labeled fields, each bound to an attribute of an object."""
 
     def __init__(self, dialogs: Dialogs, target: Any) -> None:
@@ -108,6 +108,7 @@ class _Form:
         self.widgets: dict[str, gui.Widget] = {}
 
     def add(self, key: str, label: str, widget: gui.Widget) -> None:
+        """A widget with its label; `key` names it among the dialog's widgets."""
         self.grid.add_child(self._dialogs.label(label))
         self.grid.add_child(widget)
         self.widgets[key] = widget
@@ -115,6 +116,7 @@ class _Form:
     def choice(
         self, attribute: str, label: str, names: Sequence[str], after: Callable[[], None] = lambda: None
     ) -> None:
+        """One of `names`; `after` is called when another one was chosen."""
         box = gui.Combobox()
         for name in names:
             box.add_item(name)
@@ -128,6 +130,7 @@ class _Form:
         self.add(attribute, label, box)
 
     def line(self, attribute: str, label: str) -> None:
+        """A line of text."""
         edit = gui.TextEdit()
         edit.text_value = getattr(self._target, attribute)
         edit.set_on_text_changed(lambda text: setattr(self._target, attribute, text))

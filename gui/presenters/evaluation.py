@@ -1,4 +1,4 @@
-"""Quality figures from evaluation.json, as `v3studio evaluate` wrote them. Nothing is measured here."""
+"""Quality figures from evaluation.json, which `v3studio evaluate` writes. Nothing is measured here."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipelines.takes.atomic_files import read_json
+from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-
-MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
 
 
 class EvaluationFile:
@@ -20,7 +18,7 @@ class EvaluationFile:
         self._seen: object = None
 
     def changed(self, take: Take | None, frame_count: int) -> bool:
-        """True at first, and whenever the file, the take or the number of frames has changed since."""
+        """True on the first call, and if the file, the take or the number of frames has changed since the last."""
         stamp = None
         if take is not None:
             stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
@@ -33,9 +31,9 @@ class FrameQuality:
     """One frame's figures.
 
     Attributes:
-        bytes: size of the frame: bytes of its group divided by the group's frames.
-        means: metric of `MEASURES`, where measured, to the mean over the evaluated cameras.
-        cameras: the same for each camera.
+        bytes: size of the frame: size of its group divided by the group's number of frames.
+        means: mean over the evaluated cameras by metric of `pipelines.takes.evaluation.MEASURES`, where measured.
+        cameras: the same by camera.
     """
 
     bytes: float
@@ -48,9 +46,9 @@ class Evaluation:
     """Figures of all evaluated frames.
 
     Attributes:
-        frames: frame, counted from 0, to its figures.
+        frames: figures by frame, counted from 0.
         cameras: the evaluated cameras.
-        held_out: whether these were held out; if not, they were training cameras.
+        held_out: whether they were held out; if not, they are training cameras.
         error: message if the file is damaged; "" otherwise.
     """
 
@@ -65,19 +63,14 @@ class Evaluation:
         if not path.is_file():
             return cls()
         try:
-            found = read_json(path)
-            frames = {
-                int(row["index"]): FrameQuality(
-                    float(row["bytes"]), _measures(row), {name: _measures(one) for name, one in row["cameras"].items()}
-                )
-                for row in found["frames"]
-            }
-            protocol = found["protocol"]
-            return cls(frames, tuple(map(str, protocol.get("cameras", ()))), bool(protocol.get("held_out", True)))
+            found = read_evaluation(path)
         except StudioError as error:
             return cls(error=str(error))
-        except (AttributeError, KeyError, TypeError, ValueError):
-            return cls(error=f"{path}: not written by `v3studio evaluate`. Run it again.")
+        frames = {
+            row.index: FrameQuality(row.bytes, row.measures, {name: one.measures for name, one in row.cameras.items()})
+            for row in found.frames
+        }
+        return cls(frames, found.protocol.cameras, found.protocol.held_out)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
         """PSNR, SSIM and, if measured, LPIPS of a frame, and what they refer to: the camera if it was evaluated, else
@@ -104,17 +97,13 @@ class Evaluation:
         return (
             f"PSNR in dB, higher is better: mean over the {kind} cameras {', '.join(self.cameras)}.\n"
             "KB per frame (1 KB = 1000 bytes): size of the frame's group divided by its number of frames.\n"
-            "The numbers on the left are of the current frame. Click or drag to seek."
+            "The numbers on the left are for the current frame. Click or drag to seek."
         )
 
     def series(self, name: str, frame_count: int) -> list[float | None]:
-        """A metric, or "bytes", of every frame; None if not measured."""
+        """A metric, or "bytes", for every frame; None where not measured."""
         found: list[float | None] = []
         for frame in range(frame_count):
             quality = self.frames.get(frame)
             found.append(None if quality is None else quality.bytes if name == "bytes" else quality.means.get(name))
         return found
-
-
-def _measures(row: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(row[name]) for name in MEASURES if row.get(name) is not None}

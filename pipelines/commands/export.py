@@ -1,4 +1,4 @@
-"""`v3studio export`: writes frames of a take or a stream in formats of other programs, or as a movie."""
+"""`v3studio export`: writes frames of a take or a stream in other programs' formats, or as a movie."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 
 FORMATS = {
     "ply": "a folder of numbered 3DGS PLY files, or one .ply file",
-    "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY",
+    "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY or less",
     "glb": "a folder of numbered GLB files with KHR_gaussian_splatting, or one .glb file",
+    "v3": "one .v3s file with the whole stream as it is, which all players here open",
     "videogs": "a folder in the VideoGS layout, for the players of the paper's released code",
     "turntable": "an MP4 of a camera circling the performer",
     "camera-path": "an MP4 along the cameras in --path",
@@ -40,7 +41,7 @@ def register(commands: Any) -> None:
     export = commands.add_parser(
         "export",
         help="export frames as PLY, SPZ, GLB or VideoGS, or as a movie",
-        description="Export frames of a take or a stream in formats of other programs, or as a movie.",
+        description="Export frames of a take or a stream in other programs' formats, or as a movie.",
         epilog=_NOTE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
@@ -66,6 +67,9 @@ def register(commands: Any) -> None:
         metavar="N",
         help="truncate spherical harmonics to degree N, 0 to 3",
     )
+    export.add_argument(
+        "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read it yet"
+    )
     export.add_argument("--qp", type=int, default=20, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 20)")
     export.add_argument("--size", default="1280x720", metavar="WxH", help="movies: size in pixels (default: 1280x720)")
     export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
@@ -81,16 +85,27 @@ def register(commands: Any) -> None:
 
 def _export(arguments: argparse.Namespace) -> int:
     size = _size(arguments.size)
+    if arguments.spz_version is not None and arguments.format != "spz":
+        raise StudioError(
+            "command.invalid_option",
+            f"--format {arguments.format} has no --spz-version",
+            value=arguments.spz_version,
+            fix="Remove --spz-version.",
+            option="--spz-version",
+        )
     if (arguments.path is not None) != (arguments.format == "camera-path"):
         needs = arguments.format == "camera-path"
         raise StudioError(
             "command.invalid_option",
-            "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} has no --path",
+            "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} does not take --path",
             fix="Add --path FILE." if needs else "Remove --path.",
             option="--path",
         )
     from pipelines.commands.working import working
     from pipelines.takes.videos import decoded_video, is_take, open_reader, trained_video
+
+    if arguments.format == "v3":
+        return _whole_stream(arguments)
 
     with ExitStack() as stack:
         if is_take(arguments.source) and (arguments.of or DEFAULT_OF) == "trained":
@@ -119,6 +134,42 @@ def _export(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _whole_stream(arguments: argparse.Namespace) -> int:
+    from pipelines.commands.working import working
+    from pipelines.takes.videos import open_reader
+    from studio.export.placing import new_file
+    from studio.stream.archive import SUFFIX
+    from studio.stream.write_archive import write_archive
+
+    for option in ("frames", "of", "sh_degree"):
+        if getattr(arguments, option) not in (None, "decoded"):
+            name = f"--{option.replace('_', '-')}"
+            raise StudioError(
+                "command.invalid_option",
+                f"--format v3 has no {name}: the stream is written as it is",
+                value=getattr(arguments, option),
+                fix=f"Remove {name}.",
+                option=name,
+            )
+    if arguments.out.suffix.lower() != SUFFIX:
+        raise StudioError(
+            "command.invalid_option",
+            f"--format v3 writes a {SUFFIX} file",
+            file=arguments.out,
+            value=arguments.out.suffix,
+            fix=f"End the name with {SUFFIX}, by which players recognize it.",
+            option="--out",
+        )
+    _need_stream(arguments.source)
+    with open_reader(arguments.source) as reader, new_file(arguments.out) as temporary:
+        with working("export v3", arguments.output if arguments.json else None) as progress:
+            size = write_archive(reader, temporary, progress)
+        frames = reader.frame_count
+    if not arguments.json:
+        print(f"{arguments.out}: {frames} frames, {size:,} bytes")
+    return 0
+
+
 def _need_stream(source: str) -> None:
     from pipelines.takes.take import Take
     from pipelines.takes.videos import is_take
@@ -139,41 +190,40 @@ def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> Splat
         video = replace(video, read=lambda index: read(index).with_sh_degree(degree))
     if text is None:
         return video
-    found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text)
-    if found is None:
-        raise StudioError(
-            "command.invalid_option",
-            f"--frames '{text}' is not of the form A:B or A:B:S",
-            value=text,
-            fix="Example: 0:20 for frames 0 to 19.",
-            option="--frames",
-        )
-    start, stop, step = found.groups()
+    pattern, form = r"(\d*):(\d*)(?::(\d+))?", "A:B or A:B:S"
+    start, stop, step = _parts("--frames", text, pattern, form, "0:20 for frames 0 to 19")
     return video.part(int(start or 0), int(stop) if stop else None, int(step or 1))
 
 
 def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    width, height = _parts("--size", text, r"(\d{1,5})x(\d{1,5})", "WxH", "1280x720")
+    return int(width), int(height)
+
+
+def _parts(option: str, text: str, pattern: str, form: str, example: str) -> tuple[str, ...]:
+    """The groups of `pattern` in the option's value; "" for one that is missing."""
+    found = re.fullmatch(pattern, text)
     if found is None:
         raise StudioError(
             "command.invalid_option",
-            f"--size '{text}' is not of the form WxH",
+            f"{option} '{text}' is not of the form {form}",
             value=text,
-            fix="Example: 1280x720.",
-            option="--size",
+            fix=f"Example: {example}.",
+            option=option,
         )
-    return int(found[1]), int(found[2])
+    return found.groups("")
 
 
 def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
     from studio.export import axes_of, export_frame, export_sequence, export_videogs
+    from studio.splat_files import SPZ_VERSION
 
     out: Path = arguments.out
     if arguments.format == "videogs":
         if arguments.axes == "viewer":
             raise StudioError(
                 "command.invalid_option",
-                "--axes viewer: the VideoGS layout only has the axes of the capture",
+                "--axes viewer: the VideoGS layout supports only the axes of the capture",
                 value="viewer",
                 fix="Remove --axes.",
                 option="--axes",
@@ -183,10 +233,11 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
     ending = f".{arguments.format}"
     viewer = arguments.axes == "viewer" or (arguments.axes is None and arguments.format != "ply")
     rotation = axes_of(video, ending, viewer)
+    spz_version = arguments.spz_version or SPZ_VERSION
     if out.suffix.lower() != ending:
-        export_sequence(video, out, ending, rotation, progress)
+        export_sequence(video, out, ending, rotation, progress, spz_version)
     elif video.frame_count == 1:
-        export_frame(video, out, rotation)
+        export_frame(video, out, rotation, spz_version)
     else:
         raise StudioError(
             "command.invalid_option",

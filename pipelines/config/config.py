@@ -1,6 +1,6 @@
-"""All settings of a run: one section per stage, composed of the settings models of the library's rooms.
+"""All settings of a run: one section per stage, composed of the library's settings models.
 
-The settings models of the library are described in `studio.settings`. Declared here is what only the pipelines know:
+`studio.settings` describes the library's settings models. Only settings specific to the pipelines are declared here:
 grouping, evaluation and the run itself.
 """
 
@@ -15,13 +15,13 @@ from studio.capture.settings import CaptureSettings
 from studio.meshing.settings import InitializeSettings
 from studio.settings import Affects, Conflict, Heading, Settings
 from studio.stream.settings import BakeSettings
-from studio.training.settings import TrainSettings
+from studio.training.settings import GROUP_SIZE, TrainSettings
 
 
 class GroupSettings(Settings):
     """Where groups begin, and whether the footage is checked first."""
 
-    group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=20, ge=1, le=1000)
+    group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=GROUP_SIZE, ge=1, le=1000)
     """Maximum number of frames per group; the first is the keyframe. The paper uses 20."""
 
     grouping: Annotated[Literal["fixed", "motion"], Affects("grouping")] = "fixed"
@@ -34,7 +34,7 @@ class GroupSettings(Settings):
 
     check_footage: Annotated[bool, Affects()] = True
     """Read all frames before training and refuse broken footage (unreadable files, empty or all-white masks). false:
-    such frames are found during training, where a camera that does not see the performer is left out of the frame."""
+    such frames are only found during training, which skips a camera in frames where it does not see the performer."""
 
 
 # Fields of the last base come first.

@@ -59,7 +59,7 @@ def run(
     """Run the stages of a take that are not up to date.
 
     Args:
-        take: the take; locked meanwhile.
+        take: the take; locked during the run.
         config: all settings; written to the take's config.yaml.
         emit: receives the events; the last is always `RunFinished`.
         stages: names. Stages that they depend on must be up to date or among them.
@@ -77,8 +77,11 @@ def run(
     report = emit
 
     def finish(outcome: str, message: Message | None = None) -> None:
-        parts = {} if message is None else RunFinished.parts(message)
-        report(RunFinished(outcome=outcome, seconds=round(clock() - started, 2), **parts))
+        seconds = round(clock() - started, 2)
+        if message is None:
+            report(RunFinished(outcome=outcome, seconds=seconds))
+        else:
+            report(RunFinished.of(message, outcome=outcome, seconds=seconds))
 
     with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _INTERRUPTED)):
         started = clock()
@@ -99,7 +102,7 @@ def run(
 class Logged:
     """Forwards events and writes them to the take's log, replacing that of the previous run.
 
-    Progress is logged every two seconds only, to keep logs of long runs small.
+    Progress is logged at most every two seconds, to keep logs of long runs small.
     """
 
     def __init__(self, emit: Emit, take: Take) -> None:
@@ -155,7 +158,7 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
 
 
 def _update_marks(context: Context) -> None:
-    """Update the marks in the report; a report of an earlier version, which has none, stays as is."""
+    """Update the marks in the report; a report of an earlier version, which has none, is left unchanged."""
     from pipelines.reports.evaluation import update_marks
 
     with contextlib.suppress(StudioError):
@@ -190,7 +193,7 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
             remove(path)
     try:
         with disk_errors(context.take.root):
-            summary = stage.run(context, reporter).to_json()
+            summary = stage.run(context, reporter)
             context.cancellation.check()
             seconds = context.clock() - started
             write_record(stage, context, seconds, summary)
@@ -199,10 +202,10 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
     except Exception as error:
         trace = "" if isinstance(error, StudioError) else traceback.format_exc()
         message = as_message(error)
-        context.emit(StageFailed(stage=stage.name, traceback=trace, **StageFailed.parts(message)))
+        context.emit(StageFailed.of(message, stage=stage.name, traceback=trace))
         _try_to_note_failure(context, stage.name, message)
         raise
-    context.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary))
+    context.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary.to_json()))
 
 
 def _try_to_note_failure(context: Context, stage: str, message: Message) -> None:

@@ -23,7 +23,7 @@ from pipelines.takes.take import group_name
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
-    from studio.stream import BakedGroup
+    from studio.stream import BakedGroup, StreamMetadata
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def parts_of(groups: Sequence[Group], first_size: int | None) -> tuple[Part, ...
 class BakeStage:
     """The stage `bake`; its units are groups.
 
-    Groups are baked into a work folder, each with a file that says what it was made from. When all are finished, the
+    Groups are baked into a work folder, each with a file that records what it was made from. When all are finished, the
     manifest is written and the folder replaces the old stream, or, in version 3, the old stream gets the new files
     and then the new manifest. Valid groups of the old stream are reused.
     """
@@ -70,7 +70,7 @@ class BakeStage:
     dependencies: tuple[str, ...] = ("train",)
 
     def params(self, context: Context) -> Params:
-        """Encoding settings, and what the manifest holds."""
+        """Encoding settings, and the contents of the manifest."""
         return {
             **settings_affecting(context.config, "videos", "manifest"),
             "frames a second": float(context.footage.raw.fps),
@@ -115,7 +115,8 @@ class BakeStage:
         for path in new.iterdir():
             if path.name not in (wanted if settings.stream_version == 2 else {"files"}):
                 remove(path)
-        manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, self._metadata(context))
+        metadata = self._metadata(context).to_json()
+        manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, metadata)
         if settings.stream_version == 3 and (context.take.stream / "manifest.json").is_file():
             self._update(context, new)
         else:
@@ -224,15 +225,14 @@ class BakeStage:
             for message in beyond_hardware(entry, float(context.footage.raw.fps), context.config.bake.codec):
                 reporter.warn(message)
 
-    def _metadata(self, context: Context) -> dict[str, Any]:
-        """Deterministic, so that equal takes bake to equal bytes."""
+    def _metadata(self, context: Context) -> StreamMetadata:
+        """Deterministic, so that identical takes bake to identical bytes."""
+        from studio.stream import StreamMetadata
+
         footage = context.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
-        return {
-            "suggested_camera": footage.rig[camera].to_dict(),
-            "background": list(context.config.capture.background),
-            "up": [float(value) for value in footage.rig.up],
-        }
+        x, y, z = footage.rig.up.tolist()
+        return StreamMetadata(footage.rig[camera], context.config.capture.background, (x, y, z))
 
     def _put_in_place(self, context: Context, new: Path) -> None:
         """Swap folders. If killed between the renames, the complete new stream is still in the work folder."""

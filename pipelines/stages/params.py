@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, TypeAlias
 
 from pipelines.config import Config
 from pipelines.config.renamed import ADDED, first_name, first_names
 from pipelines.takes.atomic_files import digest_of
+from studio.json_types import JsonData
 from studio.settings import affected
 
-Params = dict[str, Any]
+Params: TypeAlias = dict[str, JsonData]
 """Settings by dotted name, digests of inputs and of other stages' results."""
 
 
 def settings_of(config: Config, *names: str) -> Params:
     """Values of settings by dotted name; the name of a section selects all settings in it.
 
-    `capture.root` never counts: a capture may move, and the digest of its files identifies it. A setting of `ADDED` is
-    left out at the value that keeps the behavior from before it existed, so that results made then stay valid.
+    `capture.root` is never included: a capture may move, and the digest of its files identifies it. A setting in
+    `ADDED` is left out at the value that keeps the behavior from before it existed, so that older results stay valid.
     """
     tree = config.model_dump(mode="json")
     found: Params = {}
@@ -44,7 +45,7 @@ def _affected() -> dict[str, tuple[str, ...]]:
 
 
 def settings_affecting(config: Config, *results: str) -> Params:
-    """Settings by dotted name that affect one of the results (`studio.settings.RESULTS`), as said at their fields."""
+    """Settings by dotted name that affect any of `results` (`studio.settings.RESULTS`), as their fields declare."""
     return settings_of(config, *(name for name, own in _affected().items() if not set(results).isdisjoint(own)))
 
 

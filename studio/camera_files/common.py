@@ -1,23 +1,24 @@
-"""Shared by the camera file readers: reading, errors with the file name, camera names from image paths."""
+"""Code shared by the camera file readers: reading, errors with the file name, camera names from image paths."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from studio.atomic_files import write_bytes
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.validation import array, check_finite
 
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Adds the file to every StudioError raised inside that has none."""
+    """Context manager that adds the file to every StudioError raised inside it that does not have one."""
     try:
         yield
     except StudioError as error:
@@ -53,7 +54,7 @@ def read_text(path: Path) -> str:
 
 
 def unreadable(path: Path, error: OSError) -> StudioError:
-    """The error for a file that the system cannot read (camera_file.unreadable)."""
+    """The error for a file that the operating system cannot read (camera_file.unreadable)."""
     return StudioError(
         "camera_file.unreadable", f"cannot be read ({error.strerror})", file=path, fix="Check the path and permissions."
     )
@@ -64,7 +65,7 @@ def no_cameras(problem: str, file: Path | None = None) -> StudioError:
     return StudioError("camera_file.no_cameras", problem, file=file, fix="Export the cameras again.")
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> JsonObject:
     """A JSON object.
 
     Raises:
@@ -93,12 +94,9 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_atomic(path: Path, data: bytes) -> None:
-    """Write to a temporary file in the same folder, then rename. Raises StudioError (camera_file.unwritable)."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    """Write a file atomically. Raises StudioError (camera_file.unwritable)."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
+        write_bytes(path, data)
     except OSError as error:
         raise StudioError(
             "camera_file.unwritable",
@@ -106,13 +104,10 @@ def write_atomic(path: Path, data: bytes) -> None:
             file=path,
             fix="Check the free space and permissions.",
         ) from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """The rows of a CSV file as column to text. The header line may start with #; other lines with # are comments.
+    """The rows of a CSV file, each as column to text. The header may start with #; other lines with # are comments.
 
     Raises:
         StudioError: a column is missing (camera_file.missing_column), a row is too short (camera_file.truncated) or
@@ -157,7 +152,7 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             )
         rows.append(row)
     if not rows:
-        raise no_cameras("no camera in the file", path)
+        raise no_cameras("no cameras in the file", path)
     return rows
 
 
@@ -165,7 +160,8 @@ def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: st
     """A finite matrix with one of the given row counts.
 
     Raises:
-        StudioError: it has another shape (camera.wrong_shape), or an entry is not a finite number.
+        StudioError: it has another shape (camera.wrong_shape), or an entry is not a finite number (camera.ragged,
+            camera.not_a_number, camera.not_finite).
     """
     result = array(value, key, camera)
     if result.ndim != 2 or result.shape[0] not in rows or result.shape[1] != columns:
@@ -203,7 +199,7 @@ def camera_names(paths: Sequence[str]) -> list[str]:
     """Short camera names from image paths: file names without extension if they are unique, else folder names.
 
     `images/cam00.png` gives `cam00`; `cam00/000000.png`, `cam01/000000.png` give `cam00`, `cam01`. If neither is
-    unique, the path without extension is used (equal paths stay equal, and `Rig` refuses them).
+    unique, the path without extension is used (equal paths stay equal, and `Rig` rejects them).
     """
     parts = [PurePosixPath(path.replace("\\", "/")) for path in paths]
     whole = [str(part.with_suffix("")) if part.name else str(part) for part in parts]

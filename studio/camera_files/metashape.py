@@ -1,10 +1,11 @@
 """Camera exports of Agisoft Metashape (XML).
 
 Follows the manual's appendix "Camera models" and exported files. A camera's `transform` is camera to chunk, row-major,
-with OpenCV axes; the component's `transform` (in older files the chunk's) is rotation, translation and scale to the
-world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f; the center of the upper left pixel is (0.5, 0.5), as
-in `studio.cameras`. x' and y' follow Brown's model with p1 and p2 swapped with respect to OpenCV. Cameras without a
-transform were not aligned and are skipped. OpenCV has no k4 r^8 term: if it is used, OpenCV's rational model is fitted.
+with OpenCV axes; the `transform` of the component (in older files, of the chunk) contains rotation, translation and
+scale from chunk to world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f; the center of the upper left
+pixel is (0.5, 0.5), as in `studio.cameras`. x' and y' follow Brown's model, with p1 and p2 swapped relative to OpenCV.
+Cameras without a transform were not aligned and are skipped. OpenCV has no k4 r^8 term: if a camera uses it, OpenCV's
+rational model is fitted.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
     """A rig from the root element <document> or <chunk>.
 
     Raises:
-        StudioError: there is no aligned camera (camera_file.no_cameras), or a camera is invalid or not a frame camera
+        StudioError: there are no aligned cameras (camera_file.no_cameras), or a camera is invalid or not a frame camera
             (camera.*).
     """
     with naming(path):
@@ -45,7 +46,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
         if not entries:
             raise StudioError(
                 "camera_file.no_cameras",
-                "no aligned camera, that is no <camera> with a <transform>",
+                "no aligned cameras, that is, no <camera> with a <transform>",
                 fix="Align the photos in Metashape, then export again.",
             )
         labels = []
@@ -62,7 +63,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
             if sensor is None:
                 raise StudioError(
                     "camera.unknown_sensor",
-                    f"Camera '{name}': its sensor '{entry.get('sensor_id')}' is not in the file",
+                    f"Camera '{name}': its sensor '{entry.get('sensor_id')}' was not found in the file",
                     value=entry.get("sensor_id"),
                     fix="Export the cameras again.",
                     camera=name,
@@ -127,7 +128,7 @@ def _camera(name: str, entry: Element, sensor: Element, world: Element | None) -
             camera=name,
         )
     K = np.array([[focal + term("b1"), 0, width / 2 + term("cx")], [0, focal, height / 2 + term("cy")], [0, 0, 1.0]])
-    lens = _lens(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
+    distortion = _distortion(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
     pose = _numbers(entry, "transform", 16, name).reshape(4, 4)
     if np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
         raise StudioError(
@@ -142,23 +143,23 @@ def _camera(name: str, entry: Element, sensor: Element, world: Element | None) -
     placed = np.eye(4)
     placed[:3, :3] = rotation @ pose[:3, :3]
     placed[:3, 3] = scale * rotation @ pose[:3, 3] + translation
-    return Camera(name, width, height, K, rigid_inverse(placed), lens)
+    return Camera(name, width, height, K, rigid_inverse(placed), distortion)
 
 
-def _lens(K: np.ndarray, width: int, height: int, k: list[float], p1: float, p2: float, name: str) -> np.ndarray:
+def _distortion(K: np.ndarray, width: int, height: int, k: list[float], p1: float, p2: float, name: str) -> np.ndarray:
     """OpenCV distortion coefficients."""
     if not k[3]:
-        lens = np.array([k[0], k[1], p2, p1, k[2]])
-        return lens if lens.any() else np.zeros(0)
+        distortion = np.array([k[0], k[1], p2, p1, k[2]])
+        return distortion if distortion.any() else np.zeros(0)
 
     def radial(r: np.ndarray) -> np.ndarray:
         s = r * r
         return 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
 
     focal = float(min(K[0, 0], K[1, 1]))
-    lens = fit_rational(radial, reach_of(radial, focal, K[:2, 2], np.array([width, height])), focal, name)
-    lens[2:4] = p2, p1
-    return lens
+    distortion = fit_rational(radial, reach_of(radial, focal, K[:2, 2], np.array([width, height])), focal, name)
+    distortion[2:4] = p2, p1
+    return distortion
 
 
 def _world(element: Element | None, name: str) -> tuple[np.ndarray, np.ndarray, float]:

@@ -1,17 +1,16 @@
 """transforms.json of instant-ngp, nerfstudio, NeuS2 and VideoGS.
 
-`frames[]` have `file_path` and `transform_matrix`, camera to world with OpenGL axes (x right, y up, z back); with
-`"from_na": true` (NeuS2) the axes are OpenCV's. Intrinsics are at the top level or in each frame: `fl_x`, `fl_y` or
-`camera_angle_x`, `camera_angle_y`, or a matrix `intrinsic_matrix` or `K`; `cx`, `cy`, `w`, `h`; distortion
+Each of the `frames[]` has a `file_path` and a `transform_matrix`, camera to world with OpenGL axes (x right, y up, z
+back); with `"from_na": true` (NeuS2), the axes are OpenCV's. Intrinsics are at the top level or in each frame: `fl_x`,
+`fl_y` or `camera_angle_x`, `camera_angle_y`, or a matrix `intrinsic_matrix` or `K`; `cx`, `cy`, `w`, `h`; distortion
 `k1 k2 p1 p2 k3` of OpenCV's model (`k4` belongs to fisheye lenses, which are not supported). The pixel origin is the
-image corner, as in COLMAP, from whose files these are usually converted.
+image corner, as in COLMAP, since these files are usually converted from COLMAP models.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from studio.camera_files.common import (
 )
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.validation import missing_key, number
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -48,14 +48,14 @@ def _image_size(path: Path, file: str) -> tuple[int, int] | None:
     return None
 
 
-def _size(values: dict[str, Any], path: Path, file: str, camera: str) -> tuple[int, int]:
+def _size(values: JsonObject, path: Path, file: str, camera: str) -> tuple[int, int]:
     width, height = values.get("w", values.get("width")), values.get("h", values.get("height"))
     if width is None or height is None:
         found = _image_size(path, file)
         if found is None:
             raise StudioError(
                 "camera.size_unknown",
-                f"Camera '{camera}': the file has no 'w' and 'h', and the image '{file}' is not next to it",
+                f"Camera '{camera}': the file does not contain 'w' and 'h', and there is no image '{file}' next to it",
                 value=file,
                 fix="Add 'w' and 'h', or put the images next to the file.",
                 camera=camera,
@@ -65,7 +65,7 @@ def _size(values: dict[str, Any], path: Path, file: str, camera: str) -> tuple[i
     return round(number(pair, "w", camera)), round(number(pair, "h", camera))
 
 
-def _intrinsics(values: dict[str, Any], width: int, height: int, camera: str) -> np.ndarray:
+def _intrinsics(values: JsonObject, width: int, height: int, camera: str) -> np.ndarray:
     for key in ("intrinsic_matrix", "K"):
         if key in values:
             rows = values[key]
@@ -80,7 +80,7 @@ def _intrinsics(values: dict[str, Any], width: int, height: int, camera: str) ->
             if not 0 < radians < np.pi:
                 raise StudioError(
                     "camera.field_of_view",
-                    f"Camera '{camera}': '{angle}' is {radians:g}, expected between 0 and pi",
+                    f"Camera '{camera}': '{angle}' is {radians:g}, expected a value between 0 and pi",
                     value=radians,
                     fix="Correct it in the camera file; angles are in radians.",
                     camera=camera,
@@ -93,7 +93,7 @@ def _intrinsics(values: dict[str, Any], width: int, height: int, camera: str) ->
     return np.array([[focal["fl_x"], 0, cx], [0, focal.get("fl_y", focal["fl_x"]), cy], [0, 0, 1]])
 
 
-def _distortion(values: dict[str, Any], camera: str) -> np.ndarray:
+def _distortion(values: JsonObject, camera: str) -> np.ndarray:
     model = str(values.get("camera_model", "OPENCV")).upper()
     if values.get("is_fisheye") or "FISHEYE" in model or number(values, "k4", camera, 0.0) != 0:
         raise fisheye(camera)
@@ -103,7 +103,7 @@ def _distortion(values: dict[str, Any], camera: str) -> np.ndarray:
     return np.array([k1, k2, p1, p2]) if any((k1, k2, p1, p2)) else np.zeros(0)
 
 
-def rig_from_transforms(path: Path, values: dict[str, Any]) -> Rig:
+def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
     """A rig from the JSON object in the file.
 
     Raises:
@@ -161,8 +161,8 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
         if np.any(camera.distortion[5:]):
             raise StudioError(
                 "camera_file.not_expressible",
-                f"Camera '{camera.name}': transforms.json has only the distortion terms k1 k2 p1 p2 k3, but "
-                f"this camera has {camera.distortion.size}",
+                f"Camera '{camera.name}': transforms.json only supports the distortion terms k1 k2 p1 p2 k3, but "
+                f"this camera has {camera.distortion.size} terms",
                 file=path,
                 value=camera.distortion.size,
                 fix="Undistort the images first, or write rig.json.",
@@ -177,7 +177,7 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
                 fix="Calibrate without skew, or write rig.json.",
                 camera=camera.name,
             )
-        lens = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
+        distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(
             {
                 "file_path": image_pattern.format(camera=camera.name),
@@ -187,7 +187,7 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
                 "fl_y": camera.fy,
                 "cx": camera.cx,
                 "cy": camera.cy,
-                **lens,
+                **distortion,
                 "transform_matrix": (rigid_inverse(camera.world_to_camera) @ _FLIP).tolist(),
             }
         )

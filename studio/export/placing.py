@@ -1,18 +1,14 @@
-"""Atomic outputs: written under a temporary name, then renamed."""
+"""Atomic outputs: files and folders are written under a temporary name, then renamed."""
 
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from studio.atomic_files import atomic_path, remove
 from studio.errors import StudioError
-
-
-def _temporary(path: Path) -> Path:
-    return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
 
 
 def _check_target(path: Path, what: str) -> None:
@@ -22,7 +18,7 @@ def _check_target(path: Path, what: str) -> None:
         )
     if os.path.lexists(path):
         raise StudioError(
-            "export.already_exists", f"the {what} exists already", file=path, fix="Delete it, or choose another name."
+            "export.already_exists", f"the {what} already exists", file=path, fix="Delete it, or choose another name."
         )
 
 
@@ -31,32 +27,28 @@ def new_folder(path: Path) -> Iterator[Path]:
     """A temporary folder that becomes `path` when the block succeeds, and is deleted otherwise.
 
     Raises:
-        StudioError: `path` exists, its parent folder does not, or writing fails.
+        StudioError: `path` exists (export.already_exists), its parent folder does not (export.no_parent_folder), or
+            writing fails (export.write_failed).
     """
-    path = path.absolute()
-    _check_target(path, "folder")
-    temporary = _temporary(path)
-    try:
-        shutil.rmtree(temporary, ignore_errors=True)
+    with _new(path, "folder") as temporary:
+        remove(temporary)  # of a killed process with the same number
         temporary.mkdir()
         yield temporary
-        os.rename(temporary, path)
-    except OSError as error:
-        raise StudioError("export.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Same for a file. The temporary name has the same extension, since writers choose the format by it."""
-    path = path.absolute()
-    _check_target(path, "file")
-    temporary = _temporary(path)
-    try:
+    """As `new_folder`, for a file. The temporary name has the same extension, since writers select the format by it."""
+    with _new(path, "file") as temporary:
         yield temporary
-        os.rename(temporary, path)
+
+
+@contextmanager
+def _new(path: Path, what: str) -> Iterator[Path]:
+    path = path.absolute()
+    _check_target(path, what)
+    try:
+        with atomic_path(path) as temporary:
+            yield temporary
     except OSError as error:
         raise StudioError("export.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -11,11 +11,12 @@ from studio.export.placing import new_folder
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
-from studio.stream import BakeSettings, Manifest, bake_group, write_manifest
+from studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, write_manifest
+from studio.training.settings import GROUP_SIZE
 
 
 class _Frames(Sequence[Gaussians]):
-    """Lazily read frames of one group."""
+    """The frames of one group, read on demand."""
 
     def __init__(self, video: SplatVideo, indices: range) -> None:
         self._video = video
@@ -34,7 +35,11 @@ class _Frames(Sequence[Gaussians]):
 
 
 def cut(video: SplatVideo, group_size: int) -> list[range]:
-    """Groups of the video, split into groups of at most `group_size` frames. Raises StudioError if it is below 1."""
+    """The groups of the video, split into groups of at most `group_size` frames.
+
+    Raises:
+        StudioError: `group_size` is below 1 (import.invalid_group_size).
+    """
     if group_size < 1:
         raise StudioError(
             "import.invalid_group_size", f"group size is {group_size}; it must be at least 1", value=group_size
@@ -46,28 +51,29 @@ def bake_video(
     video: SplatVideo,
     folder: Path,
     settings: BakeSettings,
-    group_size: int = 20,
+    group_size: int = GROUP_SIZE,
     progress: ProgressFn = no_progress,
     threads: int = 0,
 ) -> Manifest:
-    """Bake all frames to a stream. The folder appears when it is complete.
+    """Bake all frames to a stream. The folder appears only when it is complete.
 
     Args:
-        video: the frames; its groups are kept, and split if they are longer than `group_size`.
+        video: the frames; its groups are kept, but split if they are longer than `group_size`.
         folder: must not exist.
         settings: bake settings.
         group_size: maximum number of frames per group.
-        progress: called with (frames baked, frames).
+        progress: called with baked and total frames.
         threads: CPU threads; 0: one per core.
 
     Raises:
         StudioError: a frame cannot be read or baked, or the folder exists or cannot be written.
     """
-    metadata: dict[str, Any] = {"background": list(video.background)}
-    if video.up is not None:
-        metadata["up"] = [float(value) for value in video.up]
-    if video.view is not None:
-        metadata["suggested_camera"] = video.view.to_dict()
+    up = video.up
+    metadata = StreamMetadata(
+        suggested_camera=video.view,
+        background=video.background,
+        up=None if up is None else (float(up[0]), float(up[1]), float(up[2])),
+    )
     with new_folder(folder) as temporary:
         entries = []
         for number, group in enumerate(cut(video, group_size)):
@@ -87,4 +93,4 @@ def bake_video(
                     fps=video.fps,
                 )
             )
-        return write_manifest(temporary, entries, video.fps, settings, metadata)
+        return write_manifest(temporary, entries, video.fps, settings, metadata.to_json())

@@ -1,4 +1,4 @@
-"""State shared by consecutive runs: the reader, files of recent groups, the open decoder, and damaged groups."""
+"""State shared by consecutive runs: the reader, the files of recent groups, the open decoder, and damaged groups."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import SkippedGroup
 from studio.stream import GroupDecoder, GroupEntry, StreamReader, fetch_group
 
-_CACHED_GROUPS = 6  # so that scrubbing does not fetch again
-_RETRY_AFTER = 10.0  # seconds before a damaged group is tried again: it may have been repaired or uploaded
+_CACHED_GROUPS = 6  # so that scrubbing does not fetch them again
+_RETRY_AFTER = 10.0  # seconds after which a damaged group is tried again: it may have been repaired or uploaded
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Span:
 
 
 class Shared:
-    """See the module. Thread safe, except for `decoder`, which belongs to the holder of `decode_lock`.
+    """See the module docstring. Thread safe, except for `decoder`, which requires `decode_lock`.
 
     Args:
         reader: the stream.
@@ -47,7 +47,7 @@ class Shared:
         if adaptive and len(reader.renditions) > 1:
             self.rule = RateRule([one.bandwidth for one in reader.renditions])
         self._renditions = {one.id: number for number, one in enumerate(reader.renditions)}
-        self.decode_lock = threading.Lock()  # one run decodes at a time; an ended run releases it within a frame
+        self.decode_lock = threading.Lock()  # one run decodes at a time; an ended run releases it within one frame
         self.decoder: GroupDecoder | None = None
         self._files: OrderedDict[tuple[int, str], dict[str, bytes]] = OrderedDict()
         self._skipped: dict[int, tuple[SkippedGroup, float]] = {}
@@ -73,7 +73,7 @@ class Shared:
             self.rule.played(self._renditions[rendition_of(group)], shown, dropped)
 
     def files(self, group: GroupEntry) -> dict[str, bytes]:
-        """Files of the group, from the cache or fetched and verified now."""
+        """The files of a group, from the cache, or fetched and verified."""
         key = (group.index, rendition_of(group))
         with self._lock:
             if key in self._files:
@@ -90,7 +90,7 @@ class Shared:
         return files
 
     def close_decoder(self) -> None:
-        """Release the decoder; the caller holds `decode_lock`."""
+        """Release the decoder; the caller must hold `decode_lock`."""
         if self.decoder is not None:
             self.decoder.close()
             self.decoder = None
@@ -108,14 +108,14 @@ class Shared:
                 del self._files[key]
 
     def note_intact(self, group: GroupEntry) -> None:
-        """Forget that a whole group could not be fetched: it has been repaired."""
+        """Forget that a whole group could not be fetched, because it has been repaired."""
         with self._lock:
             known = self._skipped.get(group.index)
             if known is not None and known[0].frame_count == group.frame_count:
                 del self._skipped[group.index]
 
     def is_lost(self, group: GroupEntry | Span) -> bool:
-        """True for a group that could not be played at all when it was tried recently."""
+        """Whether no frame of a group could be played when it was last tried, recently."""
         with self._lock:
             known = self._skipped.get(group.index)
             if known is None or known[0].frame_count < group.frame_count:
@@ -124,7 +124,7 @@ class Shared:
 
     @property
     def skipped(self) -> tuple[SkippedGroup, ...]:
-        """Everything that could not be played, in the order of the groups."""
+        """All groups, or parts of groups, that could not be played, in order."""
         with self._lock:
             return tuple(self._skipped[index][0] for index in sorted(self._skipped))
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from studio.stream.ladder_models import BakedGroup, GroupLadder, RenditionEntry, baked_group
     from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
     from studio.stream.manifest_models import GroupEntry
+    from studio.stream.metadata import StreamMetadata
     from studio.stream.reader import StreamReader, fetch_group
     from studio.stream.search import QualityFn
     from studio.stream.settings import DEFAULT_LADDER, BakeSettings, Rung
@@ -35,6 +36,7 @@ __all__ = [
     "Rung",
     "Source",
     "SourceUnavailable",
+    "StreamMetadata",
     "StreamReader",
     "bake_group",
     "baked_group",

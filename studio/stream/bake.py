@@ -6,10 +6,10 @@ import os
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
 from studio.stream.bake_ladder import ContributionFn, bake_ladder
 from studio.stream.encode_group import encode_group, prepare
@@ -105,7 +105,7 @@ def write_manifest(
     groups: Sequence[BakedGroup],
     fps: float,
     settings: BakeSettings,
-    metadata: dict[str, Any] | None = None,
+    metadata: JsonObject | None = None,
     live: bool = False,
 ) -> Manifest:
     """Write `directory/manifest.json` for baked groups, atomically.
@@ -118,7 +118,7 @@ def write_manifest(
         fps: frames per second.
         settings: as passed to `bake_group`.
         metadata: free-form JSON values. Leave out what changes between runs, such as dates, to keep the bytes
-            reproducible. "suggested_camera": `Camera.to_dict()` of a good first view, if there is one.
+            reproducible. `StreamMetadata.to_json` makes those that players know.
         live: version 3: further groups will follow.
 
     Returns:
@@ -158,7 +158,7 @@ def _check_present(directory: Path, groups: Sequence[BakedGroup]) -> None:
 
 
 def _write_plain(
-    path: Path, groups: Sequence[GroupEntry], fps: float, settings: BakeSettings, metadata: dict[str, Any] | None
+    path: Path, groups: Sequence[GroupEntry], fps: float, settings: BakeSettings, metadata: JsonObject | None
 ) -> Manifest:
     """The manifest of version 2."""
     box = groups[0].bounding_box

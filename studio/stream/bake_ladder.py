@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.json_types import JsonObject
 from studio.progress import ProgressFn
 from studio.stream.encode_group import contents, encode_group, prepare
 from studio.stream.ladder_models import (
@@ -57,7 +58,7 @@ def bake_ladder(
     """
     rungs, count = settings.rungs, len(frames)
     ranking = _ranking(rungs, len(frames[0]), contribution, group)
-    made: dict[str, dict[str, Any]] = {}
+    made: dict[str, JsonObject] = {}
     for kind in dict.fromkeys((rung.splats, rung.sh_degree) for rung in rungs):
         part = _Reduced(frames, ranking, *kind) if kind != (1.0, None) else frames
         prepared = prepare(part, settings, progress)
@@ -151,7 +152,7 @@ def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | 
 
 def _rendition(
     entry: GroupEntry, partial: Path, directory: Path, rung: Rung, psnr: float | None, codec: str
-) -> dict[str, Any]:
+) -> JsonObject:
     """The group's values for the manifest, with its files moved to their names."""
     pruning: Pruning = "importance" if rung.pruned else "none"
     tree = entry.to_dict()
@@ -172,7 +173,7 @@ def _rendition(
     return {"id": rung.id, "qp": qp, "pruning": pruning, "psnr_to_trained": psnr, **tree}
 
 
-def _videos(tree: dict[str, Any]) -> list[dict[str, Any]]:
+def _videos(tree: JsonObject) -> list[JsonObject]:
     if "video" in tree:
         return [tree["video"]]
     return [plane for component in tree["components"] for plane in component["planes"]]

@@ -17,7 +17,7 @@ from studio.stream.ladder_manifest import (
     parse_page,
     starts_of,
 )
-from studio.stream.ladder_models import GroupLadder
+from studio.stream.ladder_models import GroupLadder, PageEntry
 from studio.stream.manifest import MANIFEST_NAME, no_such_frame, wrong_total
 from studio.stream.manifest_models import GroupEntry
 from studio.stream.source import Source
@@ -72,6 +72,11 @@ class GroupIndex:
                 self._pages.move_to_end(place)
         groups = self._read(place) if kept is None else kept
         return groups[number - self._page_starts[place]]
+
+    def page_of(self, number: int) -> PageEntry | None:
+        """The page that has group `number`; None for a group in the manifest itself."""
+        place = bisect_right(self._page_starts, number) - 1
+        return self.manifest.pages[place - 1] if place else None
 
     def _read(self, place: int) -> tuple[GroupLadder, ...]:
         page, first = self.manifest.pages[place - 1], self._page_starts[place]

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.stream.ladder_models import (
     MAX_RENDITIONS,
     AudioEntry,
@@ -79,14 +80,14 @@ class LadderManifest(Model):
     groups: Sequence[GroupLadder]
     pages: Annotated[tuple[PageEntry, ...], Field(max_length=MAX_GROUPS)] = ()
     audio: AudioEntry | None = None
-    settings: dict[str, Any] = Field(default_factory=dict)
-    metadata: dict[str, Any] = Field(default_factory=dict)
+    settings: JsonObject = Field(default_factory=dict)
+    metadata: JsonObject = Field(default_factory=dict)
     total_bytes: Annotated[int, Field(ge=1)]
     manifest_sha256: Sha256
 
     @field_validator("settings", "metadata")
     @classmethod
-    def _bounded(cls, value: dict[str, Any]) -> dict[str, Any]:
+    def _bounded(cls, value: JsonObject) -> JsonObject:
         check_free(value)
         return value
 
@@ -339,3 +340,22 @@ def parse_page(
 def starts_of(manifest: LadderManifest) -> tuple[int, ...]:
     """First frame of each group."""
     return tuple(accumulate(manifest.frame_counts[:-1], initial=0))
+
+
+def check_growth(old: LadderManifest, new: LadderManifest, name: str) -> None:
+    """Raises StudioError unless a live stream's new manifest only adds groups to the old one."""
+    kept = old.frame_counts
+    fixed = ("profile", "fps", "scan", "codec")
+    changed = [key for key in fixed if getattr(old, key) != getattr(new, key)]
+    if [one.id for one in old.renditions] != [one.id for one in new.renditions]:
+        changed.append("renditions")
+    if new.frame_counts[: len(kept)] != kept:
+        changed.append("groups")
+    if changed:
+        raise StudioError(
+            "stream.live_changed",
+            f"the live stream was replaced by another one ({', '.join(changed)} differ)",
+            file=name,
+            value=changed,
+            fix="Open the stream again.",
+        )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from studio.json_types import JsonObject
 from studio.stream.manifest_models import (
     MAX_FRAMES,
     MAX_GROUP_FRAMES,
@@ -187,12 +188,12 @@ class GroupLadder(Model):
         """Files of all renditions, each once."""
         return tuple({file.path: file for one in self.renditions for file in one.files}.values())
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready values, the inverse of `from_dict`."""
         return self.model_dump(mode="json")
 
     @staticmethod
-    def from_dict(values: dict[str, Any], name: str = "group entry") -> GroupLadder:
+    def from_dict(values: JsonObject, name: str = "group entry") -> GroupLadder:
         """Inverse of `to_dict`. Raises StudioError, with `name` as the file, for invalid values."""
         try:
             return _ladder_of(values).model_validate_json(json.dumps(values))
@@ -212,7 +213,7 @@ class PlanesLadder(GroupLadder):
     renditions: Annotated[tuple[PlanesRendition, ...], Field(min_length=1, max_length=MAX_RENDITIONS)]
 
 
-def _ladder_of(values: dict[str, Any]) -> type[GroupLadder]:
+def _ladder_of(values: JsonObject) -> type[GroupLadder]:
     first = (values.get("renditions") or [{}])[0]
     return MotionLadder if "channels" in first else PlanesLadder
 
@@ -221,7 +222,7 @@ BakedGroup = GroupEntry | GroupLadder
 """What baking a group gives: its entry in a manifest of version 2 or 3."""
 
 
-def baked_group(values: dict[str, Any]) -> BakedGroup:
+def baked_group(values: JsonObject) -> BakedGroup:
     """From `to_dict` of either. Raises StudioError for invalid values."""
     return GroupLadder.from_dict(values) if "renditions" in values else GroupEntry.from_dict(values)
 

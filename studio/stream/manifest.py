@@ -9,11 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.stream.manifest_models import (
     MAX_FRAMES,
     MAX_GROUPS,
@@ -73,8 +74,8 @@ class Manifest(Model):
     codec: Codec = Codec()
     bounding_box: Box
     groups: Sequence[GroupEntry]
-    settings: dict[str, Any] = Field(default_factory=dict)
-    metadata: dict[str, Any] = Field(default_factory=dict)
+    settings: JsonObject = Field(default_factory=dict)
+    metadata: JsonObject = Field(default_factory=dict)
     total_bytes: Annotated[int, Field(ge=1)]
     manifest_sha256: Sha256
 
@@ -192,7 +193,7 @@ def seal(manifest: Manifest) -> tuple[Manifest, bytes]:
     return sealed, data.replace(zeros.encode(), digest.encode(), 1)
 
 
-def parse_head(data: bytes, name: str) -> dict[str, Any]:
+def parse_head(data: bytes, name: str) -> JsonObject:
     """The values of a manifest of any version that this program reads, not validated further.
 
     Raises:
@@ -222,7 +223,7 @@ def parse_head(data: bytes, name: str) -> dict[str, Any]:
     return head
 
 
-def unknown_profile(head: dict[str, Any], name: str) -> StudioError:
+def unknown_profile(head: JsonObject, name: str) -> StudioError:
     """The error for a profile that does not exist."""
     profile = str(head.get("profile"))[:80]
     return StudioError(

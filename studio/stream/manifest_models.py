@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.stream.layout import Component, channels, components, plane_side, tile_side
 
 # Bounds: far above any real stream, low enough that a malicious manifest cannot exhaust memory.
@@ -28,7 +29,7 @@ Number = Annotated[float, Field(ge=-MAX_VALUE, le=MAX_VALUE, allow_inf_nan=False
 Step = Annotated[float, Field(gt=0, le=MAX_VALUE, allow_inf_nan=False)]
 Point = tuple[Number, Number, Number]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-_PATH = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}")
+PATH = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}")
 
 
 class InconsistentError(ValueError):
@@ -78,7 +79,7 @@ class FileEntry(Model):
 
     @model_validator(mode="after")
     def _check(self) -> FileEntry:
-        if not _PATH.fullmatch(self.path):
+        if not PATH.fullmatch(self.path):
             raise InconsistentError(
                 "unsafe_path", f"{self.path[:200]!r} is not a plain relative path below the manifest's folder"
             )
@@ -157,12 +158,12 @@ class GroupEntry(Model):
         """Index of the first frame after the group."""
         return self.first_frame + self.frame_count
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready values, the inverse of `from_dict`."""
         return self.model_dump(mode="json")
 
     @staticmethod
-    def from_dict(values: dict[str, Any], name: str = "group entry") -> GroupEntry:
+    def from_dict(values: JsonObject, name: str = "group entry") -> GroupEntry:
         """Inverse of `to_dict`. Raises StudioError, with `name` as the file, for invalid values."""
         kind = MotionGroup if "channels" in values else PlanesGroup
         try:

@@ -14,10 +14,10 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decode import GroupDecoder, open_decoder
 from studio.stream.group_index import GroupIndex, no_such_rendition
-from studio.stream.ladder_manifest import parse_ladder
+from studio.stream.ladder_manifest import RenditionManifest, check_growth, parse_ladder
 from studio.stream.ladder_models import RenditionEntry
 from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_head, parse_manifest
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, GroupEntry
+from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, GroupEntry
 from studio.stream.open_source import open_source
 from studio.stream.source import BAKE_AGAIN, Source, close_source, read_files
 
@@ -30,20 +30,31 @@ def fetch_group(source: Source, group: GroupEntry) -> dict[str, bytes]:
     """
     files = read_files(source, [(file.path, file.bytes) for file in group.files])
     for file in group.files:
-        data = files[file.path]
-        name = f"{source.name}/{file.path}"
-        if len(data) != file.bytes:
-            raise StudioError(
-                "stream.wrong_size",
-                f"the file has {len(data)} bytes, the manifest says {file.bytes}",
-                file=name,
-                value=len(data),
-                fix=BAKE_AGAIN,
-                expected=file.bytes,
-            )
-        if hashlib.sha256(data).hexdigest() != file.sha256:
-            raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
+        check_file(files[file.path], file, source)
     return files
+
+
+def checked_file(source: Source, file: FileEntry) -> bytes:
+    """Content of one file of a stream, verified. Raises StudioError as `fetch_group`."""
+    data = source.read(file.path, file.bytes)
+    check_file(data, file, source)
+    return data
+
+
+def check_file(data: bytes, file: FileEntry, source: Source) -> None:
+    """Raises StudioError unless the bytes have the size and the SHA-256 of the manifest."""
+    name = f"{source.name}/{file.path}"
+    if len(data) != file.bytes:
+        raise StudioError(
+            "stream.wrong_size",
+            f"the file has {len(data)} bytes, the manifest says {file.bytes}",
+            file=name,
+            value=len(data),
+            fix=BAKE_AGAIN,
+            expected=file.bytes,
+        )
+    if hashlib.sha256(data).hexdigest() != file.sha256:
+        raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
 
 
 class StreamReader:
@@ -103,6 +114,33 @@ class StreamReader:
     def renditions(self) -> tuple[RenditionEntry, ...]:
         """Renditions to choose from, the best first; empty in versions 1 and 2, which have one."""
         return () if self.index is None else self.index.manifest.renditions
+
+    @property
+    def live(self) -> bool:
+        """Whether groups are still being added, so that `refresh` may find more."""
+        return self.index is not None and self.index.manifest.live
+
+    def refresh(self) -> int:
+        """Read the manifest of a live stream again; frames of known groups stay the same.
+
+        Returns:
+            Number of new groups.
+
+        Raises:
+            StudioError: `stream.live_changed`: the new manifest takes back what the old one published; also as `open`.
+        """
+        if self.index is None or not self.index.manifest.live:
+            return 0
+        data = self.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
+        name = f"{self.source.name}/{MANIFEST_NAME}"
+        old, new = self.index.manifest, parse_ladder(data, name)
+        check_growth(old, new, name)
+        index = GroupIndex(new, self.source, len(data))
+        rendition = self.manifest.rendition if isinstance(self.manifest, RenditionManifest) else None
+        with self._lock:
+            grown = len(index) - len(self.index)
+            self.index, self.manifest = index, index.view(rendition)
+        return grown
 
     @property
     def group_starts(self) -> tuple[int, ...]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
+from studio.json_types import JsonObject
 from studio.settings import Affects, Conflict, Heading, Settings
 
 QP_MAX = 51
@@ -235,10 +236,10 @@ class BakeSettings(Settings):
         """The same with another QP."""
         return self.replace(qp=qp)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready, for the manifest. The order of keys is part of the stream's bytes."""
         ladder = {"ladder": [rung.model_dump(mode="json") for rung in self.ladder]} if self.ladder else {}
-        coding: dict[str, Any] = {}
+        coding: JsonObject = {}
         if self.profile == "motion" and self.encoding != ENCODINGS[2]:
             coding = {"b_frames": self.encoding.b_frames, "smooth_paths": self.encoding.smooth_paths}
         return {

@@ -7,11 +7,11 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.stream.bake_ladder import content_name
 from studio.stream.group_index import GroupIndex
 from studio.stream.ladder_manifest import (
@@ -40,7 +40,7 @@ def write_ladder(
     groups: Sequence[GroupLadder],
     fps: float,
     settings: BakeSettings,
-    metadata: dict[str, Any],
+    metadata: JsonObject,
     live: bool,
 ) -> Manifest:
     """Write pages, then the manifest, then remove unused files. Arguments as for `bake.write_manifest`.

@@ -1,4 +1,4 @@
-"""The review's presenters over a take that was really made: figures, ground truth, marks, strips."""
+"""The presenters of the review on a real take: figures, ground truth, marks, timeline plots."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pipelines.stages.base import Context
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-from tests.support.waiting import wait_until
+from tests.support.players import settle
 
 
 @pytest.fixture
@@ -34,14 +34,6 @@ def player(finished_project: Path) -> Iterator[PlayerPresenter]:
     presenter.resize(256, 192)
     yield presenter
     assert presenter.close()
-
-
-def settle(player: PlayerPresenter, seconds: float = 60.0) -> None:
-    def settled() -> bool:
-        player.poll()
-        return player.settled and player.poll() is None and player.settled
-
-    wait_until("settled", settled, seconds)
 
 
 def image(player: PlayerPresenter) -> np.ndarray:
@@ -62,7 +54,7 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     filmed = footage.image("cam4", footage.frames[0]).astype(float) * (
         footage.matte("cam4", footage.frames[0])[..., None] / 255
     )
-    shrunk = truth.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown four times as large
+    shrunk = truth.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown enlarged four times
     assert np.abs(shrunk - filmed).mean() < 3.0
     assert player.choose("trained")
     trained = image(player)
@@ -88,9 +80,9 @@ def test_comparing_without_a_camera_compares_decoded_with_trained(player: Player
     left, right = picture[:, :126].astype(float), picture[:, 130:].astype(float)
     assert np.abs(left[40:] - right[40:]).mean() < 4.0  # below the labels: nearly the same
     player.look_through("cam2")
-    assert player.image_zoom != ImageZoom(), "the performer is brought near"
+    assert player.image_zoom != ImageZoom(), "zoomed to the performer"
     player.drag_orbit(10, 0)
-    assert player.camera == "", "turning leaves the camera"
+    assert player.camera == "", "orbiting leaves the camera"
 
 
 def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> None:
@@ -154,7 +146,7 @@ def test_marks_stay_in_the_take(tmp_path: Path) -> None:
     assert not session.kept
 
 
-def test_strips_show_the_frame_and_clicks_find_it() -> None:
+def test_plots_show_the_frame_and_clicks_find_it() -> None:
     plots_view = TimelinePlots(640, 120, 16.0, 20, (0, 10))
     series: dict[str, list[float | None]] = {"psnr_trained": [30.0] * 20, "psnr_decoded": [20.0 + n for n in range(20)]}
     plots = plots_of({**series, "bytes": []})
@@ -164,7 +156,7 @@ def test_strips_show_the_frame_and_clicks_find_it() -> None:
     assert plots_view.frame_at(plots_view.left + (first + last) / 2) == 7
     assert plots_view.frame_at(0) == 0
     assert plots_view.frame_at(10_000) == 19
-    # higher values stand higher: count the accent's pixels of the decoded strip at the last frame and the first
+    # higher values are drawn higher: count the accent pixels of the decoded plot at the last and the first frame
     high = plots_view.picture(19, plots)[:, plots_view.left + plots_view.timeline.span(19)[0] + 1]
     low = plots_view.picture(0, plots)[:, plots_view.left + 1]
     rows = slice(37, 66)

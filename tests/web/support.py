@@ -1,13 +1,12 @@
-"""All that the player's tests need of the library: streams to play, their frames as Python reads and draws them.
+"""What the player's tests need from the library: streams to play, and their frames as Python decodes and renders them.
 
-The one file to change where modules move.
+If modules move, this is the only file to change.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
 from studio.stream.decode_motion import MotionFrame
 from studio.stream.decode_planes import PlanesFrame
 from studio.stream.manifest_models import MotionGroup
@@ -26,12 +25,13 @@ from studio.stream.motion_state import Side
 from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
 from studio.stream.video import PlaneEncoder
+from tests.support.streams import edit_manifest, replace_file
 
 FPS = 25.0
 
 
 def body(frames: int, splats: int, degree: int, seed: int = 0) -> list[Gaussians]:
-    """A figure that sways: small opaque splats on a few ellipsoids, colored by place, some faint ones around."""
+    """A swaying figure: small opaque splats on a few ellipsoids, colored by position, with some faint ones around."""
     generator = torch.Generator().manual_seed(seed)
 
     def noise(*shape: int) -> torch.Tensor:
@@ -57,7 +57,7 @@ def body(frames: int, splats: int, degree: int, seed: int = 0) -> list[Gaussians
         moved = torch.where(moving[:, None], means @ matrix.T, means) + torch.tensor([0.02 * t, 0.0, 0.0])
         turned = (sway * Rotation.from_quat(quats.numpy()[:, [1, 2, 3, 0]])).as_quat()[:, [3, 0, 1, 2]]
         turned_quats = torch.where(moving[:, None], torch.from_numpy(turned).float(), quats)
-        # A few splats flash and jump in one frame: more than the picture's codes can hold, so escapes.
+        # A few splats flash and jump in one frame: more than the picture's codes can represent, which causes escapes.
         flash, there = sh.clone(), moved.clone()
         if t == 2:
             flash[:6, 0] += 3.0
@@ -69,7 +69,7 @@ def body(frames: int, splats: int, degree: int, seed: int = 0) -> list[Gaussians
 def camera(
     azimuth: float, *, elevation: float = 10.0, distance: float = 2.6, size: tuple[int, int] = (320, 400)
 ) -> Camera:
-    """A camera that looks at the figure; angles in degrees; y points down in the world, too."""
+    """A camera that looks at the figure; angles in degrees; y also points down in the world."""
     a, e = np.radians([azimuth, elevation])
     eye = distance * np.array([np.sin(a) * np.cos(e), -np.sin(e), -np.cos(a) * np.cos(e)])
     forward = -eye / np.linalg.norm(eye)
@@ -91,45 +91,25 @@ def bake(
     profile: str = "motion",
     qp: int = 16,
     metadata: dict[str, Any] | None = None,
+    ladder: Sequence[int] = (),
+    paged: bool = False,
 ) -> Path:
-    """Bake a stream of the figure into a folder."""
+    """Bake a stream of the figure into a folder; `ladder`: QPs of version 3, `paged`: all groups but one in a page."""
     settings = BakeSettings(profile=profile, qp=qp, preset="ultrafast")  # type: ignore[arg-type]
+    if ladder:
+        settings = settings.replace(stream_version=3, ladder=tuple(Rung(qp=one) for one in ladder))
     entries, first = [], 0
     for index, frames in enumerate(lengths):
         entries.append(bake_group(body(frames, splats + 40 * index, degree, index), folder, index, first, settings))
         first += frames
     view = {"suggested_camera": camera(0).to_dict(), "up": [0.0, -1.0, 0.0], "background": [0.0, 0.0, 0.0]}
-    write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})})
+    inline = write_ladder.INLINE_BYTES
+    try:
+        write_ladder.INLINE_BYTES = 1 if paged else inline
+        write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})})
+    finally:
+        write_ladder.INLINE_BYTES = inline
     return folder
-
-
-def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-    """Change the manifest's JSON and make its size and checksum right again."""
-    path = folder / "manifest.json"
-    values = json.loads(path.read_bytes())
-    change(values)
-    values["manifest_sha256"] = "0" * 64
-    files = sum(group["bytes"] for group in values["groups"])
-    while True:
-        data = json.dumps(values).encode()
-        if values["total_bytes"] == files + len(data):
-            break
-        values["total_bytes"] = files + len(data)
-    path.write_bytes(data.replace(b"0" * 64, hashlib.sha256(data).hexdigest().encode(), 1))
-
-
-def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:
-    """Put other bytes in place of a group's `side` or `video` and make all sizes and checksums right again."""
-
-    def change(values: dict[str, Any]) -> None:
-        entry = values["groups"][group][key]
-        (folder / entry["path"]).write_bytes(data)
-        values["groups"][group]["bytes"] += len(data) - entry["bytes"]
-        entry["bytes"], entry["sha256"] = len(data), hashlib.sha256(data).hexdigest()
-        if raw_bytes is not None:
-            entry["raw_bytes"] = raw_bytes
-
-    edit_manifest(folder, change)
 
 
 def with_b_pictures(folder: Path, b_frames: int) -> None:
@@ -148,7 +128,7 @@ def with_b_pictures(folder: Path, b_frames: int) -> None:
 
 
 def as_version_1(folder: Path) -> None:
-    """Make a `planes` stream one of version 1, whose bytes mean the same."""
+    """Convert a `planes` stream to version 1, whose bytes have the same meaning."""
     edit_manifest(folder, lambda values: values.update(version=1))
 
 
@@ -178,7 +158,7 @@ class PythonFrames:
 
 
 def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
-    """Content of a group's side file as Python parses it, and where splats lie in its tile: JSON-ready."""
+    """Contents of a group's side file as Python parses it, and the pixels of splats in its tile; JSON-ready."""
     from studio.stream.morton import deinterleave, square_scan
 
     with StreamReader.open(folder) as reader:
@@ -215,13 +195,13 @@ def morton_pixels(tile: int, count: int) -> list[int]:
 
 
 def draw(gaussians: Gaussians, view: Camera, background: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """(H, W, 3) uint8, as `studio.rasterizer` draws."""
+    """(H, W, 3) uint8, rendered by `studio.rasterizer`."""
     image = rasterize(gaussians, view, torch.tensor(list(background))).image
     return (image.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
 
 
 def camera_values(view: Camera) -> dict[str, Any]:
-    """As the player takes cameras."""
+    """A camera in the player's format."""
     return {
         "width": view.width,
         "height": view.height,

@@ -1,5 +1,5 @@
-"""Streams made to do harm: mutated, then sealed again so that all sums are right. The player may play them or say what
-is wrong; it must not hang, nor take memory beyond what the manifest promises, nor break.
+"""Malicious streams: mutated, with all sizes and checksums updated. The player may play them or report what is wrong;
+it must not hang, use more memory than the manifest specifies, or crash.
 
 V3STUDIO_HOSTILE_STREAMS sets how many are tried; the default is quick.
 """
@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import support
 
 from studio.stream.sidefile import deflate
+from tests.support.streams import edit_manifest, replace_file
 
 pytestmark = pytest.mark.web
 
@@ -66,7 +66,7 @@ def mutate_bytes(rng: random.Random, data: bytes) -> bytes:
 
 
 def mutate(rng: random.Random, folder: Path) -> str:
-    """Change a stream; what was done, for the message where the player fails."""
+    """Change a stream; returns a description of the change, for the message if the player fails."""
     kind = rng.choice(["manifest", "side content", "side file", "video"])
     if kind == "manifest":
 
@@ -82,18 +82,18 @@ def mutate(rng: random.Random, folder: Path) -> str:
                 return
 
         try:
-            support.edit_manifest(folder, change)
+            edit_manifest(folder, change)
         except (TypeError, KeyError, ValueError, AttributeError):
-            (folder / "manifest.json").write_bytes(b"[" * rng.randint(1, 100_000))  # could not be summed up again
+            (folder / "manifest.json").write_bytes(b"[" * rng.randint(1, 100_000))  # a checksum cannot be added
     elif kind == "side content":
         group = rng.randrange(2)
         raw = zlib.decompress((folder / f"group_00{group}" / "motion.bin").read_bytes(), wbits=-15)
         changed = mutate_bytes(rng, raw)
-        support.replace_file(folder, group, "side", deflate([changed]), len(changed))
+        replace_file(folder, group, "side", deflate([changed]), len(changed))
     else:
         group, key = rng.randrange(2), "side" if kind == "side file" else "video"
         path = json.loads((folder / "manifest.json").read_bytes())["groups"][group][key]["path"]
-        support.replace_file(folder, group, key, mutate_bytes(rng, (folder / path).read_bytes()))
+        replace_file(folder, group, key, mutate_bytes(rng, (folder / path).read_bytes()))
     return kind
 
 
@@ -147,7 +147,7 @@ def test_mutated_streams(site, baked, open_page, batch):
 def test_a_bomb_is_not_unpacked(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
     for group in range(2):
-        support.replace_file(site.stream, group, "side", deflate([bytes(200_000_000)]))
+        replace_file(site.stream, group, "side", deflate([bytes(200_000_000)]))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
     assert "decompresses to more than" in page.seen("error")[0]
@@ -155,7 +155,7 @@ def test_a_bomb_is_not_unpacked(site, baked, open_page):
 
 def test_a_path_out_of_the_stream_is_refused(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
-    support.edit_manifest(site.stream, lambda values: values["groups"][0]["side"].update(path="../secret.bin"))
+    edit_manifest(site.stream, lambda values: values["groups"][0]["side"].update(path="../secret.bin"))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
     assert "groups.0.side.path" in page.seen("error")[0]
@@ -168,4 +168,4 @@ def test_a_manifest_that_was_edited_is_refused(site, baked, open_page):
     path.write_bytes(path.read_bytes().replace(b'"fps": 25', b'"fps": 24'))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "do not match their own SHA-256" in page.seen("error")[0]
+    assert "does not match its own SHA-256" in page.seen("error")[0]

@@ -1,4 +1,4 @@
-"""Exports: `v3studio export` as a child process, and the views of a camera path."""
+"""Exports and shares: `v3studio export` and `v3studio share` as child processes, and the views of a camera path."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from pathlib import Path
 
 from gui.presenters.playback.viewpoint import BACKGROUNDS
 from gui.presenters.run.jobs import ChildProcess, v3studio_command
+from gui.presenters.run.shares import ShareRequest, megabytes
 from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.takes.atomic_files import remove, write_json
+from pipelines.takes.atomic_files import remove
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -19,6 +20,7 @@ FORMATS: dict[str, tuple[str, str]] = {
     "ply": ("PLY, one file per frame", ""),
     "spz": ("SPZ, one file per frame", ""),
     "glb": ("GLB, one file per frame", ""),
+    "v3": ("Stream in one file", ".v3s"),
     "videogs": ("VideoGS layout", ""),
     "turntable": ("Movie: turntable", ".mp4"),
     "camera-path": ("Movie: camera path", ".mp4"),
@@ -34,7 +36,7 @@ MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured"
 """Background of the movie by label; None is the capture's own."""
 
 LEAST_SECONDS = 6.0
-"""Shortest turntable offered by default: faster ones are dizzying."""
+"""Minimum default duration of a turntable in seconds; faster ones are dizzying."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +49,15 @@ class PathKey:
 
 @dataclass
 class ExportRequest:
-    """An export as chosen in the dialog, text as typed.
+    """An export as specified in the dialog; text as typed.
 
     Attributes:
-        kind: of `FORMATS`.
-        source: take, stream or address.
-        title: its name; the file's begins with it.
-        folder: where to write to at first.
+        kind: a key of `FORMATS`.
+        source: take, stream or URL.
+        title: name of the source; the default file name begins with it.
+        folder: default output folder.
         of: "decoded" or "trained"; "" for a bare stream.
-        seconds, size, background: of a movie, the latter two of `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
+        seconds, size, background: options of a movie; the last two from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
     """
 
     kind: str
@@ -70,22 +72,22 @@ class ExportRequest:
 
     @property
     def target(self) -> str:
-        """File or folder to write; named after what is exported until another name is typed."""
+        """File or folder to write; named after the source and options until another name is typed."""
         ending = FORMATS[self.kind][1]
         return self._target or str(self.folder / f"{self.title}-{self.of or 'stream'}-{self.kind}{ending}")
 
     def set_target(self, text: str) -> None:
-        """A name was typed."""
+        """Set a typed name."""
         self._target = "" if text.strip() == self.target else text
 
     def move_to(self, folder: Path) -> None:
-        """Write into another folder, under the same name."""
+        """Write to another folder under the same name."""
         if self._target:
             self._target = str(folder / Path(self._target.strip()).name)
         self.folder = folder
 
     def arguments(self) -> list[str]:
-        """For `v3studio export`, besides a camera path.
+        """Arguments of `v3studio export`, without the camera path.
 
         Raises:
             StudioError: `export.bad_seconds`, not a number above 0 and at most 3600.
@@ -122,22 +124,25 @@ class ExportRequest:
 
 @dataclass
 class Exports:
-    """One export at a time.
+    """Runs one export or share at a time.
 
     Attributes:
         keys: views of the camera path.
-        words: progress; "" if none runs.
-        result: outcome of the last export, to be shown once.
-        failed: whether that is an error.
+        title: "Export" or "Share".
+        words: progress; "" if none is running.
+        result: outcome of the last one, shown once.
+        failed: whether the last one failed.
     """
 
     keys: list[PathKey] = field(default_factory=list)
+    title: str = "Export"
     words: str = ""
     result: str = ""
     failed: bool = False
     _process: ChildProcess | None = None
     _target: Path | None = None
     _stopping: bool = False
+    _told: str = ""
 
     @property
     def running(self) -> bool:
@@ -145,31 +150,49 @@ class Exports:
         return self._process is not None
 
     def start(self, request: ExportRequest) -> None:
-        """Begin.
+        """Start an export.
 
         Raises:
             StudioError: `export.running`, `export.target_exists`, `export.too_few_views` or `export.bad_seconds`.
         """
-        if self._process is not None:
-            raise StudioError(
-                "export.running", "another export is running", fix="Wait for it, or stop it from the Export menu."
-            )
+        self._check_idle()
         if request.path.exists():
             raise StudioError(
-                "export.target_exists", "already exists, and nothing is overwritten", file=request.path,
+                "export.target_exists", "already exists; existing files are never overwritten", file=request.path,
                 fix="Choose another name.",
             )  # fmt: skip
-        command = [*v3studio_command(), "export", *request.arguments()]
+        arguments = ["export", *request.arguments()]
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
         if request.kind == "camera-path":
             width, height = map(int, request.size.split("x"))
-            command += ["--path", str(self._write_path(scratch, (width, height)))]
-        self._process = ChildProcess(command, scratch / "errors.txt", scratch)
-        self._target, self._stopping = request.path, False
-        self.words, self.result = f"export {request.kind}: starting", ""
+            arguments += ["--path", str(self._write_path(scratch, (width, height)))]
+        self._run("Export", arguments, request.path, scratch)
+
+    def share(self, request: ShareRequest) -> None:
+        """Begin to share.
+
+        Raises:
+            StudioError: `export.running`.
+        """
+        self._check_idle()
+        scratch = Path(tempfile.mkdtemp(prefix="v3studio-share-"))
+        self._run("Share", ["share", *request.arguments()], request.path, scratch)
+
+    def _check_idle(self) -> None:
+        if self._process is not None:
+            raise StudioError(
+                "export.running",
+                "another export is running",
+                fix="Wait for it to finish, or stop it from the Export menu.",
+            )
+
+    def _run(self, title: str, arguments: list[str], target: Path, scratch: Path) -> None:
+        self._process = ChildProcess([*v3studio_command(), *arguments], scratch / "errors.txt", scratch)
+        self.title, self._target, self._stopping, self._told = title, target, False, ""
+        self.words, self.result = f"{title.lower()}: starting", ""
 
     def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
-        from studio.export import Key, path_to_json
+        from studio.export import Key, write_path_keys
 
         if len(self.keys) < 2:
             raise StudioError(
@@ -183,11 +206,11 @@ class Exports:
             for number, key in enumerate(self.keys)
         ]
         path = folder / "path.json"
-        write_json(path, path_to_json(keys))
+        write_path_keys(keys, path)
         return path
 
     def poll(self) -> bool:
-        """Take in the output of the process; returns whether something changed."""
+        """Process the output of the export; return whether anything changed."""
         process = self._process
         if process is None:
             return False
@@ -197,6 +220,8 @@ class Exports:
                 event = json.loads(line)
                 if event["kind"] == "progress":
                     self.words = f"{event['what']}: {event['done']} of {event['total']}"
+                elif event["kind"] == "shared":
+                    self._told = f"\n{megabytes(event['total_bytes'])} in {event['files']} files"
         status = process.status
         if status is None:
             return self.words != before
@@ -205,22 +230,22 @@ class Exports:
         last = process.last_line()
         remove(process.errors.parent)
         if status == 0:
-            self.result = f"Written: {self._target}"
+            self.result = f"Written: {self._target}{self._told}"
         elif self._stopping or status == EXIT_CANCELLED:
-            self.result, self.failed = "Export stopped. No files were left behind.", False
+            self.result, self.failed = f"{self.title} stopped. No files were left behind.", False
         else:
-            self.result = f"Export failed: {last.removeprefix('error: ')}"
+            self.result = f"{self.title} failed: {last.removeprefix('error: ')}"
         return True
 
     def stop(self) -> None:
-        """Ask it to stop; partial output is removed."""
+        """Stop the export; partial output is removed."""
         if self._process is not None:
             self._stopping = True
             self._process.cancel()
 
 
 def fitted(camera: Camera, width: int, height: int) -> Camera:
-    """The view at another image size: same vertical field of view, the sides cropped or extended."""
+    """The view at another image size: same vertical field of view, with the sides cropped or extended."""
     scale = height / camera.height
     K = camera.K.copy()
     K[:2] *= scale

@@ -7,12 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Union, get_args, get_origin
 
-import yaml
-
 from pipelines.config import Config
 from pipelines.config.description import allowed_values
 from pipelines.config.loading import parse_override
 from studio.settings import Heading, Settings, marker, submodel
+from studio.yaml_text import inline_yaml
 
 SECTIONS = {
     "capture": ("capture",),
@@ -34,12 +33,12 @@ class SettingField:
 
     Attributes:
         name: dotted, as in train.max_splats.
-        heading: of its block of settings.
-        label: shown name; for a nested setting it begins with the section.
-        kind: "switch", "choice" or "text"; a switch that may be null is a choice.
-        choices: of a choice, `NULL` first where it may be null.
+        heading: heading of its block of settings.
+        label: displayed name; for a nested setting it begins with the section.
+        kind: "switch", "choice" or "text"; a switch that can be null is a choice.
+        choices: values of a choice, `NULL` first if it can be null.
         text: whether the value is plain text (else it is parsed as YAML).
-        nullable: whether it may be null; an empty field and "null" both mean null.
+        nullable: whether it can be null; an empty field and "null" both mean null.
         documentation: description and bounds.
     """
 
@@ -57,13 +56,10 @@ class SettingField:
         value: Any = config.model_dump(mode="json")
         for part in self.name.split("."):
             value = value[part]
-        if isinstance(value, str):
-            return value
-        dumped: str = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=10**6)
-        return dumped.removesuffix("...\n").strip()
+        return value if isinstance(value, str) else inline_yaml(value)
 
     def parsed(self, text: str) -> Any:
-        """The value of typed text.
+        """Parse typed text.
 
         Raises:
             StudioError: not valid YAML.
@@ -95,7 +91,7 @@ def stage_of(setting: str) -> str:
 
 
 def matching(fields: Sequence[SettingField], words: str) -> list[SettingField]:
-    """Fields whose name, label, heading or documentation contains all words; a full name matches only its field."""
+    """Fields whose name, label, heading or documentation contains all words; a full name matches only that field."""
     exact = [field for field in fields if field.name == words.strip()]
     if exact:
         return exact

@@ -15,15 +15,16 @@ from gui.presenters.drawing.palette import DIM, GROUND
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import OrbitView, Size
-from pipelines.takes.atomic_files import read_json
+from pipelines.takes.atomic_files import read_model
 from pipelines.takes.point_files import read_points
+from pipelines.takes.stage_files import InitialPointsReport
 from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.errors import StudioError
 
 
 class Mesh(Protocol):
-    """Something that draws itself."""
+    """A mesh that can render itself."""
 
     faces: int
 
@@ -37,7 +38,7 @@ class InitializeView(OrbitView):
 
     Args:
         workspace: the take.
-        read_mesh: reads a mesh file; passed in, so that this package does not import Open3D.
+        read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
     """
 
     modes = ("mesh", "points")
@@ -58,7 +59,7 @@ class InitializeView(OrbitView):
         return take.initialize_group(max(bisect_right(starts, self.frame) - 1, 0))
 
     def state(self) -> Hashable:
-        """The group's files and the view."""
+        """The files of the group, and the view."""
         folder = self._folder()
         view = self.orbit.key if self.orbit is not None else None
         return (folder, _stamp(folder), self.mode, view, self.em)
@@ -79,10 +80,11 @@ class InitializeView(OrbitView):
         else:
             canvas = Canvas(*size, GROUND)
             draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
-        report = read_json(folder / "report.json") if (folder / "report.json").is_file() else {}
+        path = folder / "report.json"
+        keyframe = read_model(path, InitialPointsReport).keyframe if path.is_file() else "?"
         small = round(0.9 * self.em)
         group = int(folder.name.removeprefix("group_"))
-        words = f"group {group}, frame {report.get('keyframe', '?')}: {len(points):,} points"
+        words = f"group {group}, frame {keyframe}: {len(points):,} points"
         if self._mesh is not None:
             words += f" on {self._mesh.faces:,} faces"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
@@ -100,7 +102,7 @@ class InitializeView(OrbitView):
 
 
 def _home(take: Take, points: np.ndarray) -> OrbitCamera:
-    """From the first camera, looking at the points."""
+    """The initial view: from the first camera, looking at the points."""
     if not take.rig.is_file():
         return OrbitCamera.around(points, np.array([0.0, 0.0, 1.0]))
     from studio.camera_files import read_rig

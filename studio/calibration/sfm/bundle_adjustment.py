@@ -16,10 +16,10 @@ def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: f
 
     Args:
         model: pycolmap.Reconstruction.
-        job: says which intrinsics and poses are fixed.
+        job: specifies which intrinsics and poses are fixed.
         threads: number of threads.
         last: True: squared loss, then filter points with errors over 4 pixels; False: Cauchy loss, 12 pixels.
-        width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as `last` says.
+        width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as determined by `last`.
     """
     import pycolmap
 
@@ -40,8 +40,8 @@ def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: f
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
-    for index, lens in enumerate(job.lenses):
-        if lens.known and job.fix_intrinsics:
+    for index, one in enumerate(job.intrinsics):
+        if one.known and job.fix_intrinsics:
             config.set_constant_cam_intrinsics(index + 1)
     if not job.fix_poses:
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)

@@ -1,4 +1,4 @@
-"""A child process that reports JSON lines and can be stopped at any time."""
+"""Runs a child process that prints JSON lines and can be stopped at any time."""
 
 from __future__ import annotations
 
@@ -9,23 +9,43 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from studio.errors import StudioError
 
 
+@dataclass(frozen=True)
+class WorkerProgress:
+    """One line of progress.
+
+    Attributes:
+        step: name of the step in progress.
+        done, total: its finished and all parts.
+    """
+
+    step: str
+    done: int = 0
+    total: int = 0
+
+
 def run_reporting(
-    module: str, arguments: Sequence[str], on_line: Callable[[dict[str, Any]], None], *, what: str, tick: float = 0.2
+    module: str,
+    arguments: Sequence[str],
+    on_progress: Callable[[WorkerProgress | None], None],
+    *,
+    what: str,
+    tick: float = 0.2,
 ) -> None:
-    """Run `python -m module arguments` to the end and pass on every JSON line that it prints.
+    """Run `python -m module arguments` to completion and pass on the progress that it prints as JSON lines.
 
     Args:
         module: the module to run, with this interpreter and import path.
         arguments: its arguments.
-        on_line: called with each line, and with an empty dict every `tick` seconds without one. If it raises (for
-            example `Cancelled`), the child is killed before the exception passes on.
+        on_progress: called with each line, and with None every `tick` seconds without one. If it raises (for example
+            `Cancelled`), the child is killed before the exception passes on.
         what: name of the work, for messages.
-        tick: seconds.
+        tick: interval in seconds.
 
     Raises:
         StudioError: the child reported an error (calibration.worker_failed), or ended without a result
@@ -38,7 +58,7 @@ def run_reporting(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=environment,
-        start_new_session=True,  # Ctrl-C must not reach the child: it is stopped from here
+        start_new_session=True,  # Ctrl-C must not reach the child: this process stops it
     )
     lines: queue.Queue[str | None] = queue.Queue()
     errors: list[str] = []
@@ -69,22 +89,22 @@ def run_reporting(
             try:
                 line = lines.get(timeout=tick)
             except queue.Empty:
-                on_line({})
+                on_progress(None)
                 continue
             if line is None:
                 break
             try:
                 values = json.loads(line)
             except (ValueError, RecursionError):
-                continue  # native code prints too
+                continue  # native code also prints
             if not isinstance(values, dict):
                 continue
             if values.get("finished"):
                 finished = True
             elif "error" in values:
                 failure = str(values["error"])
-            else:
-                on_line(values)
+            elif "step" in values:
+                on_progress(WorkerProgress(str(values["step"]), values.get("done", 0), values.get("total", 0)))
         child.wait()
     finally:
         if child.poll() is None:

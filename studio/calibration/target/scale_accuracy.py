@@ -12,7 +12,7 @@ from studio.rays import nearest_point_to_rays
 
 
 def shared_sync_frames(state: TargetRig) -> dict[str, int]:
-    """ "cam0 cam1" to the number of sync frames in which both see the target, for pairs with any."""
+    """Two camera names ("cam0 cam1") to the number of sync frames in which both see the target, if above 0."""
     sync_frames: dict[str, set[int]] = {name: set() for name in state.cameras}
     for sync_frame, name in state.views:
         sync_frames[name].add(sync_frame)
@@ -25,15 +25,15 @@ def shared_sync_frames(state: TargetRig) -> dict[str, int]:
     }
 
 
-def scale_check(state: TargetRig, board: CalibrationTarget) -> tuple[float, float] | None:
+def scale_check(state: TargetRig, target: CalibrationTarget) -> tuple[float, float] | None:
     """Triangulate the corners with the calibrated cameras and compare them with the target.
 
     Returns:
-        relative error of the distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters of
-        the triangulated corners from the target fitted to them; None if no two cameras see the same corners.
+        relative error of the distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters
+        between the triangulated corners and the target fitted to them; None if no two cameras see the same corners.
     """
     scales, squares = [], []
-    for sync_frame in state.boards:
+    for sync_frame in state.target_poses:
         rays: dict[int, list[tuple[Camera, np.ndarray]]] = {}
         for name, camera in state.cameras.items():
             view = state.views.get((sync_frame, name))
@@ -45,8 +45,8 @@ def scale_check(state: TargetRig, board: CalibrationTarget) -> tuple[float, floa
             continue
         ids = sorted(several)
         measured = np.array([_triangulate(several[corner]) for corner in ids])
-        true = board.corners[ids]
-        if np.linalg.matrix_rank(true - true.mean(0), tol=0.1 * board.square) < 2:
+        true = target.corners[ids]
+        if np.linalg.matrix_rank(true - true.mean(0), tol=0.1 * target.square) < 2:
             continue
         fit = align_points(true, measured)
         scales.append(fit.scale)

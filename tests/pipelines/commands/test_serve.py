@@ -1,47 +1,41 @@
-"""`v3studio serve` and `v3studio play http://...`, over real connections on this machine."""
+"""`v3studio serve` and `v3studio play http://...`, over real local connections."""
 
 from __future__ import annotations
 
+import hashlib
 import http.client
 import json
 import os
 import shutil
 import signal
 import socket
+import ssl
 import threading
 import time
 import urllib.parse
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-import torch
 import uvicorn
+from starlette.applications import Starlette
 
 from pipelines.commands.serve import build_app, find_streams, listen
-from studio.gaussians import Gaussians
+from pipelines.share.player_files import PlayerFiles
 from studio.playback import play_headless
-from studio.stream import BakeSettings, bake_group, write_manifest
+from studio.stream import BakeSettings
 from tests.support.errors import refuses
+from tests.support.streams import bake_numbered
 
 LENGTHS = (5,) * 8
 
 
 def bake(folder: Path) -> Path:
-    """40 frames at 20 fps in groups of 5; splat 0 of frame i lies at x = i."""
+    """40 frames at 20 fps in groups of 5."""
     settings = BakeSettings(profile="planes", qp=0, preset="ultrafast")
-    entries, first = [], 0
-    for group, length in enumerate(LENGTHS):
-        frames = []
-        for index in range(first, first + length):
-            means = torch.zeros(30, 3)
-            means[:, 0] = index
-            quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(30, 1)
-            frames.append(Gaussians(means, quats, -3 * torch.ones(30, 3), torch.zeros(30), torch.zeros(30, 1, 3)))
-        entries.append(bake_group(frames, folder, group, first, settings))
-        first += length
-    write_manifest(folder, entries, 20.0, settings)
-    return folder
+    return bake_numbered(folder, LENGTHS, 20.0, 30, settings)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +45,7 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def port(stream: Path):
-    """A server over `stream`, with things beside and in it that nobody may get."""
+    """A server for `stream`, with files in and next to it that must not be served."""
     (stream.parent / "secret.txt").write_text("secret")
     (stream / ".hidden").write_text("secret")
     (stream / "out.txt").symlink_to(stream.parent / "secret.txt")
@@ -63,6 +57,20 @@ def port(stream: Path):
         yield sock.getsockname()[1]
         server.should_exit = True
         thread.join(10)
+
+
+@contextmanager
+def running(app: Starlette) -> Iterator[int]:
+    """A server in this process; its port."""
+    with listen("127.0.0.1", 0) as sock:
+        server = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off"))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
+        thread.start()
+        try:
+            yield sock.getsockname()[1]
+        finally:
+            server.should_exit = True
+            thread.join(10)
 
 
 def ask(port: int, path: str, method: str = "GET", **headers: str) -> tuple[int, dict[str, str], bytes]:
@@ -209,6 +217,86 @@ def test_of_several_each_has_its_own_path(stream, tmp_path):
         thread.join(10)
 
 
+PLAYER = PlayerFiles(
+    "<title>V3 Player</title><!-- v3:head --><!-- v3:player -->old<!-- /v3:player -->"
+    '<script type="module" src="v3-player.js"></script>',
+    b"export {};",
+    b"licenses",
+)
+BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
+
+
+def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
+    for name in ("a", "b <'&>"):
+        shutil.copytree(stream, tmp_path / name, symlinks=True)
+    (tmp_path / "a" / ".player").mkdir()
+    for folder, page, script in ((stream, "/", ".player/"), (tmp_path, "/a/", "../.player/")):
+        with running(build_app(find_streams(str(folder)), PLAYER)) as port:
+            status, headers, body = ask(port, page, Accept=BROWSER)
+            assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
+            assert headers["cache-control"] == "no-cache"
+            text = body.decode()
+            assert 'src="manifest.json"' in text
+            assert f'src="{script}{PLAYER.script_name}"' in text
+            status, headers, body = ask(port, f"/.player/{PLAYER.script_name}")
+            assert (status, body) == (200, PLAYER.script)
+            assert headers["content-type"].startswith("text/javascript"), "or browsers refuse modules"
+            assert "immutable" in headers["cache-control"]
+            for wrong in ("/.player/", "/.player/v3-player.js", "/.player", "/group_000/"):
+                assert ask(port, wrong, Accept=BROWSER)[0] == 404
+            assert ask(port, "/")[2].decode().startswith("V3 Studio streams:\n")
+            if folder == tmp_path:
+                links = ask(port, "/", Accept=BROWSER)[2].decode()
+                assert "b &lt;&#x27;&amp;&gt;" in links
+                assert f'href="{urllib.parse.quote(chr(98) + " <" + chr(39) + "&>")}/"' in links
+                assert ask(port, "/a", Accept=BROWSER)[0] == 307
+
+
+def test_addresses_and_fingerprint_as_json_over_https(start, stream):
+    process = start("serve", stream, "--port", "0", "--https", "--json")
+    told = json.loads(process.stdout.readline())
+    assert told["kind"] == "serving"
+    assert told["https"]
+    assert told["local"]
+    (one,) = told["streams"]
+    assert one["folder"] == str(stream)
+    assert one["address"] == f"{told['bases'][0]}/"
+    insecure = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    insecure.check_hostname, insecure.verify_mode = False, ssl.CERT_NONE
+    with urllib.request.urlopen(f"{one['address']}manifest.json", context=insecure) as answer:
+        assert answer.read() == (stream / "manifest.json").read_bytes()
+    place = urllib.parse.urlsplit(one["address"])
+    der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((place.hostname, place.port)))
+    assert told["fingerprint"].replace(":", "").lower() == hashlib.sha256(der).hexdigest()
+    process.send_signal(signal.SIGINT)
+    process.wait(10)
+    assert process.stderr.read() == ""
+
+
+def test_what_phones_need_is_told(start, stream):
+    process = start("serve", stream, "--port", "0", "--host", "0.0.0.0", "--qr")
+    lines: list[str] = []
+    while not lines or not lines[-1].startswith("http"):
+        lines.append(process.stdout.readline())
+        assert lines[-1], process.stderr.read()
+    address = lines[0].rsplit(" at ", 1)[1]
+    assert lines[-1] == address
+    assert "0.0.0.0" not in address
+    assert "127.0.0.1" not in address
+    assert any("--https" in line for line in lines)
+    assert sum("█" in line for line in lines) > 10
+    process.send_signal(signal.SIGINT)
+
+
+def test_bad_certificates_are_refused(here, stream, tmp_path):
+    (tmp_path / "a.pem").write_text("hello")
+    for options in (("--certificate", tmp_path / "a.pem"), ("--key", tmp_path / "a.pem")):
+        done = here("serve", stream, *options, "--json")
+        assert done.returncode == 1
+        code = json.loads(done.stdout.splitlines()[-1])["code"]
+        assert code == ("serve.bad_certificate" if options[0] == "--certificate" else "command.invalid_option")
+
+
 def test_a_port_that_is_taken(here, stream):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         done = here("serve", stream, "--port", taken.getsockname()[1])
@@ -219,7 +307,7 @@ def test_a_port_that_is_taken(here, stream):
 
 
 def served(start, stream: Path, port: int = 0):
-    """A server process; its address."""
+    """Start a server process; yields its address."""
     process = start("serve", stream, "--port", port)
     line = process.stdout.readline()
     assert "at http://127.0.0.1:" in line, process.stderr.read()
@@ -236,7 +324,7 @@ def test_ctrl_c_ends_it_within_two_seconds_whoever_is_connected(start, tmp_path)
         idle.sendall(b"GET /manifest.json HTTP/1.1\r\nHost: x\r\n\r\n")
         assert idle.recv(100)
         slow.sendall(b"GET /big.bin HTTP/1.1\r\nHost: x\r\n\r\n")
-        assert slow.recv(100)  # and no more: the answer stays under way
+        assert slow.recv(100)  # and no more: the response stays incomplete
         began = time.monotonic()
         process.send_signal(signal.SIGINT)
         process.wait(10)
@@ -268,7 +356,7 @@ def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(sta
     assert report.skipped == ()
     assert seen == sorted(set(seen))
     assert seen[-1] == 39
-    # What was fetched before plays on and the clock waits for the rest: an outage costs time, hardly any frames.
+    # Fetched groups keep playing and the clock waits for the rest: an outage costs time, but hardly any frames.
     assert report.shown + report.dropped == 40
     assert report.shown > 12
     assert report.seconds > 40 / 20

@@ -1,4 +1,4 @@
-"""Takes of format 1: read as they are, brought to format 2 by a run, whenever that was stopped before."""
+"""Takes of format 1: read as is, and migrated to format 2 by a run, even after an interrupted migration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pipelines.takes.take import Take
 
 
 def old_take(root: Path) -> Path:
-    """A small take of format 1, written as the program of that format did: its names, digests over its names."""
+    """A small take of format 1, as written by earlier versions: old names, and digests over the old names."""
     config = Config.model_validate({"train": {"strategy": "mcmc"}})
     group = root / "initialise" / "group_000"
     group.mkdir(parents=True)
@@ -96,6 +96,39 @@ def test_migration_keeps_results_and_says_the_same(root: Path) -> None:
     assert read_json(root / "calibrate" / "report.json") == {"match_inlier_ratio": 0.9, "geometry": {"neighbors": {}}}
 
 
+SETTINGS_OF_FORMAT_1 = """\
+# my take
+capture:
+  root: "/data"  # the disk in the rack
+
+# what starts each group
+initialise:
+  points: 45000 # enough
+
+train:
+  # tried both
+  density: gradient  # as in 3DGS
+  motion_neighbours: 8
+  group_size: 15
+
+calibrate:
+  keep_known: no
+"""
+
+
+def test_migration_keeps_the_comments_of_the_settings(root: Path) -> None:
+    (root / "config.yaml").write_text(SETTINGS_OF_FORMAT_1)
+    before = load_config(root / "config.yaml")
+    assert migration.migrate(Take.open(root))
+    assert (root / "config.yaml").read_text() == (
+        SETTINGS_OF_FORMAT_1.replace("initialise:", "initialize:")
+        .replace("density: gradient", "strategy: default")
+        .replace("motion_neighbours", "motion_neighbors")
+        .replace("keep_known: no", "fix_intrinsics: false")
+    )
+    assert load_config(root / "config.yaml") == before
+
+
 def test_a_migration_that_was_killed_anywhere_goes_on(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = seen(root)
     whole = root.with_name("whole")
@@ -137,7 +170,7 @@ def test_a_migration_that_was_killed_anywhere_goes_on(root: Path, monkeypatch: p
 
 
 def test_a_stage_that_has_not_changed_is_not_stale(root: Path) -> None:
-    """Of a stage's record, names of before and of now compare equal."""
+    """Old and current names in a stage's record compare equal."""
     take = Take.open(root)
     context = Context(take, load_config(take.config))
     found = assess_all(STAGES[:1], context)["calibrate"]

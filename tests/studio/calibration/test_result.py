@@ -1,4 +1,4 @@
-"""Reports of a calibration, checked by hand; the floor of a synthetic scene."""
+"""Calibration reports compared with values computed by hand; the floor of a synthetic scene."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RIG = Rig(
 
 
 def test_report_of_known_errors() -> None:
-    """Two points; east sees both exactly, north both 0.6 px off, west one 2 px off."""
+    """Two points; east observes both exactly, north both with an error of 0.6 px, west one with an error of 2 px."""
     points = np.array([[0.0, 0, 0], [0.1, 0.1, 0.1]])
     seen = {}
     for name, off, ids in (("east", 0.0, [0, 1]), ("north", 0.6, [0, 1]), ("west", 2.0, [0])):
@@ -44,8 +44,8 @@ def test_report_of_known_errors() -> None:
     grid = np.array(report.cameras["west"].coverage_map)
     assert grid.sum() == 1
     assert grid[4, 4] == 1  # (42, 30) of 80 x 60
-    written = report.to_dict()
-    assert CalibrationReport.model_validate_json(json.dumps(written)) == report
+    written = json.loads(report.model_dump_json(exclude_unset=True))
+    assert CalibrationReport.model_validate(written) == report
     assert set(written) == {
         "reprojection", "quality", "points", "observations", "mean_track_length", "tracks", "geometry", "cameras",
     }  # fmt: skip

@@ -5,16 +5,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import torch
 
-from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, FolderSource, bake_group, write_manifest
+from studio.stream import FolderSource
+from tests.support.streams import bake_numbered
 
 FPS = 50.0
 
 
 class GatedSource(FolderSource):
-    """A folder source whose reads can be blocked; records them."""
+    """A folder source that records its reads and can block them."""
 
     def __init__(self, root: Path) -> None:
         super().__init__(root)
@@ -31,7 +30,7 @@ class GatedSource(FolderSource):
         return data
 
     def whole(self, group: str) -> bool:
-        """True if all files of a group have been read."""
+        """Whether all files of a group have been read."""
         files = {f"{group}/{file.name}" for file in (Path(self.name) / group).iterdir()}
         return files <= set(self.finished)
 
@@ -40,33 +39,16 @@ class GatedSource(FolderSource):
         return list(dict.fromkeys(path.split("/")[0] for path in self.reads if "/" in path))
 
 
-def bake_numbered(folder: Path, lengths: tuple[int, ...]) -> Path:
-    """A stream at 50 fps with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame."""
-    settings = BakeSettings(profile="planes", qp=0)
-    entries, first = [], 0
-    for group, length in enumerate(lengths):
-        frames = []
-        for index in range(first, first + length):
-            means = torch.zeros(40, 3)
-            means[:, 0] = index
-            quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(40, 1)
-            frames.append(Gaussians(means, quats, -3 * torch.ones(40, 3), torch.zeros(40), torch.zeros(40, 1, 3)))
-        entries.append(bake_group(frames, folder, group, first, settings))
-        first += length
-    write_manifest(folder, entries, FPS, settings)
-    return folder
-
-
 @pytest.fixture
 def stream(tmp_path: Path) -> Path:
     """Groups of 5, 4, 1 and 6 frames, see `bake_numbered`."""
-    return bake_numbered(tmp_path / "stream", (5, 4, 1, 6))
+    return bake_numbered(tmp_path / "stream", (5, 4, 1, 6), FPS)
 
 
 @pytest.fixture
 def long_stream(tmp_path: Path) -> Path:
     """Six groups of 14 frames."""
-    return bake_numbered(tmp_path / "long", (14,) * 6)
+    return bake_numbered(tmp_path / "long", (14,) * 6, FPS)
 
 
 @pytest.fixture
@@ -103,7 +85,7 @@ def clock() -> HandClock:
 
 @pytest.fixture
 def until() -> Callable[..., None]:
-    """`until(condition)`: wait, at most 10 s, until other threads make it true."""
+    """`until(condition)`: wait up to 10 s until other threads make it true."""
     import time
 
     def wait(condition: Callable[[], bool], what: str = "condition") -> None:

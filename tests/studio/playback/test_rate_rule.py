@@ -1,6 +1,7 @@
 """The rule that changes renditions, on a simulated network and in the player."""
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -28,7 +29,7 @@ class Network:
 
 
 def play(rule, network, groups=30, seconds=1 / 3):
-    """A player with an endless memory. Returns the renditions in the order of the groups, and seconds it stood still."""
+    """A player with enough memory: the renditions in the order of the groups, and how many seconds it stood still."""
     now, runs_out, chosen, stalled = 0.0, None, [], 0.0
     for _ in range(groups):
         buffered = 0.0 if runs_out is None else max(runs_out - now, 0.0)
@@ -72,7 +73,7 @@ def test_a_steady_network_does_not_oscillate():
     for rate in (1.5e6, 3e6, 5e6, 9e6):
         chosen, stalled = play(RateRule(RATES), Network(lambda now, rate=rate: rate), groups=120)
         assert stalled == 0
-        assert sum(a != b for a, b in zip(chosen[40:], chosen[41:], strict=False)) <= 8
+        assert sum(a != b for a, b in pairwise(chosen[40:])) <= 8
         average = sum(RATES[choice] for choice in chosen[40:]) / 80
         assert 0.4 * rate < average <= rate
 

@@ -1,13 +1,14 @@
 /**
  * The manifest: types, and the checks of docs/STREAM.md ("What a reader must refuse").
  *
- * Versions 1 (`planes`) and 2 are read. Everything that a later version adds is parsed here and nowhere else.
+ * Reads versions 1 (`planes`), 2 and 3. Additions of later versions are parsed only here.
  */
 
 import { StreamError } from "./errors.ts";
 
 export const FORMAT = "v3studio-stream";
-export const NEWEST_VERSION = 2;
+export const NEWEST_VERSION = 3;
+const PAGE_FORMAT = "v3studio-stream-page";
 export const MANIFEST_NAME = "manifest.json";
 
 const MAX_SPLATS = 4 << 20;
@@ -20,6 +21,12 @@ const MAX_SIDE_BYTES = 2 ** 28;
 const MAX_PICTURE = 16384;
 const MAX_VALUE = 1e9;
 const PATH = /^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(\/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}$/;
+/** Version 3: files are named by the first digits of their SHA-256. */
+export const HASHED = /^files\/([0-9a-f]{32})\.[a-z0-9]{1,8}$/;
+const MAX_RENDITIONS = 16;
+const MAX_PAGE_BYTES = 1 << 24;
+const MAX_PAGE_GROUPS = 4096;
+const RENDITION = /^[a-z0-9-]{1,32}$/;
 const SHA256 = /^[0-9a-f]{64}$/;
 
 export type Vector = readonly [number, number, number];
@@ -37,11 +44,48 @@ export interface FileEntry {
 }
 
 export interface SideEntry extends FileEntry {
-  /** Size once decompressed. */
+  /** Decompressed size. */
   readonly rawBytes: number;
 }
 
+/** CRC-32 of the decoded luma of one picture of a video. */
+export interface LumaCheck {
+  readonly picture: number;
+  readonly crc32: number;
+}
+
+export interface VideoEntry extends FileEntry {
+  /** Empty in versions 1 and 2. */
+  readonly checks: readonly LumaCheck[];
+}
+
+/** A group's frames. */
+export interface Span {
+  readonly firstFrame: number;
+  readonly frameCount: number;
+}
+
+/** A rendition of the whole stream. */
+export interface Rendition {
+  readonly id: string;
+  readonly splats: number;
+  readonly shDegree: number;
+  readonly bytes: number;
+  /** Bits per second. */
+  readonly bandwidth: number;
+}
+
+/** A page of the index: a file with groups `firstGroup` and following. */
+export interface PageEntry extends FileEntry {
+  readonly firstGroup: number;
+  readonly firstFrame: number;
+  /** Frames of each of its groups. */
+  readonly frames: readonly number[];
+}
+
 interface GroupCommon {
+  /** Its rendition's id; empty in versions 1 and 2. */
+  readonly rendition: string;
   readonly index: number;
   readonly firstFrame: number;
   readonly frameCount: number;
@@ -49,7 +93,7 @@ interface GroupCommon {
   readonly shDegree: number;
   readonly boundingBox: Box;
   readonly bytes: number;
-  /** All files, in the order in which a player needs them. */
+  /** All files in the order in which a player needs them. */
   readonly files: readonly FileEntry[];
 }
 
@@ -68,12 +112,12 @@ export interface MotionGroup extends GroupCommon {
   };
   readonly channels: readonly { readonly name: string; readonly offset: number; readonly step: number }[];
   readonly side: SideEntry;
-  readonly video: FileEntry;
+  readonly video: VideoEntry;
 }
 
 export type Part = "all" | "high" | "low" | "low_mirrored";
 
-export interface PlaneEntry extends FileEntry {
+export interface PlaneEntry extends VideoEntry {
   readonly part: Part;
 }
 
@@ -108,13 +152,21 @@ export interface Manifest {
   readonly profile: "motion" | "planes";
   readonly fps: number;
   readonly frameCount: number;
+  /** Of the best rendition. */
   readonly shDegree: number;
   readonly codec: CodecName;
   readonly boundingBox: Box;
-  readonly groups: readonly Group[];
+  /** The best first; empty in versions 1 and 2. */
+  readonly renditions: readonly Rendition[];
+  /** All groups. */
+  readonly spans: readonly Span[];
+  /** The first groups, each in all its renditions; in versions 1 and 2 all groups in one. */
+  readonly groups: readonly (readonly Group[])[];
+  /** Where the other groups are. */
+  readonly pages: readonly PageEntry[];
   readonly totalBytes: number;
   readonly sha256: string;
-  /** What metadata offers to a player, each where it is there and well formed. */
+  /** Metadata for players; each value only if it is present and well-formed. */
   readonly camera: Camera | null;
   readonly up: Vector | null;
   readonly background: Vector | null;
@@ -123,13 +175,13 @@ export interface Manifest {
 
 type Values = Record<string, unknown>;
 
-/** Reads values out of JSON, with the place in every message. */
+/** Reads values from JSON; every message names the position in the file. */
 class Reader {
   private readonly values: Values;
   private readonly place: string;
 
   constructor(value: unknown, place: string) {
-    if (typeof value !== "object" || value === null || Array.isArray(value)) throw wrong(place, "is no object", value);
+    if (typeof value !== "object" || value === null || Array.isArray(value)) throw wrong(place, "is not an object", value);
     this.values = value as Values;
     this.place = place;
   }
@@ -138,7 +190,7 @@ class Reader {
     return this.place === "" ? key : `${this.place}.${key}`;
   }
 
-  /** A finite number within bounds. */
+  /** Returns a finite number within bounds. */
   number(key: string, low: number, high: number): number {
     const value = this.values[key];
     if (typeof value !== "number" || !Number.isFinite(value) || value < low || value > high)
@@ -146,7 +198,7 @@ class Reader {
     return value;
   }
 
-  /** A number above zero. */
+  /** Returns a number above zero. */
   step(key: string): number {
     const value = this.number(key, 0, MAX_VALUE);
     if (!(value > 0)) throw wrong(this.at(key), "must be above 0", value);
@@ -197,7 +249,7 @@ class Reader {
   box(key: string): Box {
     const box = this.object(key);
     const [min, max] = [box.vector("min"), box.vector("max")];
-    if (min.some((low, i) => low > max[i])) throw wrong(this.at(key), "has its minimum above its maximum", null);
+    if (min.some((low, i) => low > max[i])) throw wrong(this.at(key), "has a minimum above its maximum", null);
     return { min, max };
   }
 
@@ -208,6 +260,27 @@ class Reader {
       bytes: from.integer("bytes", 1, MAX_FILE_BYTES),
       sha256: from.text("sha256", SHA256),
     };
+  }
+
+  video(key: string | null, frames: number, version: number): VideoEntry {
+    const from = key === null ? this : this.object(key);
+    if (version < 3) return { ...from.file(null), checks: [] };
+    let least = 0;
+    const checks = from.list("checks", 1, 2).map((entry, i): LumaCheck => {
+      const picture = entry.integer("picture", least, i === 0 ? 0 : frames - 1);
+      least = picture + 1;
+      return { picture, crc32: entry.integer("crc32", 0, 2 ** 32 - 1) };
+    });
+    return { ...from.file(null), checks };
+  }
+
+  numbers(key: string, low: number, high: number, least: number, most: number): number[] {
+    const value = this.values[key];
+    if (!Array.isArray(value) || value.length < low || value.length > high)
+      throw wrong(this.at(key), `must be a list of ${low} to ${high} numbers`, value);
+    if (!value.every((item) => Number.isInteger(item) && (item as number) >= least && (item as number) <= most))
+      throw wrong(this.at(key), `must be integers from ${least} to ${most}`, null);
+    return value as number[];
   }
 }
 
@@ -232,7 +305,7 @@ export function componentNames(shDegree: number): string[] {
   return names;
 }
 
-/** Side of the smallest square that holds `splats`, a multiple of `multiple`. */
+/** Side of the smallest square that fits `splats` pixels, rounded up to a multiple of `multiple`. */
 export function squareSide(splats: number, multiple: number): number {
   let side = multiple * Math.max(1, Math.floor(Math.sqrt(splats) / multiple));
   while (side * side < splats) side += multiple;
@@ -243,12 +316,12 @@ function sameNames(found: readonly { readonly name: string }[], wanted: readonly
   return found.length === wanted.length && found.every((entry, i) => entry.name === wanted[i]);
 }
 
-function readMotion(group: Reader, common: GroupCommon, place: string): MotionGroup {
+function readMotion(group: Reader, common: GroupCommon, place: string, version: number): MotionGroup {
   const side: SideEntry = {
     ...group.file("side"),
     rawBytes: group.object("side").integer("raw_bytes", 1, MAX_SIDE_BYTES),
   };
-  const video = group.file("video");
+  const video = group.video("video", common.frameCount, version);
   const positions = group.object("positions");
   const blocks = group.object("blocks");
   const result: MotionGroup = {
@@ -276,11 +349,11 @@ function readMotion(group: Reader, common: GroupCommon, place: string): MotionGr
   if (result.tile !== squareSide(result.splats, 16))
     throw wrong(`${place}.tile`, `does not fit ${result.splats} splats`, result.tile);
   if (!sameNames(result.channels, channelNames(result.shDegree)))
-    throw wrong(`${place}.channels`, `are not those of SH degree ${result.shDegree}`, null);
+    throw wrong(`${place}.channels`, `do not match SH degree ${result.shDegree}`, null);
   if (result.columns * result.rows < result.channels.length)
     throw wrong(place, `has ${result.columns} x ${result.rows} tiles for ${result.channels.length} channels`, null);
   if (Math.max(result.columns, result.rows) * result.tile > MAX_PICTURE)
-    throw wrong(place, `has a picture larger than ${MAX_PICTURE}`, null);
+    throw wrong(place, `has a picture larger than ${MAX_PICTURE} pixels on a side`, null);
   if (result.blocks.count > result.splats)
     throw wrong(place, `has ${result.blocks.count} blocks for ${result.splats} splats`, null);
   if (result.positions.step * 2 ** result.positions.bits > 2 * MAX_VALUE)
@@ -288,30 +361,30 @@ function readMotion(group: Reader, common: GroupCommon, place: string): MotionGr
   return result;
 }
 
-function readPlanes(group: Reader, common: GroupCommon, place: string): PlanesGroup {
+function readPlanes(group: Reader, common: GroupCommon, place: string, version: number): PlanesGroup {
   const components = group.list("components", 1, 64).map((entry): ComponentEntry => {
     const component = {
       name: entry.text("name", /^[a-z0-9_]{1,20}$/),
       min: entry.number("min", -MAX_VALUE, MAX_VALUE),
       max: entry.number("max", -MAX_VALUE, MAX_VALUE),
       planes: entry.list("planes", 1, 2).map((plane) => ({
-        ...plane.file(null),
+        ...plane.video(null, common.frameCount, version),
         part: plane.oneOf("part", ["all", "high", "low", "low_mirrored"]),
       })),
     };
     const parts = component.planes.map((plane) => plane.part).join(" ");
     const allowed = component.name.startsWith("mean_") ? ["high low", "high low_mirrored"] : ["all"];
-    if (component.min > component.max || !allowed.includes(parts)) throw wrong(place, `has a wrong ${component.name}`, null);
+    if (component.min > component.max || !allowed.includes(parts)) throw wrong(place, `has an invalid component ${component.name}`, null);
     return component;
   });
   const side = group.integer("side", 8, MAX_PICTURE);
   if (side !== squareSide(common.splats, 8)) throw wrong(`${place}.side`, `does not fit ${common.splats} splats`, side);
   if (!sameNames(components, componentNames(common.shDegree)))
-    throw wrong(`${place}.components`, `are not those of SH degree ${common.shDegree}`, null);
+    throw wrong(`${place}.components`, `do not match SH degree ${common.shDegree}`, null);
   return { ...common, profile: "planes", side, components, files: components.flatMap((entry) => [...entry.planes]) };
 }
 
-/** Metadata is free: what is not well formed is as good as absent. */
+/** Metadata is optional: values that are not well-formed are ignored. */
 function optional<T>(read: () => T): T | null {
   try {
     return read();
@@ -341,10 +414,179 @@ function readCamera(metadata: Values): Camera | null {
   });
 }
 
+type Profile = "motion" | "planes";
+type Content = Pick<Manifest, "frameCount" | "shDegree" | "renditions" | "spans" | "groups" | "pages" | "totalBytes">;
+
+/** One group in one rendition, of any version. */
+function readGroup(
+  entry: Reader,
+  place: string,
+  profile: Profile,
+  version: number,
+  index: number,
+  firstFrame: number,
+  frames: readonly [number, number],
+  shDegree: number,
+  maxSplats: number,
+  rendition: string,
+): Group {
+  const common: GroupCommon = {
+    rendition,
+    index: entry.integer("index", index, index),
+    firstFrame: entry.integer("first_frame", firstFrame, firstFrame),
+    frameCount: entry.integer("frame_count", frames[0], frames[1]),
+    splats: entry.integer("splats", 1, maxSplats),
+    shDegree: entry.integer("sh_degree", shDegree, shDegree),
+    boundingBox: entry.box("bounding_box"),
+    bytes: entry.integer("bytes", 1, Number.MAX_SAFE_INTEGER),
+    files: [],
+  };
+  const group =
+    profile === "motion" ? readMotion(entry, common, place, version) : readPlanes(entry, common, place, version);
+  if (group.files.reduce((sum, file) => sum + file.bytes, 0) !== group.bytes)
+    throw wrong(`${place}.bytes`, "is not the sum of its file sizes", group.bytes);
+  return group;
+}
+
+/** The groups of versions 1 and 2. */
+function readGroups(root: Reader, profile: Profile, version: number, bytes: number): Content {
+  const shDegree = root.integer("sh_degree", 0, 3);
+  const paths = new Set([MANIFEST_NAME]);
+  let frame = 0;
+  let files = 0;
+  const groups = root.list("groups", 1, MAX_GROUPS).map((entry, number): Group => {
+    const place = `groups.${number}`;
+    const group = readGroup(
+      entry, place, profile, version, number, frame, [1, MAX_GROUP_FRAMES], shDegree, MAX_SPLATS, "",
+    );
+    for (const file of group.files) {
+      if (paths.has(file.path)) throw wrong(place, "uses the same path twice", file.path);
+      paths.add(file.path);
+    }
+    frame += group.frameCount;
+    files += group.bytes;
+    return group;
+  });
+  return {
+    frameCount: root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES)),
+    shDegree,
+    renditions: [],
+    spans: groups,
+    groups: groups.map((group) => [group]),
+    pages: [],
+    totalBytes: root.integer("total_bytes", files + bytes, files + bytes),
+  };
+}
+
+function checkHashed(file: FileEntry, place: string): void {
+  if (HASHED.exec(file.path)?.[1] !== file.sha256.slice(0, 32))
+    throw wrong(place, "is not named by the file's SHA-256", file.path);
+}
+
+/** A group of version 3 in all its renditions. `frames`: what the manifest promises for a group in a page. */
+function readRenditions(
+  entry: Reader,
+  place: string,
+  profile: Profile,
+  renditions: readonly Rendition[],
+  index: number,
+  firstFrame: number,
+  frames: number | null,
+): Group[] {
+  entry.integer("index", index, index);
+  entry.integer("first_frame", firstFrame, firstFrame);
+  const count = entry.integer("frame_count", frames ?? 1, frames ?? MAX_GROUP_FRAMES);
+  return entry.list("renditions", renditions.length, renditions.length).map((one, i) => {
+    const { id, shDegree, splats } = renditions[i];
+    const where = `${place}.renditions.${i}`;
+    one.oneOf("id", [id]);
+    const group = readGroup(one, where, profile, 3, index, firstFrame, [count, count], shDegree, splats, id);
+    for (const file of group.files) checkHashed(file, where);
+    return group;
+  });
+}
+
+/** What version 3 has instead of the groups of version 2. */
+function readLadder(root: Reader, profile: Profile, bytes: number): Content {
+  const renditions = root.list("renditions", 1, MAX_RENDITIONS).map(
+    (entry): Rendition => ({
+      id: entry.text("id", RENDITION),
+      splats: entry.integer("splats", 1, MAX_SPLATS),
+      shDegree: entry.integer("sh_degree", 0, 3),
+      bytes: entry.integer("bytes", 1, Number.MAX_SAFE_INTEGER),
+      bandwidth: entry.integer("bandwidth", 1, Number.MAX_SAFE_INTEGER),
+    }),
+  );
+  if (new Set(renditions.map(({ id }) => id)).size < renditions.length) throw wrong("renditions", "has an id twice", null);
+  const spans: Span[] = [];
+  let frame = 0;
+  const groups = root.list("groups", 1, MAX_GROUPS).map((entry, number) => {
+    const found = readRenditions(entry, `groups.${number}`, profile, renditions, number, frame, null);
+    spans.push({ firstFrame: frame, frameCount: found[0].frameCount });
+    frame += found[0].frameCount;
+    return found;
+  });
+  const pages = root.list("pages", 0, MAX_GROUPS).map((entry, number): PageEntry => {
+    const page = {
+      ...entry.file(null),
+      bytes: entry.integer("bytes", 1, MAX_PAGE_BYTES),
+      firstGroup: spans.length,
+      firstFrame: frame,
+      frames: entry.numbers("frames", 1, MAX_PAGE_GROUPS, 1, MAX_GROUP_FRAMES),
+    };
+    checkHashed(page, `pages.${number}`);
+    for (const frameCount of page.frames) {
+      spans.push({ firstFrame: frame, frameCount });
+      frame += frameCount;
+    }
+    if (spans.length > MAX_GROUPS) throw wrong("pages", `have more than ${MAX_GROUPS} groups`, null);
+    return page;
+  });
+  const files = new Map<string, number>();
+  for (const group of groups) for (const { files: own } of group) for (const file of own) files.set(file.path, file.bytes);
+  let total = bytes;
+  for (const size of files.values()) total += size;
+  const least = pages.length > 0 ? 1 : total;
+  return {
+    frameCount: root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES)),
+    shDegree: renditions[0].shDegree,
+    renditions,
+    spans,
+    groups,
+    pages,
+    // Sound, which is not played here, and pages are files of their own.
+    totalBytes: root.integer("total_bytes", least, Number.MAX_SAFE_INTEGER),
+  };
+}
+
 /**
- * Reads and checks a manifest's text. The checksum is not checked here, since that takes crypto.subtle.
+ * Parses and validates a page of the index of a stream of version 3.
  *
- * @param text - the file
+ * @throws StreamError - it does not hold the groups that the manifest promises
+ */
+export function parsePage(text: string, page: PageEntry, manifest: Manifest): Group[][] {
+  let head: unknown;
+  try {
+    head = JSON.parse(text);
+  } catch {
+    throw new StreamError(`${page.path} is damaged: it is not readable JSON.`);
+  }
+  const root = new Reader(head, page.path);
+  root.oneOf("format", [PAGE_FORMAT]);
+  let frame = page.firstFrame;
+  return root.list("groups", page.frames.length, page.frames.length).map((entry, i) => {
+    const place = `${page.path}.groups.${i}`;
+    const index = page.firstGroup + i;
+    const found = readRenditions(entry, place, manifest.profile, manifest.renditions, index, frame, page.frames[i]);
+    frame += page.frames[i];
+    return found;
+  });
+}
+
+/**
+ * Parses and validates a manifest. The checksum is verified elsewhere, since that requires crypto.subtle.
+ *
+ * @param text - the content of the file
  * @param bytes - its size in bytes
  * @throws StreamError - not a manifest, a newer version, or a value out of bounds
  */
@@ -353,14 +595,14 @@ export function parseManifest(text: string, bytes: number): Manifest {
   try {
     head = JSON.parse(text);
   } catch {
-    throw new StreamError("This address has no stream: its manifest is not readable JSON.");
+    throw new StreamError("There is no stream at this address: its manifest is not readable JSON.");
   }
   if (typeof head !== "object" || head === null || (head as Values)["format"] !== FORMAT)
-    throw new StreamError(`This address has no stream: the file is not the manifest of a ${FORMAT}.`);
+    throw new StreamError(`There is no stream at this address: the file is not the manifest of a ${FORMAT}.`);
   const values = head as Values;
   const found = values["version"];
   if (typeof found === "number" && found > NEWEST_VERSION)
-    throw new StreamError(`The stream has format version ${found}, this player reads up to ${NEWEST_VERSION}; update the player.`);
+    throw new StreamError(`The stream has format version ${found}, but this player supports versions up to ${NEWEST_VERSION}; update the player.`);
   const root = new Reader(head, "");
   const version = root.integer("version", 1, NEWEST_VERSION);
   const profile = root.oneOf("profile", version === 1 ? ["planes"] : ["motion", "planes"]);
@@ -369,33 +611,7 @@ export function parseManifest(text: string, bytes: number): Manifest {
   const codec = codecValues.oneOf("name", profile === "motion" ? ["h264", "hevc", "av1"] : ["h264"]);
   codecValues.oneOf("pixel_format", ["yuv420p"]);
   codecValues.oneOf("color_range", ["full"]);
-  const shDegree = root.integer("sh_degree", 0, 3);
-  const paths = new Set([MANIFEST_NAME]);
-  let frame = 0;
-  let files = 0;
-  const groups = root.list("groups", 1, MAX_GROUPS).map((entry, number): Group => {
-    const place = `groups.${number}`;
-    const common: GroupCommon = {
-      index: entry.integer("index", number, number),
-      firstFrame: entry.integer("first_frame", frame, frame),
-      frameCount: entry.integer("frame_count", 1, MAX_GROUP_FRAMES),
-      splats: entry.integer("splats", 1, MAX_SPLATS),
-      shDegree: entry.integer("sh_degree", shDegree, shDegree),
-      boundingBox: entry.box("bounding_box"),
-      bytes: entry.integer("bytes", 1, Number.MAX_SAFE_INTEGER),
-      files: [],
-    };
-    const group = profile === "motion" ? readMotion(entry, common, place) : readPlanes(entry, common, place);
-    if (group.files.reduce((sum, file) => sum + file.bytes, 0) !== group.bytes)
-      throw wrong(`${place}.bytes`, "is not the sum over its files", group.bytes);
-    for (const file of group.files) {
-      if (paths.has(file.path)) throw wrong(place, "uses a path twice", file.path);
-      paths.add(file.path);
-    }
-    frame += group.frameCount;
-    files += group.bytes;
-    return group;
-  });
+  const content = version < 3 ? readGroups(root, profile, version, bytes) : readLadder(root, profile, bytes);
   const fps = root.number("fps", 0, 1000);
   if (!(fps > 0)) throw wrong("fps", "must be above 0", fps);
   const metadata = (typeof values["metadata"] === "object" && values["metadata"] !== null ? values["metadata"] : {}) as Values;
@@ -406,12 +622,9 @@ export function parseManifest(text: string, bytes: number): Manifest {
     version,
     profile,
     fps,
-    frameCount: root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES)),
-    shDegree,
     codec,
     boundingBox: root.box("bounding_box"),
-    groups,
-    totalBytes: root.integer("total_bytes", files + bytes, files + bytes),
+    ...content,
     sha256: root.text("manifest_sha256", SHA256),
     camera: readCamera(metadata),
     up: up !== null && up.some((value) => value !== 0) ? up : null,
@@ -420,7 +633,7 @@ export function parseManifest(text: string, bytes: number): Manifest {
   };
 }
 
-/** The group that holds a frame, by bisection; `frame` is within the stream. */
+/** The group that contains a frame, by bisection; `frame` must be within the stream. */
 export function groupOfFrame(groups: readonly { readonly firstFrame: number }[], frame: number): number {
   let low = 0;
   let high = groups.length - 1;

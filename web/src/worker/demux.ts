@@ -1,4 +1,4 @@
-/** Packets of an MP4 in memory. */
+/** Extracts the packets of an MP4 file in memory. */
 
 import { BufferSource, EncodedPacketSink, Input, MP4 } from "mediabunny";
 import { messageOf, StreamError } from "../stream/errors.ts";
@@ -16,7 +16,7 @@ export interface Packet {
 
 export interface Demuxed {
   readonly config: VideoDecoderConfig;
-  /** In order of decoding, which is another than that of display where there are B pictures. */
+  /** In decoding order, which differs from display order where there are B-frames. */
   readonly packets: readonly Packet[];
 }
 
@@ -26,7 +26,7 @@ const CODECS = { h264: "avc", hevc: "hevc", av1: "av1" } as const;
  * Reads the packets of a video file.
  *
  * @param name - for messages
- * @throws StreamError - no MP4 with one video of that codec, size and length
+ * @throws StreamError - not an MP4 file with one video of that codec, size and length
  */
 export async function demux(
   data: Uint8Array<ArrayBuffer>,
@@ -43,13 +43,13 @@ export async function demux(
     const foundCodec = await track.getCodec();
     if (foundCodec !== CODECS[codec] || found[0] !== size[0] || found[1] !== size[1])
       throw new StreamError(
-        `it holds ${foundCodec ?? "unknown"} video of ${found[0]}x${found[1]}, the manifest promises ${codec} of ${size[0]}x${size[1]}`,
+        `it contains ${foundCodec ?? "unknown"} video of ${found[0]}x${found[1]}, but the manifest specifies ${codec} of ${size[0]}x${size[1]}`,
       );
     const config = await track.getDecoderConfig();
-    if (config === null) throw new StreamError("its decoder settings are missing");
+    if (config === null) throw new StreamError("its decoder configuration is missing");
     const packets: Omit<Packet, "picture">[] = [];
     for await (const packet of new EncodedPacketSink(track).packets()) {
-      if (packets.length === frames) throw new StreamError(`it has more than ${frames} pictures`);
+      if (packets.length === frames) throw new StreamError(`it has more than ${frames} frames`);
       packets.push({
         key: packet.type === "key",
         data: packet.data,
@@ -57,7 +57,7 @@ export async function demux(
         duration: packet.duration,
       });
     }
-    if (packets.length < frames) throw new StreamError(`it has ${packets.length} pictures, the manifest says ${frames}`);
+    if (packets.length < frames) throw new StreamError(`it has ${packets.length} frames, but the manifest specifies ${frames}`);
     return { config, packets: inDisplayOrder(packets).map((picture, at) => ({ ...packets[at], picture })) };
   } catch (error) {
     throw new StreamError(`${name} cannot be read: ${messageOf(error)}.`);

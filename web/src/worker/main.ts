@@ -1,11 +1,11 @@
-/** The worker's entry. */
+/** The entry point of the worker. */
 
 import { messageOf } from "../stream/errors.ts";
 import type { FromWorker, ToWorker } from "./messages.ts";
 import { Session } from "./session.ts";
 import { VideoChannel } from "./video_pictures.ts";
 
-/** What of DedicatedWorkerGlobalScope is used; the DOM's types do not have it. */
+/** The used part of DedicatedWorkerGlobalScope, which the DOM types do not include. */
 interface Scope {
   postMessage(message: FromWorker, transfer?: Transferable[]): void;
   onmessage: ((event: MessageEvent<ToWorker>) => void) | null;
@@ -23,7 +23,7 @@ scope.onmessage = ({ data }) => {
     case "open": {
       session?.close();
       const opened = (session = new Session(post, channel, data.path, data.maxTexture, data.loop));
-      opened.open(data.url).catch((error: unknown) => {
+      opened.open(data.url, data.files).catch((error: unknown) => {
         if (session === opened) post({ type: "failed", message: messageOf(error) });
       });
       break;

@@ -1,13 +1,27 @@
-/** One opened stream: from requests for frames to sorted pictures. */
+/** An open stream: turns requests for frames into sorted pictures. */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
-import { type Group, groupOfFrame, type Manifest, MANIFEST_NAME, MAX_MANIFEST_BYTES, parseManifest } from "../stream/manifest.ts";
+import { RateRule } from "../player/rate_rule.ts";
+import { GroupTable } from "../stream/group_table.ts";
+import {
+  type Group,
+  groupOfFrame,
+  type Manifest,
+  MANIFEST_NAME,
+  MAX_MANIFEST_BYTES,
+  type PageEntry,
+  parseManifest,
+  parsePage,
+  type VideoEntry,
+} from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
 import { planePositions, planesLayout, planeUnits } from "../stream/planes.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
 import { DepthSorter } from "../stream/sort.ts";
+import { CheckedPictures } from "./checked_pictures.ts";
 import { demux } from "./demux.ts";
-import { HttpSource, sha256 } from "./http.ts";
+import { type EmbeddedFiles, EmbeddedSource } from "./embedded.ts";
+import { HttpSource, sha256, type Source } from "./http.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo } from "./messages.ts";
 import { Closed, PathFailed, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
@@ -18,8 +32,8 @@ import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 /** As in studio.rasterizer: splats nearer than this are not drawn. */
 export const NEAR = 0.01;
 const NEEDS_WEBCODECS =
-  "Streams of the profile planes need WebCodecs, which this browser offers on secure (https) pages only, or not at all.";
-/** Groups that are prepared (side file read, video demuxed) at the same time. */
+  "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
+/** Number of groups kept prepared (side file parsed, video demuxed). */
 const PREPARED = 3;
 
 interface Prepared {
@@ -48,9 +62,9 @@ export class Session {
   private received = 0;
   private wanted: { frame: number; axis: DepthAxis; seek: boolean } | null = null;
   private running = false;
-  /** Gives up waiting for the frame that is being brought: another one is wanted now. */
+  /** Cancels waiting for the frame in progress, because another one was requested. */
   private interrupt: (() => void) | null = null;
-  /** The frame that was brought last; its positions are kept to sort it again. */
+  /** The last decoded frame; its positions are kept for sorting again. */
   private shown: { frame: number; group: number; positions: Float32Array<ArrayBuffer>; pixels: Uint32Array | null } | null = null;
   private setupSent = -1;
 
@@ -63,31 +77,31 @@ export class Session {
     this.path = path !== "auto" ? path : "VideoDecoder" in self ? "webcodecs" : "video";
   }
 
-  /** Fetches and checks the manifest. */
-  async open(url: string): Promise<void> {
+  /** Fetches and validates the manifest; `files` are the stream's if the page holds them. */
+  async open(url: string, files: EmbeddedFiles | null): Promise<void> {
     const address = new URL(url);
-    if (!address.pathname.endsWith(".json")) address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
-    const source = new HttpSource(
-      address.href,
-      (bytes, milliseconds) => {
-        this.count(bytes, milliseconds);
-      },
-      (message) => {
-        this.post({ type: "trouble", message });
-      },
-    );
-    const name = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
+    if (files === null && !address.pathname.endsWith(".json"))
+      address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
+    const source = files !== null ? new EmbeddedSource(files) : this.httpSource(address.href);
+    const name = files !== null ? MANIFEST_NAME : address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
     const data = await source.readAll(name, MAX_MANIFEST_BYTES, this.closing.signal);
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
     const blanked = new TextEncoder().encode(text.replaceAll(manifest.sha256, "0".repeat(64)));
     const digest = await sha256(blanked);
     if (digest !== null && digest !== manifest.sha256)
-      throw new StreamError("The stream's manifest is damaged: its bytes do not match their own SHA-256.");
+      throw new StreamError("The stream's manifest is damaged: its content does not match its own SHA-256.");
     this.checkDevice(manifest);
     if (manifest.profile === "planes" && this.path === "video") throw new StreamError(NEEDS_WEBCODECS);
     this.manifest = manifest;
-    this.store = new GroupStore(manifest.groups, source, () => {
+    const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
+    const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
+    const choice = {
+      rule: rates.length > 1 ? new RateRule(rates) : null,
+      fps: manifest.fps,
+      fits: (group: Group): boolean => Math.max(...pictureSize(group)) <= this.maxTexture,
+    };
+    this.store = new GroupStore(table, choice, source, () => {
       this.tellFetched();
     });
     const info: StreamInfo = {
@@ -99,7 +113,12 @@ export class Session {
       frameCount: manifest.frameCount,
       shDegree: manifest.shDegree,
       totalBytes: manifest.totalBytes,
-      groups: manifest.groups.map(({ firstFrame, frameCount, bytes, splats }) => ({ firstFrame, frameCount, bytes, splats })),
+      groups: manifest.spans.map(({ firstFrame, frameCount }, index) => ({
+        firstFrame,
+        frameCount,
+        bytes: table.bytes(index),
+        splats: manifest.groups[index]?.[0].splats ?? manifest.renditions[0].splats,
+      })),
       box: manifest.boundingBox,
       camera: manifest.camera,
       up: manifest.up,
@@ -109,6 +128,18 @@ export class Session {
     };
     this.post({ type: "opened", info });
     this.post({ type: "path", path: this.path });
+  }
+
+  private httpSource(address: string): Source {
+    return new HttpSource(
+      address,
+      (bytes, milliseconds) => {
+        this.count(bytes, milliseconds);
+      },
+      (message) => {
+        this.post({ type: "trouble", message });
+      },
+    );
   }
 
   close(): void {
@@ -125,7 +156,7 @@ export class Session {
     for (const buffer of buffers) this.pool.give(buffer);
   }
 
-  /** Tries groups again that could not be fetched. */
+  /** Retries groups that could not be fetched. */
   retry(): void {
     this.store?.forgive();
     this.told.clear();
@@ -135,14 +166,14 @@ export class Session {
     this.setupSent = -1;
   }
 
-  /** Brings a frame; a later call replaces one that has not begun. */
+  /** Decodes and sorts a frame; a later call replaces one that has not started. */
   present(frame: number, axis: DepthAxis, seek: boolean): void {
     this.wanted = { frame, axis, seek };
     if (seek) this.interrupt?.();
     if (!this.running) void this.run();
   }
 
-  /** Sorts the frame that was brought last. */
+  /** Sorts the last decoded frame. */
   sort(request: number, axis: DepthAxis): void {
     const { shown } = this;
     if (shown === null) return;
@@ -166,11 +197,10 @@ export class Session {
   private async bring(frame: number, axis: DepthAxis): Promise<void> {
     const { manifest, store } = this;
     if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
-    const index = groupOfFrame(manifest.groups, frame);
-    const group = manifest.groups[index];
+    const index = groupOfFrame(manifest.spans, frame);
     store.follow(index, this.loop);
     try {
-      const within = frame - group.firstFrame;
+      const within = frame - manifest.spans[index].firstFrame;
       const work = this.prepare(index).then(async (prepared) => ({
         prepared,
         luma: await prepared.pictures.get(within),
@@ -296,16 +326,16 @@ export class Session {
       prepared = this.read(index);
       prepared.catch(() => undefined);
     }
-    // Used last, dropped last.
+    // Most recently used last.
     this.prepared.delete(index);
     this.prepared.set(index, prepared);
     for (const old of [...this.prepared.keys()].slice(0, -PREPARED)) this.drop(old);
     return prepared;
   }
 
-  /** Gets the group that plays next ready, in time. */
+  /** Prepares the group that plays next in advance. */
   private prepareNext(index: number): void {
-    const groups = this.manifest!.groups.length;
+    const groups = this.manifest!.spans.length;
     const next = index + 1 < groups ? index + 1 : this.loop ? 0 : -1;
     if (next < 0 || this.prepared.has(next)) return;
     this.prepare(next).then(({ pictures }) => {
@@ -328,13 +358,11 @@ export class Session {
   }
 
   private async read(index: number): Promise<Prepared> {
-    const manifest = this.manifest!;
-    const group = manifest.groups[index];
-    const files = await this.store!.get(index);
+    const { group, files } = await this.store!.get(index);
     if (group.profile === "planes") {
       const pictures = new PlanesPictures(
         group,
-        (plane) => this.openVideo(files, group.files[plane].path, [group.side, group.side], group.frameCount),
+        (plane) => this.openVideo(files, group.files[plane] as VideoEntry, [group.side, group.side], group.frameCount),
         this.pool,
       );
       return { group, tables: null, pictures };
@@ -346,11 +374,20 @@ export class Session {
     } catch (error) {
       throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
     }
-    const size = [group.columns * group.tile, group.rows * group.tile] as const;
-    return { group, tables, pictures: await this.openVideo(files, group.video.path, size, group.frameCount) };
+    return { group, tables, pictures: await this.openVideo(files, group.video, pictureSize(group), group.frameCount) };
   }
 
   private async openVideo(
+    files: Files,
+    video: VideoEntry,
+    size: readonly [number, number],
+    frames: number,
+  ): Promise<PictureSource> {
+    const pictures = await this.openPictures(files, video.path, size, frames);
+    return video.checks.length > 0 ? new CheckedPictures(pictures, video.checks, video.path, this.pool) : pictures;
+  }
+
+  private async openPictures(
     files: Files,
     path: string,
     size: readonly [number, number],
@@ -369,11 +406,11 @@ export class Session {
     };
     const support = await VideoDecoder.isConfigSupported(config).catch(() => ({ supported: false }));
     if (support.supported !== true)
-      throw new PathFailed(`This browser cannot decode ${codec} video of this kind (${config.codec}, ${size[0]}x${size[1]}).`);
+      throw new PathFailed(`This browser cannot decode this ${codec} video (${config.codec}, ${size[0]}x${size[1]}).`);
     return new WebCodecsPictures(config, demuxed.packets, size, path, this.pool);
   }
 
-  /** The next way of decoding, where there is one left to try. */
+  /** Switches to the next decode path, if there is one left. */
   private changePath(): boolean {
     if (!this.mayChangePath) return false;
     if (this.path === "webcodecs") this.path = "webcodecs-software";
@@ -391,18 +428,26 @@ export class Session {
   }
 
   private checkDevice(manifest: Manifest): void {
-    for (const group of manifest.groups) {
-      const { tile, columns, rows } = group.profile === "motion" ? group : planesLayout(group);
-      if (Math.max(columns, rows) * tile > this.maxTexture)
+    for (const renditions of manifest.groups) {
+      const sizes = renditions.map(pictureSize);
+      if (sizes.every((size) => Math.max(...size) > this.maxTexture))
         throw new StreamError(
-          `This stream's pictures are ${columns * tile}x${rows * tile}; this device's graphics take ${this.maxTexture} at most.`,
+          `This stream's pictures are ${sizes[0].join("x")}, but this device's GPU supports at most ${this.maxTexture} pixels on a side.`,
         );
     }
   }
 
+  private async readPage(source: Source, page: PageEntry, manifest: Manifest): Promise<Group[][]> {
+    const data = await source.read(page.path, page.bytes, this.closing.signal);
+    const digest = await sha256(data);
+    if (digest !== null && digest !== page.sha256)
+      throw new StreamError(`${page.path} is damaged: its SHA-256 does not match the manifest.`);
+    return parsePage(new TextDecoder().decode(data), page, manifest);
+  }
+
   private count(bytes: number, milliseconds: number): void {
     this.received += bytes;
-    // Short answers say more of the round trip than of the bandwidth.
+    // Short responses measure the round-trip time rather than the bandwidth.
     if (bytes < 20_000) return;
     const rate = (8 * bytes) / Math.max(milliseconds, 1) / 1000;
     this.bandwidth = this.bandwidth === 0 ? rate : 0.7 * this.bandwidth + 0.3 * rate;
@@ -417,4 +462,10 @@ export class Session {
       cached: this.store!.bytes,
     });
   }
+}
+
+/** Width and height of the picture that holds all of a group's numbers of one frame. */
+function pictureSize(group: Group): [number, number] {
+  const { tile, columns, rows } = group.profile === "motion" ? group : planesLayout(group);
+  return [columns * tile, rows * tile];
 }

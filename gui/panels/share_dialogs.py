@@ -1,0 +1,125 @@
+"""Dialogs of the menu Share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from open3d.visualization import gui
+
+from gui.panels.dialogs import Answer, Dialogs
+from gui.panels.folder_dialog import ask_path
+from gui.panels.option_dialogs import Form
+from gui.panels.picture import PictureWidget
+from gui.presenters.run.serving import Serving
+from gui.presenters.run.shares import FORMS, PHONES, PHONES_SERVE, ShareRequest
+from pipelines.share.qr_code import qr_pixels
+
+QR_SIZE = 22
+"""Largest width of the QR code, in font sizes."""
+
+
+def ask_share(dialogs: Dialogs, request: ShareRequest, size: str, start: Callable[[ShareRequest], None]) -> None:
+    """Title, credits, license, output path.
+
+    Args:
+        dialogs: where it is shown.
+        request: the defaults; modified while the dialog is open.
+        size: what the share takes, a sentence.
+        start: called by "Share", after the dialog has closed.
+    """
+    dialogs.widgets = {}
+    form = Form(dialogs, request)
+    form.line("title", "Title")
+    form.line("credits", "Credits")
+    form.line("license", "License")
+    if request.form == "folder":
+        form.line("address", "Address, if known")
+    target = gui.TextEdit()
+    target.text_value = request.target
+    target.set_on_text_changed(request.set_target)
+
+    def browse() -> None:
+        def again() -> None:
+            ask_share(dialogs, request, size, start)
+
+        def done(folder: str) -> None:
+            request.move_to(Path(folder))
+            again()
+
+        ask_path(dialogs, "Output folder", Path(request.target).parent, "folder", done, again)
+
+    def go() -> None:
+        dialogs.close()
+        start(request)
+
+    row = gui.Horiz(0.4 * dialogs.em)
+    row.add_child(dialogs.label("Output"))
+    row.add_child(target)
+    button = dialogs.button("browse_target", "Browse", browse)
+    button.vertical_padding_em = 0
+    row.add_child(button)
+    parts: list[gui.Widget] = [
+        form.grid,
+        row,
+        dialogs.label(size, dim=False),
+        dialogs.label(PHONES[request.form]),
+        dialogs.label("An earlier share is replaced; nothing else is overwritten."),
+    ]
+    answers: list[Answer] = [("save", "Share", go), ("close", "Cancel", dialogs.close)]
+    dialogs.show("share", f"Share: {FORMS[request.form][0]}", parts, answers, 90, go)
+    dialogs.widgets |= {**form.widgets, "line": target}
+
+
+def ask_serve(dialogs: Dialogs, size: str, start: Callable[[bool], None]) -> None:
+    """Whether to encrypt.
+
+    Args:
+        dialogs: where it is shown.
+        size: what a phone will fetch, a sentence.
+        start: called by "Serve" with the choice, after the dialog has closed.
+    """
+    dialogs.widgets = {}
+    https = gui.Checkbox("https")
+    https.checked = True
+
+    def go() -> None:
+        chosen = bool(https.checked)
+        dialogs.close()
+        start(chosen)
+
+    parts: list[gui.Widget] = [dialogs.label(size, dim=False), dialogs.label(PHONES_SERVE), https]
+    answers: list[Answer] = [("save", "Serve", go), ("close", "Cancel", dialogs.close)]
+    dialogs.show("serve", "Serve to phones", parts, answers, 80, go)
+    dialogs.widgets["https"] = https
+
+
+def show_serving(dialogs: Dialogs, serving: Serving, stop: Callable[[], None]) -> None:
+    """The address and its QR code.
+
+    Args:
+        dialogs: where it is shown.
+        serving: what is served, at a known address.
+        stop: called by "Stop serving", after the dialog has closed.
+    """
+    dialogs.widgets = {}
+
+    def end() -> None:
+        dialogs.close()
+        stop()
+
+    picture = PictureWidget()
+    picture.show(qr_pixels(serving.address, int(QR_SIZE * dialogs.em)))
+    row = gui.Horiz()
+    row.add_stretch()
+    row.add_child(picture.widget)
+    row.add_stretch()
+    parts: list[gui.Widget] = [row, dialogs.label(serving.address, dim=False)]
+    if serving.fingerprint:
+        half = len(serving.fingerprint) // 2 + 1
+        words = f"{serving.fingerprint[:half]}\n{serving.fingerprint[half:]}"
+        parts.append(dialogs.label(f"SHA-256 fingerprint of the certificate:\n{words}"))
+    parts.append(dialogs.label("Scan the code with the phone's camera. Serving ends with the window."))
+    answers: list[Answer] = [("close", "Hide", dialogs.close), ("stop", "Stop serving", end)]
+    dialogs.show("serving", "Serving", parts, answers, 60, dialogs.close)
+    dialogs.widgets["qr"] = picture.widget

@@ -1,0 +1,83 @@
+"""`v3studio share`: writes the player with a stream for any web server, or as one HTML file."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from html import escape
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from studio.errors import StudioError
+
+
+def register(commands: Any) -> None:
+    """Add the command to the command line."""
+    share = commands.add_parser(
+        "share",
+        help="write a web page that plays a stream, for any web server or as one file",
+        description="Write a folder with the browser player and the stream that any web server can serve, below any "
+        "path; nothing is loaded from elsewhere. Or write one HTML file that opens from the disk. An earlier share is "
+        "replaced, anything else is not.",
+        allow_abbrev=False,
+    )
+    share.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
+    share.add_argument("--out", type=Path, required=True, metavar="PATH", help="folder, or .html file, to write")
+    share.add_argument("--single-file", action="store_true", help="one HTML file; for streams of at most 32 MB")
+    share.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
+    share.add_argument("--credits", metavar="TEXT", help='whom to name; example: "Jane Doe, Studio X"')
+    share.add_argument("--license", metavar="TEXT", help='of the footage; example: "CC BY 4.0"')
+    share.add_argument(
+        "--address",
+        metavar="URL",
+        help="where the page will be; link previews show the poster only if this is given",
+    )
+    share.add_argument("--json", action="store_true", help="print progress and sizes as JSON lines")
+    share.set_defaults(command=_share)
+
+
+def _share(arguments: argparse.Namespace) -> int:
+    _check_address(arguments.address)
+    from pipelines.commands.working import working
+    from pipelines.share import PageText, share_folder, share_single_file
+
+    text = PageText(arguments.title, arguments.credits, arguments.license, arguments.address)
+    write = share_single_file if arguments.single_file else share_folder
+    with working("share", arguments.output if arguments.json else None) as progress:
+        shared = write(arguments.source, arguments.out, text, progress)
+    if arguments.json:
+        print(json.dumps({"kind": "shared", **shared.to_dict()}), file=arguments.output, flush=True)
+        return 0
+    parts = f"stream {shared.stream_bytes:,}, player {shared.player_bytes:,}, poster {shared.poster_bytes:,}"
+    print(f"{arguments.out}: {shared.files} file{'s' * (shared.files > 1)}, {shared.total_bytes:,} bytes ({parts})")
+    if arguments.single_file:
+        print("Open it in a browser.")
+    else:
+        folder = shlex.quote(str(arguments.out))
+        print(f"To look at it: python3 -m http.server --directory {folder}    then open http://localhost:8000/")
+        print("Phones decode fastest from https:// addresses.")
+        if arguments.address is not None:
+            print(f"To embed it: {iframe(arguments.address)}")
+    return 0
+
+
+def iframe(address: str) -> str:
+    """HTML that embeds a shared page in another page."""
+    allowed = "fullscreen; clipboard-write; gamepad"
+    return f'<iframe src="{escape(address)}" allow="{allowed}" width="640" height="480" style="border: 0"></iframe>'
+
+
+def _check_address(address: str | None) -> None:
+    if address is None:
+        return
+    parts = urlsplit(address)
+    if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
+        raise StudioError(
+            "command.invalid_option",
+            f"--address '{address}' is not the http(s):// address of a folder",
+            value=address,
+            fix="Example: https://example.org/walk/.",
+            option="--address",
+        )

@@ -1,0 +1,88 @@
+"""The player's page for one stream: title, link preview, credits, and where its files are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from html import escape
+
+from pipelines.share.results import PageText
+from pipelines.version import program_version
+from studio.errors import StudioError
+
+GENERATOR = "V3 Studio share 1"
+"""Marks pages that `v3studio share` has written, with the version of what they consist of."""
+
+_SCRIPT = '<script type="module" src="v3-player.js"></script>'
+_TITLE = "<title>V3 Player</title>"
+_HEAD = "<!-- v3:head -->"
+_PLAYER = re.compile(r"<!-- v3:player -->.*?<!-- /v3:player -->", re.DOTALL)
+
+
+def player_page(
+    built: str,
+    script: str,
+    stream: str,
+    text: PageText,
+    poster: str | None = None,
+    head: Sequence[str] = (),
+) -> str:
+    """The built page, filled in.
+
+    Args:
+        built: the player's index.html; its markers are replaced.
+        script: element that starts the player, HTML.
+        stream: address of the stream's manifest relative to the page, or "#id" of the element that holds its files.
+        text: title, credits and license; they are escaped here.
+        poster: address of the picture to show until the first frame is drawn.
+        head: further elements of the page's head, HTML.
+
+    Raises:
+        StudioError: `share.unknown_player`, the page is from another version of the player.
+    """
+    if any(built.count(part) != 1 for part in (_SCRIPT, _TITLE, _HEAD)) or len(_PLAYER.findall(built)) != 1:
+        raise StudioError(
+            "share.unknown_player", "the built player is from another version of the program", fix="Run `make web`."
+        )
+    values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
+    values["data-license"] = text.license
+    attributes = [f'{name}="{escape(value)}"' for name, value in values.items() if value]
+    element = f"<v3-player {' '.join(attributes)} page autoplay loop></v3-player>"
+    page = built.replace(_TITLE, f"<title>{escape(text.title or 'V3 Player')}</title>")
+    page = page.replace(_HEAD, "\n".join([f'<meta name="generator" content="{GENERATOR} {program_version()}">', *head]))
+    page = _PLAYER.sub(lambda _: element, page)
+    return page.replace(_SCRIPT, script)
+
+
+def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> list[str]:
+    """Open Graph tags for link previews, HTML.
+
+    Args:
+        text: escaped here.
+        poster: the picture's name relative to the page; None for no picture.
+        size: its width and height, pixels.
+    """
+    base = None if text.address is None else text.address.rstrip("/") + "/"
+    title = text.title or ""
+    description = " · ".join(part for part in ("Volumetric video", text.credits, text.license) if part)
+    tags = [
+        f'<meta name="description" content="{escape(description)}">',
+        _property("og:type", "website"),
+        _property("og:title", title),
+        _property("og:description", description),
+    ]
+    if base is not None:
+        tags += [_property("og:url", base), f'<link rel="canonical" href="{escape(base)}">']
+    if poster is not None:
+        tags += [
+            _property("og:image", (base or "") + poster),
+            _property("og:image:width", str(size[0])),
+            _property("og:image:height", str(size[1])),
+            _property("og:image:alt", title),
+            '<meta name="twitter:card" content="summary_large_image">',
+        ]
+    return tags
+
+
+def _property(name: str, value: str) -> str:
+    return f'<meta property="{name}" content="{escape(value)}">'

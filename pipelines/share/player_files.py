@@ -1,0 +1,69 @@
+"""The built browser player: its page, its script and the licenses of what is in it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+from studio.errors import StudioError
+
+SCRIPT_NAME, LICENSES_NAME = "v3-player.js", "THIRD_PARTY_LICENSES.txt"
+
+
+@dataclass(frozen=True)
+class PlayerFiles:
+    """The player's files as bytes.
+
+    Attributes:
+        page: index.html as the build wrote it.
+        script: the player, a JavaScript module.
+        licenses: of the packages in the script, plain text.
+    """
+
+    page: str
+    script: bytes
+    licenses: bytes
+
+    @property
+    def hashed(self) -> dict[str, bytes]:
+        """Script and licenses by hashed names, script first: a new version has a new name, so that caches may keep
+        files for good."""
+        return {
+            hashed_name(SCRIPT_NAME, self.script): self.script,
+            hashed_name(LICENSES_NAME, self.licenses): self.licenses,
+        }
+
+    @property
+    def script_name(self) -> str:
+        """The script's hashed name."""
+        return hashed_name(SCRIPT_NAME, self.script)
+
+    @property
+    def size(self) -> int:
+        """Bytes of all three."""
+        return len(self.page.encode()) + len(self.script) + len(self.licenses)
+
+
+def read_player() -> PlayerFiles:
+    """The player that is part of this installation.
+
+    Raises:
+        StudioError: `share.no_player`, a source checkout in which it was not built.
+    """
+    from v3web import player_folder
+
+    try:
+        folder = player_folder()
+        return PlayerFiles(
+            (folder / "index.html").read_text(encoding="utf-8"),
+            (folder / SCRIPT_NAME).read_bytes(),
+            (folder / LICENSES_NAME).read_bytes(),
+        )
+    except OSError as error:
+        raise StudioError("share.no_player", "the browser player is not built", fix="Run `make web`.") from error
+
+
+def hashed_name(name: str, data: bytes) -> str:
+    """`name` with 10 hex digits of the content's SHA-256 before the extension."""
+    stem, dot, ending = name.rpartition(".")
+    return f"{stem}.{hashlib.sha256(data).hexdigest()[:10]}{dot}{ending}"

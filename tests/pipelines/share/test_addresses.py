@@ -1,0 +1,130 @@
+"""Addresses of this machine, QR codes of them, and certificates."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import socket
+import ssl
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import pytest
+import trustme
+
+from pipelines.share import addresses
+from pipelines.share.addresses import is_local, reachable_hosts
+from pipelines.share.certificates import Certificate, load_certificate, make_certificate
+from pipelines.share.qr_code import qr_pixels, qr_text
+from tests.support.errors import refuses
+
+ADDRESS = "https://192.168.178.23:8000/prise%20%C3%A9/?t=3.2&view=30,10,2.5,0,0,0"
+
+
+def test_every_interface_means_the_addresses_that_others_can_use(monkeypatch):
+    def at(*given: str) -> list[SimpleNamespace]:
+        return [SimpleNamespace(family=socket.AF_INET6 if ":" in one else socket.AF_INET, address=one) for one in given]
+
+    cards = {
+        "lo": at("127.0.0.1", "::1"),
+        "eth0": at("10.0.0.7", "fe80::1%eth0", "2001:db8::7"),
+        "wlan0": at("192.168.1.5"),
+        "off0": at("10.9.9.9"),
+        "auto0": at("169.254.3.3"),
+    }
+    monkeypatch.setattr(addresses.psutil, "net_if_addrs", lambda: cards)
+    monkeypatch.setattr(
+        addresses.psutil, "net_if_stats", lambda: {name: SimpleNamespace(isup=name != "off0") for name in cards}
+    )
+    monkeypatch.setattr(addresses, "_route_address", lambda family: "192.168.1.5")
+    assert reachable_hosts("0.0.0.0") == ["192.168.1.5", "10.0.0.7"], "the way out first"
+    assert reachable_hosts("::") == ["[2001:db8::7]"]
+    assert reachable_hosts("::1") == ["[::1]"]
+    assert reachable_hosts("studio.example") == ["studio.example"]
+    cards.clear()
+    assert reachable_hosts("0.0.0.0") == [socket.gethostname()]
+
+
+def test_what_only_this_machine_reaches() -> None:
+    assert all(map(is_local, ("127.0.0.1", "127.8.8.8", "::1", "localhost")))
+    assert not any(map(is_local, ("0.0.0.0", "::", "", "192.168.1.5", "studio.example")))
+
+
+@pytest.mark.parametrize("size", [1, 300])
+def test_a_code_says_the_address(size):
+    image = qr_pixels(ADDRESS, size)
+    assert image.shape[0] == image.shape[1]
+    assert size == 1 or image.shape[0] <= size < 1.5 * image.shape[0]
+    if size == 1:  # one pixel a module: too small for readers
+        image = cv2.resize(image, None, fx=6, fy=6, interpolation=cv2.INTER_NEAREST)
+    assert cv2.QRCodeDetector().detectAndDecode(image)[0] == ADDRESS
+
+
+def test_a_terminals_code_is_the_same_light_on_dark() -> None:
+    import numpy as np
+
+    lines = [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in qr_text(ADDRESS).split("\n")]
+    assert len({len(line) for line in lines}) == 1
+    light = {" ": (0, 0), "▀": (1, 0), "▄": (0, 1), "█": (1, 1)}
+    rows = [[light[sign][half] for sign in line] for line in lines for half in (0, 1)]
+    image = np.kron(np.array(rows, np.uint8) * 255, np.ones((6, 6), np.uint8))
+    assert cv2.QRCodeDetector().detectAndDecode(image)[0] == ADDRESS
+
+
+def presented(certificate: Certificate, name: str, trusted: ssl.SSLContext) -> bytes:
+    """What a client that connects gets, in DER."""
+    with socket.create_server(("127.0.0.1", 0)) as sock:
+
+        def answer() -> None:
+            with sock.accept()[0] as plain, certificate.context.wrap_socket(plain, server_side=True) as secure:
+                secure.recv(1)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with (
+            socket.create_connection(sock.getsockname()) as plain,
+            trusted.wrap_socket(plain, server_hostname=name) as secure,
+        ):
+            secure.sendall(b"x")
+            found = secure.getpeercert(binary_form=True)
+        thread.join(10)
+    assert found is not None
+    return found
+
+
+def test_a_certificate_is_made_and_its_fingerprint_told():
+    made = make_certificate(["127.0.0.1", "[::1]", "studio"])
+    trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+    digest = hashlib.sha256(presented(made, "studio", trusting)).hexdigest()
+    assert made.fingerprint.replace(":", "").lower() == digest
+    assert made.made
+    assert make_certificate(["studio"]).fingerprint != made.fingerprint
+
+
+def test_given_certificates_are_used(tmp_path: Path):
+    authority = trustme.CA()
+    leaf = authority.issue_cert("studio.example")
+    both, chain, key = tmp_path / "both.pem", tmp_path / "chain.pem", tmp_path / "key.pem"
+    leaf.private_key_and_cert_chain_pem.write_to_path(both)
+    chain.write_bytes(b"".join(blob.bytes() for blob in leaf.cert_chain_pems))
+    leaf.private_key_pem.write_to_path(key)
+    checking = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    authority.configure_trust(checking)
+    for certificate in (load_certificate(both, None), load_certificate(chain, key)):
+        der = presented(certificate, "studio.example", checking)
+        assert certificate.fingerprint.replace(":", "").lower() == hashlib.sha256(der).hexdigest()
+        assert not certificate.made
+
+
+def test_what_is_no_certificate_is_refused(tmp_path: Path):
+    leaf, other = trustme.CA().issue_cert("a.example"), trustme.CA().issue_cert("b.example")
+    chain, key, text = tmp_path / "chain.pem", tmp_path / "key.pem", tmp_path / "text.pem"
+    leaf.cert_chain_pems[0].write_to_path(chain)
+    other.private_key_pem.write_to_path(key)
+    text.write_text("hello")
+    for pair in ((chain, None), (chain, key), (text, key), (tmp_path / "none.pem", None), (chain, tmp_path / "none")):
+        with refuses("serve.bad_certificate", file=pair[0]):
+            load_certificate(*pair)

@@ -1,0 +1,300 @@
+"""`v3studio share`: a folder or one HTML file with all that the page needs; what is refused; nothing half written."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from pipelines.share import PageText, share_folder, share_single_file, share_size, single_file
+from studio.cameras import Camera
+from studio.errors import Cancelled
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from tests.support.errors import refuses
+
+TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
+
+
+def camera() -> Camera:
+    pose = np.eye(4)
+    pose[2, 3] = 3.0
+    return Camera("front", 90, 60, np.array([[70.0, 0, 45], [0, 70, 30], [0, 0, 1]]), pose)
+
+
+def bake(folder: Path, **metadata: object) -> Path:
+    """6 frames in two groups, of the profile `planes`, whose groups have the most files."""
+    generator = torch.Generator().manual_seed(3)
+    settings = BakeSettings(profile="planes", qp=0, preset="ultrafast")
+    entries = []
+    for group in range(2):
+        frames = [
+            Gaussians(
+                0.4 * torch.randn(60, 3, generator=generator),
+                torch.tensor([[1.0, 0, 0, 0]]).repeat(60, 1),
+                torch.full((60, 3), -2.0),
+                torch.full((60,), 2.0),
+                torch.randn(60, 1, 3, generator=generator),
+            )
+            for _ in range(3)
+        ]
+        entries.append(bake_group(frames, folder, group, 3 * group, settings))
+    write_manifest(folder, entries, 12.0, settings, metadata)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    view = {"suggested_camera": camera().to_dict(), "background": [0.0, 0.5, 1.0]}
+    return bake(tmp_path_factory.mktemp("shared") / "walk", **view)
+
+
+class Page(HTMLParser):
+    """Elements of a page: (tag, attributes), and the text of each script and of the title."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[dict[str, str | None], str]] = []
+        self.feed(path.read_text(encoding="utf-8"))
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag in ("script", "title"):
+            self.texts.append((dict(attrs), ""))
+
+    def handle_data(self, data: str) -> None:
+        if self.elements and self.elements[-1][0] in ("script", "title"):
+            attributes, text = self.texts[-1]
+            self.texts[-1] = (attributes, text + data)
+
+    def named(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+    @property
+    def preview(self) -> dict[str | None, str | None]:
+        return {meta.get("property"): meta.get("content") for meta in self.named("meta")}
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_path):
+    steps = []
+    shared = share_folder(
+        str(stream), tmp_path / "deep" / "site", TEXT, lambda done, total, **_: steps.append((done, total))
+    )
+    files = content(shared.path)
+    assert {name: data for name, data in files.items() if name.startswith("stream/")} == {
+        f"stream/{name}": data for name, data in content(stream).items()
+    }
+    page = Page(shared.path / "index.html")
+    (player,) = page.named("v3-player")
+    (script,) = page.named("script")
+    assert player["src"] == "stream/manifest.json"
+    assert {player["src"], player["poster"], script["src"]} <= set(files)
+    for name in (script["src"], player["poster"]):
+        assert name is not None
+        assert name.split(".")[-2] == hashlib.sha256(files[name]).hexdigest()[:10]
+    assert (player["data-title"], player["data-credits"], player["data-license"]) == (
+        TEXT.title, TEXT.credits, TEXT.license,
+    )  # fmt: skip
+    assert page.texts[0][1].strip() == TEXT.title
+    assert page.preview["og:title"] == TEXT.title
+    assert page.preview["og:url"] == "https://example.org/walk/"
+    assert page.preview["og:image"] == f"https://example.org/walk/{player['poster']}"
+    assert shared.total_bytes == sum(map(len, files.values()))
+    assert shared.files == len(files)
+    assert shared.stream_bytes == sum(map(len, content(stream).values()))
+    assert shared.poster_bytes == len(files[str(player["poster"])])
+    assert steps[0][0] == 0
+    assert steps[-1][0] == steps[-1][1] > 2
+    assert StreamReader.open(shared.path / "stream").frame_count == 6
+    assert [path.name for path in shared.path.parent.iterdir()] == ["site"]
+
+
+def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_path):
+    shared = share_folder(str(stream), tmp_path / "site")
+    (poster,) = shared.path.glob("poster.*.jpg")
+    image = cv2.imread(str(poster))[:, :, ::-1].astype(float)
+    with StreamReader.open(stream) as reader:
+        want = rasterize(reader.gaussians(0), camera(), torch.tensor([0.0, 0.5, 1.0])).image.numpy() * 255
+        other = rasterize(reader.gaussians(5), camera(), torch.tensor([0.0, 0.5, 1.0])).image.numpy() * 255
+    assert image.shape == want.shape
+    assert np.abs(image - want).mean() < 6 < np.abs(image - other).mean()
+
+
+def test_without_text_the_streams_own_is_used_and_its_folders_name(stream, tmp_path):
+    assert share_folder(str(stream), tmp_path / "plain").title == "walk"
+    named = bake(tmp_path / "named", title=" Own title ", credits="Own credits", license=7)
+    site = share_folder(str(named), tmp_path / "site", PageText(license="MIT")).path
+    (player,) = Page(site / "index.html").named("v3-player")
+    assert (player["data-title"], player["data-credits"], player["data-license"]) == ("Own title", "Own credits", "MIT")
+    assert player["poster"] is not None, "a stream that suggests no camera is drawn from the front"
+    site = share_folder(str(named), tmp_path / "other", PageText(title="Given", credits="")).path
+    (player,) = Page(site / "index.html").named("v3-player")
+    assert (player["data-title"], player.get("data-credits")) == ("Given", None)
+    take = tmp_path / "my take"
+    shutil.copytree(stream, take / "stream")
+    (take / "take.json").write_text(json.dumps({"format": 1}))
+    assert share_folder(str(take), tmp_path / "of take").title == "my take"
+
+
+def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
+    out = tmp_path / "site"
+    out.mkdir()
+    first = share_folder(str(stream), out, PageText(title="One")).path
+    old = content(first)
+    second = share_folder(str(stream), out, PageText(title="Two")).path
+    assert content(second).keys() == old.keys()
+    assert b"Two" in (second / "index.html").read_bytes()
+    (out / "stream" / "notes.txt").write_text("mine")
+    with refuses("share.out_exists", file=out, value="stream/notes.txt"):
+        share_folder(str(stream), out)
+    (out / "stream" / "notes.txt").unlink()
+    (out / "share.json").write_text("{}")
+    with refuses("share.out_exists", file=out):
+        share_folder(str(stream), out)
+    with refuses("share.out_exists", file=stream):
+        share_folder(str(stream), stream)
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    for name in ("file", "link"):
+        with refuses("share.out_exists", file=tmp_path / name):
+            share_folder(str(stream), tmp_path / name)
+    assert b"Two" in (out / "index.html").read_bytes()
+
+
+def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream, tmp_path):
+    copy, out, page = shutil.copytree(stream, tmp_path / "copy"), tmp_path / "out" / "site", tmp_path / "out" / "a.html"
+    share_folder(str(copy), out)
+    share_single_file(str(copy), page)
+    before = content(out.parent)
+
+    def stop(done: int, total: int, **_: object) -> None:
+        if done == total - 1:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        share_folder(str(copy), out, progress=stop)
+    with pytest.raises(Cancelled):
+        share_single_file(str(copy), page, progress=stop)
+    last = sorted(copy.rglob("*.mp4"))[-1]
+    data = bytearray(last.read_bytes())
+    data[-1] ^= 1
+    last.write_bytes(data)
+    for attempt in (lambda: share_folder(str(copy), out), lambda: share_single_file(str(copy), page)):
+        with refuses("stream.wrong_checksum", file=str(last)):
+            attempt()
+    assert content(out.parent) == before
+    assert sorted(os.listdir(out.parent)) == ["a.html", "site"]
+
+
+def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
+    shared = share_single_file(str(stream), tmp_path / "take.html", TEXT)
+    page = Page(shared.path)
+    held = {
+        str(attributes["data-v3-file"]): base64.b64decode(text)
+        for attributes, text in page.texts
+        if "data-v3-file" in attributes
+    }
+    assert held == content(stream)
+    (player,) = page.named("v3-player")
+    assert player["src"] in {f"#{element['id']}" for element in page.named("div")}
+    assert str(player["poster"]).startswith("data:image/jpeg;base64,")
+    assert [attributes["type"] for attributes, _ in page.texts[-2:]] == ["text/plain", "module"], "scripts end right"
+    assert all("src" not in script for script in page.named("script"))
+    assert shared.total_bytes == shared.path.stat().st_size
+    assert shared.files == 1
+    assert shared.stream_bytes == sum(map(len, held.values()))
+    share_single_file(str(stream), shared.path, PageText(title="Two"))
+    assert b"<title>Two</title>" in shared.path.read_bytes()
+
+
+def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, tmp_path, monkeypatch):
+    mine = tmp_path / "mine.html"
+    mine.write_text("<p>mine")
+    with refuses("share.out_exists", file=mine):
+        share_single_file(str(stream), mine)
+    with refuses("share.not_html", file=tmp_path / "site"):
+        share_single_file(str(stream), tmp_path / "site")
+    size = sum(map(len, content(stream).values()))
+    monkeypatch.setattr(single_file, "MAX_SINGLE_FILE_BYTES", size)
+    share_single_file(str(stream), tmp_path / "just.html")
+    monkeypatch.setattr(single_file, "MAX_SINGLE_FILE_BYTES", size - 1)
+    with refuses("share.too_large", value=size, file=str(stream)):
+        share_single_file(str(stream), tmp_path / "more.html")
+    assert not (tmp_path / "more.html").exists()
+    assert mine.read_text() == "<p>mine"
+
+
+def test_script_text_cannot_end_its_element() -> None:
+    dangerous = 'a = "</script><!-- </SCRIPT>"; b = /<\\/script/;'
+    safe = single_file._in_script(dangerous)
+    assert "</script" not in safe.lower()
+    assert "<!--" not in safe
+    assert safe.replace("\\x3C", "<") == dangerous
+
+
+def test_sizes_are_told_before(stream, tmp_path):
+    size = share_size(str(stream))
+    folder = share_folder(str(stream), tmp_path / "site")
+    assert size.stream_bytes == folder.stream_bytes
+    assert size.player_bytes + size.stream_bytes == pytest.approx(folder.total_bytes - folder.poster_bytes, rel=0.02)
+    single = share_single_file(str(stream), tmp_path / "take.html")
+    assert size.single_file_bytes == pytest.approx(single.total_bytes - 4 / 3 * single.poster_bytes, rel=0.02)
+    assert (size.frames, size.seconds, size.single_file_possible) == (6, 0.5, True)
+
+
+def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
+    with refuses("stream.not_found", file=str(tmp_path / "none")):
+        share_folder(str(tmp_path / "none"), tmp_path / "site")
+    with refuses("source.file_missing", file=tmp_path / "manifest.json"):
+        share_single_file(str(tmp_path), tmp_path / "take.html")
+    (tmp_path / "take").mkdir()
+    (tmp_path / "take" / "take.json").write_text(json.dumps({"format": 1}))
+    with refuses("take.no_stream", file=str(tmp_path / "take")):
+        share_size(str(tmp_path / "take"))
+
+    def missing() -> Path:
+        raise FileNotFoundError
+
+    monkeypatch.setattr("v3web.player_folder", missing)
+    with refuses("share.no_player"):
+        share_folder(str(stream), tmp_path / "site")
+    assert not (tmp_path / "site").exists()
+
+
+def test_the_command_says_what_it_wrote(here, stream, tmp_path):
+    done = here("share", stream, "--out", tmp_path / "site", "--title", "One", "--credits", "Two", "--license", "Three")
+    assert done.returncode == 0, done.stderr
+    total = sum(map(len, content(tmp_path / "site").values()))
+    assert f"{total:,} bytes" in done.stdout
+    (player,) = Page(tmp_path / "site" / "index.html").named("v3-player")
+    assert (player["data-title"], player["data-credits"], player["data-license"]) == ("One", "Two", "Three")
+    done = here("share", stream, "--out", tmp_path / "take.html", "--single-file", "--json")
+    last = json.loads(done.stdout.splitlines()[-1])
+    assert last["kind"] == "shared"
+    assert last["form"] == "single-file"
+    assert last["total_bytes"] == (tmp_path / "take.html").stat().st_size
+    assert json.loads(done.stdout.splitlines()[0])["kind"] == "progress"
+    done = here("share", stream, "--out", tmp_path / "site", "--address", 'https://example.org/"walk"/')
+    assert '<iframe src="https://example.org/&quot;walk&quot;/"' in done.stdout
+    for address in ("example.org", "ftp://example.org/", "https://example.org/?a=1"):
+        done = here("share", stream, "--out", tmp_path / "b", "--address", address, "--json")
+        assert done.returncode == 1
+        assert json.loads(done.stdout.splitlines()[-1])["code"] == "command.invalid_option"
+    assert here("share", tmp_path / "none", "--out", tmp_path / "b").returncode == 1
+    assert here("share", stream, "--out", stream).returncode == 1
