@@ -61,7 +61,7 @@ VERSION_QPS = (16, 20, 24, 28)
 VERSIONS: dict[str, dict[str, Any]] = {
     "version 2": {"stream_version": 2},
     "version 3 without smoothing": {"stream_version": 3, "smooth_paths": False},
-    "version 3 without B pictures": {"stream_version": 3, "b_frames": 0},
+    "version 3 without B-frames": {"stream_version": 3, "b_frames": 0},
     "version 3": {"stream_version": 3},
     "version 3, splats 0.9": {"stream_version": 3, "splats": 0.9},
     "version 3, splats 0.8": {"stream_version": 3, "splats": 0.8},

@@ -64,7 +64,7 @@ class Encoding:
     """What the profile `motion` encodes differently in each version of the format.
 
     Attributes:
-        b_frames: B pictures between P pictures.
+        b_frames: B-frames between P-frames.
         smooth_paths: whether paths of splats are smoothed (`smoothing.py`).
         keyframe_step: size of a cell of the keyframe's positions, in position steps.
     """
@@ -78,7 +78,7 @@ ENCODINGS = {
     2: Encoding(b_frames=0, smooth_paths=False, keyframe_step=1.0),
     3: Encoding(b_frames=5, smooth_paths=True, keyframe_step=4.0),
 }
-"""By version of the format. Version 2 does not allow B pictures, and its bytes stay what they were."""
+"""By version of the format. Version 2 does not allow B-frames, and its bytes stay what they were."""
 
 
 class BakeSettings(Settings):
@@ -113,7 +113,7 @@ class BakeSettings(Settings):
     """Encoder effort: slower presets produce smaller files."""
 
     b_frames: Annotated[int, Field(ge=0, le=7)] | None = None
-    """Profile motion: B pictures between P pictures, each predicted from the pictures before and after it. They save a
+    """Profile motion: B-frames between P-frames, each predicted from the pictures before and after it. They save a
     tenth to a quarter of the bytes. null: 5 in streams of version 3, none in version 2, which does not allow them, and
     none with codec av1."""
 

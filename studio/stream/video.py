@@ -46,7 +46,7 @@ class _Codec:
     Attributes:
         encoder: FFmpeg's name.
         key: name of the option that takes the parameters.
-        parameters: for QPs above 0; {qp} and {b} (B pictures between P pictures) are filled in.
+        parameters: for QPs above 0; {qp} and {b} (B-frames between P-frames) are filled in.
         lossless: for QP 0; None if not supported.
         tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
         b_frames: whether it takes {b}.
@@ -68,7 +68,7 @@ _X265_TILES = (
     "keyint=-1:scenecut=0:bframes={b}:psy-rd=0:psy-rdoq=0:aq-mode=0:cutree=0:ipratio=1.0:no-deblock=1:no-sao=1:"
     "frame-threads=1:pools=none:no-wpp=1:info=0:log-level=none"
 )
-# Adaptive placement sees noise and chooses no B pictures at all: force them.
+# Adaptive placement sees noise and chooses no B-frames at all: force them.
 _B_FRAMES = ":b-adapt=0:pbratio=1.3"
 _PLANES = _Codec("libx264", "x264-params", _X264, _X264)
 _TILES = {
@@ -103,7 +103,7 @@ class PlaneEncoder:
         qp: on the H.264 scale.
         preset: one of `settings.PRESETS`.
         tiles: codec of a picture of many tiles; None for a plane of the profile `planes`.
-        b_frames: B pictures between P pictures, each predicted from the one before and the one after. The file then has
+        b_frames: B-frames between P-frames, each predicted from the one before and the one after. The file then has
             the pictures in another order than that of display; decoders return the order of display. Not with AV1, and
             not for planes.
         fps: frames per second that the level is chosen for; the file then also has a `colr` box. None: as in version 2

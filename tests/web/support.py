@@ -112,8 +112,8 @@ def bake(
     return folder
 
 
-def with_b_pictures(folder: Path, b_frames: int) -> None:
-    """Encode the pictures of a stream of profile `motion` again, with B pictures between them."""
+def with_b_frames(folder: Path, b_frames: int) -> None:
+    """Encode the pictures of a stream of profile `motion` again, with B-frames between them."""
     for index, group in enumerate(json.loads((folder / "manifest.json").read_bytes())["groups"]):
         python = PythonFrames(folder)
         pictures = python.luma(index)

@@ -256,7 +256,7 @@ void test("small things", () => {
   assert.equal(parseTime("-1"), null);
 });
 
-void test("B pictures come after the pictures that they are predicted from", () => {
+void test("B-frames come after the pictures that they are predicted from", () => {
   // I0 P4 B2 B1 B3 P5, as time stamps in the order of decoding.
   const places = inDisplayOrder([0, 4, 2, 1, 3, 5].map((picture) => ({ timestamp: 0.5 + picture / 30 })));
   assert.deepEqual(places, [0, 4, 2, 1, 3, 5]);

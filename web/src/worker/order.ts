@@ -1,4 +1,4 @@
-/** Order of display and order of decoding, which differ where there are B pictures. */
+/** Order of display and order of decoding, which differ where there are B-frames. */
 
 import { StreamError } from "../stream/errors.ts";
 
@@ -14,7 +14,7 @@ export function inDisplayOrder(packets: readonly { readonly timestamp: number }[
   return places;
 }
 
-/** For each picture: how many packets hold it and all pictures before it. B pictures need some that come later. */
+/** For each picture: how many packets hold it and all pictures before it. B-frames need some that come later. */
 export function packetsNeeded(packets: readonly { readonly picture: number }[]): number[] {
   const needed = new Array<number>(packets.length).fill(0);
   packets.forEach(({ picture }, at) => {

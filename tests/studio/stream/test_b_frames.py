@@ -1,4 +1,4 @@
-"""B pictures: the order in the file, the order that decoders return, and where they are allowed."""
+"""B-frames: the order in the file, the order that decoders return, and where they are allowed."""
 
 import av
 import cv2
