@@ -208,7 +208,8 @@ class MotionBake:
     def _encode(
         self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn, fps: float | None
     ) -> None:
-        size, b_frames = (pictures.shape[2], pictures.shape[1]), settings.encoding.b_frames
+        size = (pictures.shape[2], pictures.shape[1])
+        b_frames = min(settings.encoding.b_frames, max(self._count - 2, 0))
         encoder = PlaneEncoder(
             path, size, settings.qp, settings.preset, tiles=settings.codec, b_frames=b_frames, fps=fps
         )

@@ -105,7 +105,8 @@ class PlaneEncoder:
         tiles: codec of a picture of many tiles; None for a plane of the profile `planes`.
         b_frames: B-frames between P-frames, each predicted from the one before and the one after. The file then has
             the pictures in another order than that of display; decoders return the order of display. Not with AV1, and
-            not for planes.
+            not for planes. At most the number of pictures minus 2: x265 gives the packets of shorter videos time stamps
+            that are not defined, which MP4 does not take.
         fps: frames per second that the level is chosen for; the file then also has a `colr` box. None: as in version 2
             of the format, the level for `NOMINAL_FPS` and no such box.
     """

@@ -22,7 +22,7 @@ def pictures(count):
 
 
 def encode(path, planes, codec="h264", qp=24, b_frames=3):
-    encoder = PlaneEncoder(path, SIZE, qp, "veryfast", tiles=codec, b_frames=b_frames)
+    encoder = PlaneEncoder(path, SIZE, qp, "veryfast", tiles=codec, b_frames=min(b_frames, max(len(planes) - 2, 0)))
     for plane in planes:
         encoder.add(plane)
     encoder.close()
@@ -39,7 +39,7 @@ def decoded(path, count, codec="h264"):
 
 
 @pytest.mark.parametrize("codec", ["h264", "hevc"])
-@pytest.mark.parametrize("count", [1, 2, 5, 9, 12])
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 9, 12])
 def test_lossless_pictures_return_in_order(tmp_path, codec, count):
     planes = pictures(count)
     assert np.array_equal(decoded(encode(tmp_path / "a.mp4", planes, codec, qp=0), count, codec), planes)
@@ -97,6 +97,16 @@ def test_only_version_3_has_them(tmp_path, turning_bodies, settings, types):
     entry = bake_group(turning_bodies(7, splats=60), tmp_path, 0, 0, chosen)
     write_manifest(tmp_path, [entry], 30, chosen)
     assert picture_types(tmp_path) == types
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+@pytest.mark.parametrize("codec", ["h264", "hevc"])
+def test_short_groups(tmp_path, turning_bodies, frames, codec):
+    """Shorter than the run of B-frames."""
+    settings = BakeSettings(preset="veryfast", qp=24, stream_version=3, codec=codec)
+    entry = bake_group(turning_bodies(frames, splats=60), tmp_path, 0, 0, settings)
+    write_manifest(tmp_path, [entry], 30, settings)
+    assert picture_types(tmp_path) == [[1], [1, 2], [1, 3, 2]][frames - 1]
 
 
 def test_settings_that_cannot_have_them():
