@@ -48,8 +48,7 @@ tsan: system ## check the C++ kernels for data races (ThreadSanitizer)
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake --build build/tsan
 	@setarch --addr-no-randomize build/tsan/kernels_tsan
 
-lint: system web-lint ## run ruff (rules and format), mypy, eslint and tsc
-	@$(INSTALL) --dev
+lint: setup-tests web-lint ## run ruff (rules and format), mypy, eslint and tsc
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
@@ -59,8 +58,8 @@ format: system ## apply ruff's fixes and formatting
 	$(PY) -m ruff check --fix .
 	$(PY) -m ruff format .
 
-lock: system ## write requirements.lock and requirements-dev.lock from the packages in .venv
-	@$(INSTALL) --dev
+lock: system ## write requirements.lock, requirements-dev.lock and requirements-docs.lock from the packages in .venv
+	@$(INSTALL) --dev --docs
 	@$(PY) scripts/lock.py
 
 wheel: system ## build a wheel in dist/ that installs without a compiler
@@ -93,7 +92,7 @@ web-lint: web/node_modules/.stamp
 
 # Compares with arrays written by Python.
 web-test: web/node_modules/.stamp
-	@OMP_NUM_THREADS=1 $(PY) tests/web/write_fixtures.py web/tests/build/fixtures
+	@OMP_NUM_THREADS=1 PYTHONPATH=. $(PY) tests/web/write_fixtures.py web/tests/build/fixtures
 	@$(NODE) web/test.mjs
 
 system:
@@ -103,7 +102,7 @@ system-tests:
 	@bash scripts/system_packages.sh --tests
 
 .PHONY: docs
-docs: setup ## build the documentation into site/, with warnings as errors
-	@$(PY) -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
+docs: system ## build the documentation into site/, with warnings as errors
+	@$(INSTALL) --docs
 	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
 	@echo "Documentation: site/index.html"

@@ -20,11 +20,11 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from studio.environment import passive_openmp
+from studio.json_types import JsonObject
 
 passive_openmp()  # before torch is imported
 
@@ -71,7 +71,7 @@ def main() -> int:
     context = Context(take, config)
     footage = context.footage.calibrated
     settings = config.train.replace(finetune_iterations=0)
-    rows: list[dict[str, Any]] = []
+    rows: list[JsonObject] = []
     print(f"{'frame':>6} {'error':>9} {'moved':>9} {'ratio':>6} {'tied':>5} {'seconds':>8}   (world units)")
     for group in context.groups:
         for position in range(1, len(group.frames), arguments.every):

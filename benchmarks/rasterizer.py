@@ -37,6 +37,7 @@ from rich.table import Table
 
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
+from studio.json_types import JsonObject
 from studio.rasterizer import available_backends, rasterize
 from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.reference import project, visible_radii
@@ -121,7 +122,7 @@ def mark(value: float, goal: float) -> str:
     return f"[green]yes[/] (< {goal:g})" if value < goal else f"[red]no[/] (< {goal:g})"
 
 
-def speed_table(repeat: int, results: dict[str, Any]) -> None:
+def speed_table(repeat: int, results: JsonObject) -> None:
     table = Table(title="CPU kernels, person-like surface, milliseconds (median)")
     columns = (
         "image",
@@ -170,7 +171,7 @@ def speed_table(repeat: int, results: dict[str, Any]) -> None:
     )
 
 
-def goals_table(repeat: int, results: dict[str, Any]) -> None:
+def goals_table(repeat: int, results: JsonObject) -> None:
     torch.set_num_threads(2)
     table = Table(title="Goals for the viewport and for a single thread, milliseconds (median)")
     for name in ("what", "threads", "wall", "reached"):
@@ -191,7 +192,7 @@ def goals_table(repeat: int, results: dict[str, Any]) -> None:
     console.print(table)
 
 
-def iteration_table(repeat: int, results: dict[str, Any], device: str, count: int, width: int, height: int) -> None:
+def iteration_table(repeat: int, results: JsonObject, device: str, count: int, width: int, height: int) -> None:
     table = Table(title=f"Training iteration on {device}: {count} splats, SH degree 3, {width}x{height} (median ms)")
     for name in ("threads", "render", "L1 + D-SSIM", "backward", "Adam", "total", "per second", "slowest part"):
         table.add_column(name, justify="right")
@@ -266,7 +267,7 @@ def blended_pairs(splats: Gaussians, camera: Camera) -> int:
     return pairs
 
 
-def limits_table(repeat: int, results: dict[str, Any]) -> None:
+def limits_table(repeat: int, results: JsonObject) -> None:
     torch.set_num_threads(1)
     size = 1536
     a, b = torch.randn(size, size), torch.randn(size, size)
@@ -297,7 +298,7 @@ def limits_table(repeat: int, results: dict[str, Any]) -> None:
     )
 
 
-def reference_table(repeat: int, results: dict[str, Any]) -> None:
+def reference_table(repeat: int, results: JsonObject) -> None:
     torch.set_num_threads(1)
     splats, camera = person(5_000, 480, 270)
     table = Table(title="Compared with the torch reference: 5k splats, 480x270, one thread, CPU ms (median, same run)")
@@ -332,7 +333,7 @@ def memory_of_this_process() -> None:
     print(json.dumps([before, peak_mib()]))
 
 
-def memory_table(results: dict[str, Any]) -> None:
+def memory_table(results: JsonObject) -> None:
     command = [sys.executable, __file__, "--memory-of-this-process"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     out = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
@@ -344,7 +345,7 @@ def memory_table(results: dict[str, Any]) -> None:
     results["memory_mib"] = {"before": before, "peak": after}
 
 
-def gpu_tables(repeat: int, results: dict[str, Any]) -> None:
+def gpu_tables(repeat: int, results: JsonObject) -> None:
     """100k splats at 1920x1080: keyframe iterations per second, and seconds for a frame after the keyframe."""
     from studio.training import TrainingView, TrainSettings, train_interframe
 
@@ -396,7 +397,7 @@ def main() -> None:
     )
     if load > 0.5:
         console.print("[yellow]Other programs are running: wall-clock times and two-thread speedups are affected.[/]")
-    results: dict[str, Any] = {"processor": processor(), "load": load, "instruction_set": kernels.instruction_set()}
+    results: JsonObject = {"processor": processor(), "load": load, "instruction_set": kernels.instruction_set()}
     speed_table(repeat, results)
     goals_table(repeat, results)
     iteration_table(repeat, results, "cpu", 30_000, 480, 270)

@@ -43,6 +43,7 @@ from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
+from studio.atomic_files import write_text
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
@@ -102,8 +103,8 @@ class Views:
 
     def _draw(self, index: int, camera: str, gaussians: Gaussians) -> np.ndarray:
         context = self.context
-        lens = context.footage.calibrated.view(camera, context.footage.calibrated.frames[index]).camera
-        return draw(gaussians, lens, context.config.capture.background, context.device)[self.boxes[index, camera]]
+        view = context.footage.calibrated.view(camera, context.footage.calibrated.frames[index]).camera
+        return draw(gaussians, view, context.config.capture.background, context.device)[self.boxes[index, camera]]
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
         """PSNR in dB relative to the footage and to the trained splats, over all views of `frames`."""
@@ -462,9 +463,7 @@ def write_between(path: Path, marker: str, text: str) -> None:
     if not pattern.search(document):
         problem = f"the markers <!-- {marker} --> and <!-- /{marker} --> were not found"
         raise StudioError("benchmark.no_markers", problem, file=path)
-    temporary = path.with_suffix(".partial")
-    temporary.write_text(pattern.sub(lambda match: match[1] + text + "\n" + match[2], document), encoding="utf-8")
-    os.replace(temporary, path)
+    write_text(path, pattern.sub(lambda match: match[1] + text + "\n" + match[2], document))
 
 
 def main() -> int:

@@ -11,7 +11,7 @@ import numpy as np
 
 import v3studio as v3
 
-BOARD = v3.CalibrationTarget(columns=8, rows=5, square=0.06, marker=0.045)
+TARGET = v3.CalibrationTarget(columns=8, rows=5, square=0.06, marker=0.045)
 WIDTH, HEIGHT = 640, 480
 K = np.array([[600.0, 0, WIDTH / 2], [0, 600.0, HEIGHT / 2], [0, 0, 1]])
 
@@ -27,7 +27,7 @@ def look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
     return pose
 
 
-def board_pose(frame: int) -> np.ndarray:
+def target_pose(frame: int) -> np.ndarray:
     """(4, 4) board to world; the board faces the cameras, rotates and moves."""
     rng = np.random.default_rng(frame)
     rotation = cv2.Rodrigues(rng.uniform(-0.35, 0.35, 3))[0]
@@ -42,14 +42,14 @@ def photograph(camera: v3.Camera, frame: int) -> np.ndarray:
     """(H, W, 3) uint8 RGB: the board as this camera sees it."""
     pixels = 40  # per square
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    flat = cv2.aruco.CharucoBoard((BOARD.columns, BOARD.rows), BOARD.square, BOARD.marker, dictionary).generateImage(
-        (BOARD.columns * pixels, BOARD.rows * pixels)
-    )
+    flat = cv2.aruco.CharucoBoard(
+        (TARGET.columns, TARGET.rows), TARGET.square, TARGET.marker, dictionary
+    ).generateImage((TARGET.columns * pixels, TARGET.rows * pixels))
     flat = cv2.copyMakeBorder(flat, pixels, pixels, pixels, pixels, cv2.BORDER_CONSTANT, value=255)
-    width, height = BOARD.columns * BOARD.square, BOARD.rows * BOARD.square
-    s = BOARD.square / pixels  # meters per pixel of the flat image
-    place = np.array([[s, 0, -BOARD.square - width / 2], [0, s, -BOARD.square - height / 2], [0, 0, 0], [0, 0, 1]])
-    homography = K @ (camera.world_to_camera @ board_pose(frame) @ place)[:3]
+    width, height = TARGET.columns * TARGET.square, TARGET.rows * TARGET.square
+    s = TARGET.square / pixels  # meters per pixel of the flat image
+    place = np.array([[s, 0, -TARGET.square - width / 2], [0, s, -TARGET.square - height / 2], [0, 0, 0], [0, 0, 1]])
+    homography = K @ (camera.world_to_camera @ target_pose(frame) @ place)[:3]
     gray = cv2.warpPerspective(flat, homography, (WIDTH, HEIGHT), flags=cv2.INTER_AREA, borderValue=127)
     return np.repeat(cv2.GaussianBlur(gray, (3, 3), 0)[:, :, None], 3, axis=2)
 
@@ -67,11 +67,11 @@ def main() -> None:
     views, sizes = v3.detect_target(
         {camera.name: (lambda frame, camera=camera: photograph(camera, frame)) for camera in truth},
         dict.fromkeys(truth.names, frames),
-        BOARD,
+        TARGET,
     )
     print(f"The board was found in {len(views)} of {len(frames) * len(truth)} images.")
 
-    result = v3.calibrate_from_target(BOARD, views, sizes)
+    result = v3.calibrate_from_target(TARGET, views, sizes)
 
     aligned = v3.align_rigs(result.rig, truth).rig(result.rig)
     for camera in truth:

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import signal
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 
 from studio.environment import passive_openmp
 from studio.errors import StudioError
 
+MOST_FAILURES = 5
+"""Exceptions without a completed tick between them after which the window is closed."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point. Returns the exit status: 0, or 2 if the window cannot be opened."""
+    """Entry point. Returns the exit status: 0, 1 if the window failed, or 2 if it cannot be opened."""
     passive_openmp()
     parser = argparse.ArgumentParser(
         prog="v3studio-gui",
@@ -88,15 +93,58 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
-    if path is not None:
-        window.open(path)
-    # Ticking until False lets the window close in order; leaving earlier made Python hang or crash at exit.
-    while application.run_one_tick():
+
+    def tick() -> bool:
+        nonlocal stopped
+        # Ticking until False lets the window close in order; leaving earlier made Python hang or crash at exit.
+        if not application.run_one_tick():
+            return False
         if stopped or window.wants_close:
             stopped = window.wants_close = False
             window.close()
-    window.closed()
-    return 0
+        return True
+
+    try:
+        if path is not None:
+            window.open(path)
+        if run_ticks(tick, lambda: window.ticks, window.failed):
+            return 0
+        print("v3studio-gui: the window keeps failing and is closed; jobs go on", file=sys.stderr)
+        window.close()
+        run_ticks(application.run_one_tick, lambda: None, lambda error: None)
+        return 1
+    finally:
+        window.closed()
+
+
+def run_ticks(tick: Callable[[], bool], progress: Callable[[], object], report: Callable[[Exception], None]) -> bool:
+    """Tick until there is no window.
+
+    What a callback of the toolkit raises comes out of a tick. It is reported, and the window goes on: one failure must
+    not freeze it.
+
+    Args:
+        tick: one tick; False once the window is closed.
+        progress: changes with every tick that the window completes.
+        report: shows an exception to the user; its traceback is on standard error.
+
+    Returns:
+        False if it was given up after `MOST_FAILURES` exceptions without progress.
+    """
+    failures, before = 0, progress()
+    while True:
+        try:
+            if not tick():
+                return True
+        except Exception as error:
+            traceback.print_exception(error)
+            failures += 1
+            if failures >= MOST_FAILURES:
+                return False
+            with contextlib.suppress(Exception):  # it may be the display of messages that fails
+                report(error)
+        if progress() != before:
+            failures, before = 0, progress()
 
 
 if __name__ == "__main__":

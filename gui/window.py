@@ -35,6 +35,7 @@ from gui.presenters.worker import LatestWorker
 from gui.raycast import MeshPicture
 from gui.state import StateLog
 from gui.viewport import Viewport
+from pipelines.events import as_message
 from studio.gaussians import Gaussians
 
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
@@ -48,6 +49,7 @@ class MainWindow:
     """See the module.
 
     Attributes:
+        ticks: completed ticks.
         wants_close: asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
 
     Args:
@@ -77,6 +79,7 @@ class MainWindow:
         self.drawn = Rate()
         self.close_requests = CloseRequests()
         self.wants_close = False
+        self.ticks = 0
         application = gui.Application.instance
         menus.build(application)
         self.window = application.create_window("V3 Studio", *size)
@@ -172,6 +175,14 @@ class MainWindow:
         else:
             self.actions.ask_about_job()
             self.changed()
+
+    def failed(self, error: Exception) -> None:
+        """Show what a callback raised; an open dialog stays."""
+        message = as_message(error)
+        bug = "\nThis is a bug in V3 Studio; the terminal shows the details." if message.code == "program.bug" else ""
+        if not self.dialogs.name:
+            self.dialogs.message("Error", f"{message}{bug}")
+        self.changed()
 
     def closed(self) -> None:
         """After the last tick: end threads, close files. A job keeps running."""
@@ -272,6 +283,7 @@ class MainWindow:
             self.drawn.hit()
             if self.dialogs.tick():
                 self.changed()
+        self.ticks += 1
         return due
 
     def _update_panels(self) -> bool:

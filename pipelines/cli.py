@@ -107,7 +107,7 @@ def _print_failure(error: StudioError, output: TextIO) -> None:
     """Print the last event of a command with `--json`."""
     from pipelines.events import RunFinished
 
-    event = RunFinished(outcome="failed", seconds=0.0, **RunFinished.parts(error.message))
+    event = RunFinished.of(error.message, outcome="failed", seconds=0.0)
     with suppress(BrokenPipeError):
         print(event.to_json(), file=output, flush=True)
 

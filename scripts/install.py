@@ -1,4 +1,4 @@
-"""Installs the pinned requirements and this package into .venv, for `make setup`; with --dev, those of tests, too.
+"""Installs the pinned requirements and this package into .venv, for `make setup`; more with --dev and --docs.
 
 Runs before .venv exists, so it only uses the standard library. It can be stopped at any time: finished parts are stored
 in RECORD, and the next call continues from there. docs/INSTALL.md describes what is installed and why.
@@ -27,7 +27,10 @@ VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 RECORD = VENV / "v3studio-setup.json"  # {part: digest of what it was installed from}, written after each part
 LOCK = ROOT / "requirements.lock"
-DEV_LOCK = ROOT / "requirements-dev.lock"
+SETS = {  # what an option adds: its lock file, and what for
+    "dev": (ROOT / "requirements-dev.lock", "the requirements of tests and linters"),
+    "docs": (ROOT / "requirements-docs.lock", "the requirements of the documentation"),
+}
 
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"  # PyTorch's own; PyPI has only the CUDA build for Linux
 CUDA_ONLY = ("nvidia-", "cuda-", "triton")  # dependencies of torch's CUDA build only
@@ -361,7 +364,7 @@ def install_package() -> None:
         raise Failure("\n".join([*lines[-40:], "The package could not be built; see the messages above."]))
 
 
-def setup(dev: bool, package: bool) -> None:
+def setup(sets: list[str], package: bool) -> None:
     """Update .venv to match the lock files and sources; fast if it already does."""
     started = time.monotonic()
     build = choose_torch(os.environ, read_record().get("torch"))
@@ -378,11 +381,14 @@ def setup(dev: bool, package: bool) -> None:
         install_requirements(build, progress)
         record |= {"requirements": requirements, "torch": build}
         write_record(record)
-    if dev and record.get("dev") != digest(DEV_LOCK):
-        print("Installing the requirements of tests and linters into .venv", flush=True)
+    for name in sets:
+        lock, what = SETS[name]
+        if record.get(name) == digest(lock):
+            continue
+        print(f"Installing {what} into .venv", flush=True)
         remove_unfinished()
-        install("--no-deps", "-r", DEV_LOCK, progress=progress)
-        record["dev"] = digest(DEV_LOCK)
+        install("--no-deps", "-r", lock, progress=progress)
+        record[name] = digest(lock)
         write_record(record)
     if package and record.get("package") != digest(*package_sources()):
         print("Building and installing v3studio into .venv (editable)", flush=True)
@@ -403,7 +409,8 @@ def setup(dev: bool, package: bool) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(description="Install the pinned requirements and this package into .venv.")
-    parser.add_argument("--dev", action="store_true", help="also install what tests and linters need")
+    for name, (_, what) in SETS.items():
+        parser.add_argument(f"--{name}", action="append_const", dest="sets", const=name, help=f"also install {what}")
     parser.add_argument(
         "--requirements-only", action="store_true", help="do not install this package (for the first Docker layers)"
     )
@@ -416,7 +423,7 @@ def main(arguments: list[str] | None = None) -> int:
             print("Another setup of this folder is running; waiting for it.", flush=True)
             with suppress(OSError):  # a file system without locks: continue
                 fcntl.flock(folder, fcntl.LOCK_EX)
-        setup(options.dev, not options.requirements_only)
+        setup(options.sets or [], not options.requirements_only)
     except Failure as failure:
         print(failure, file=sys.stderr)
         return 1

@@ -1,9 +1,10 @@
-"""Writes requirements.lock and requirements-dev.lock: all requirements of v3studio, pinned as installed in .venv.
+"""Writes requirements.lock, requirements-dev.lock and requirements-docs.lock: all requirements of v3studio, pinned as
+installed in .venv.
 
-requirements.lock contains what is needed to run the program and to build its kernels; requirements-dev.lock contains
-what tests and linters need in addition. Not included are packages that nothing requires, the dependencies of torch's
-CUDA build (pip resolves them when it installs that build), torch's build suffix such as +cpu, and dependencies that are
-declared but never imported.
+requirements.lock contains what is needed to run the program and to build its kernels; the others contain what tests and
+linters, and the documentation, need in addition. Not included are packages that nothing requires, the dependencies of
+torch's CUDA build (pip resolves them when it installs that build), torch's build suffix such as +cpu, and dependencies
+that are declared but never imported.
 """
 
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
@@ -65,6 +66,7 @@ def write(file: Path, what: str, packages: dict[str, str]) -> None:
 
 if __name__ == "__main__":
     run = needed("v3studio", ("build",))
-    dev = {name: version for name, version in needed("v3studio", ("dev",)).items() if name not in run}
     write(ROOT / "requirements.lock", "What runs V3 Studio and builds its kernel", run)
-    write(ROOT / "requirements-dev.lock", "What tests and linters need besides requirements.lock", dev)
+    for extra, what in (("dev", "What tests and linters need"), ("docs", "What `make docs` needs")):
+        besides = {name: version for name, version in needed("v3studio", (extra,)).items() if name not in run}
+        write(ROOT / f"requirements-{extra}.lock", f"{what} besides requirements.lock", besides)

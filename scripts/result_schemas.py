@@ -6,23 +6,25 @@ It does not write docs/stream.schema.json, the schema of the stream's manifest.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel
 
 from pipelines.ablation.results import AblationResults
 from pipelines.takes.evaluation import Evaluation
 from pipelines.takes.records import StageRecord
+from studio.calibration.report import CalibrationReport
+from studio.json_types import JsonObject
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 MODELS: dict[str, type[BaseModel]] = {
     "evaluation.schema.json": Evaluation,
     "ablation.schema.json": AblationResults,
+    "calibration.schema.json": CalibrationReport,
     "record.schema.json": StageRecord,
 }
 
 
-def schema(model: type[BaseModel]) -> dict[str, Any]:
+def schema(model: type[BaseModel]) -> JsonObject:
     """The JSON schema of a model."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
 

@@ -31,7 +31,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SYSTEM_PACKAGES = ROOT / "scripts" / "system_packages.sh"
-MODULES = {"opencv-contrib-python-headless": "cv2", "pillow": "PIL", "pyyaml": "yaml", "ruamel.yaml": "ruamel.yaml"}
+MODULES = {"opencv-contrib-python-headless": "cv2", "pillow": "PIL", "ruamel.yaml": "ruamel.yaml"}
 """Modules of the distributions whose name differs from that of the distribution."""
 
 PLUGINS = ("pymeshlab/lib/plugins/*.so",)

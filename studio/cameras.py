@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.rays import nearest_point_to_rays
 from studio.validation import array, check_finite, missing_key, whole
 
@@ -240,7 +240,7 @@ class Camera:
         K[1, 2] -= top
         return replace(self, width=width, height=height, K=K)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready form, read back by `from_dict` (pixel origin at the image corner)."""
         return {
             "name": self.name,
@@ -252,7 +252,7 @@ class Camera:
         }
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Camera:
+    def from_dict(cls, values: JsonObject) -> Camera:
         """Inverse of `to_dict`.
 
         Raises:

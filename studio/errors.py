@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from studio.json_types import JsonObject
+
 MAX_LENGTH = 2000
 """Maximum length of a text in characters. Longer ones are truncated, because they may contain file contents."""
 
@@ -48,9 +50,9 @@ class Message:
         text = _CONTROL.sub("?", " ".join(parts))
         return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready: `code`, `message` (the full text); `file`, `value` and `fix` if set; and the fields."""
-        found: dict[str, Any] = {"code": self.code, "message": str(self)}
+        found: JsonObject = {"code": self.code, "message": str(self)}
         if self.file is not None:
             found["file"] = os.fspath(self.file)
         if self.value is not None:

@@ -12,14 +12,14 @@ MODULES = {
     "studio.capture": "Footage and mattes",
     "studio.calibration": "Calibration",
     "studio.camera_files": "Camera files",
-    "studio.meshing": "Visual hull and starting points",
+    "studio.meshing": "Visual hull and initial points",
     "studio.training": "Training",
     "studio.rasterizer": "Rasterizer",
     "studio.stream": "Stream",
     "studio.playback": "Playback",
     "studio.export": "Export",
     "studio.imports": "Import",
-    "studio.splat_files": "PLY, SPZ and GLB files",
+    "studio.splat_files": "PLY, SPZ, SOG, .splat, .ksplat and GLB files",
     "studio.metrics": "Metrics",
     "studio.errors": "Errors",
 }
@@ -28,13 +28,13 @@ INTRODUCTION = """# Python API
 
 {promise}
 
-Every function says in its documentation which shapes, units and ranges it takes and what it raises. Conventions hold
-everywhere: OpenCV camera axes (x right, y down, z forward), pixel coordinates from the outer corner of the top-left
-pixel, quaternions with w first, images as (H, W, C).
+The documentation of every function states shapes, units, ranges and exceptions. These conventions apply throughout:
+OpenCV camera axes (x right, y down, z forward), pixel coordinates from the outer corner of the top-left pixel,
+quaternions with w first, images as (H, W, C).
 
 """
-PROMISE_PUBLIC = """The package `v3studio` is what scripts may rely on: it is versioned, and the changelog names every
-change. The packages under `studio` are the library that it is made of. Use them where you need more; they may change
+PROMISE_PUBLIC = """The package `v3studio` is the public interface for scripts: it is versioned, and the changelog lists
+every change. The packages under `studio` are the library behind it. Use them if you need more, but they may change
 between versions."""
 PROMISE_LIBRARY = "The packages under `studio` are the library. They may change between versions."
 

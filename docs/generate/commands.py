@@ -14,7 +14,7 @@ INTRODUCTION = """# Commands
 Generated from the parsers of the command line. All commands take `--help`. Where a command takes a configuration, any
 [setting](settings.md) can be overridden as `--SECTION.NAME VALUE` or `--set SECTION.NAME=VALUE`.
 
-Exit codes: 0 done, 1 bad input or a failure (one sentence on standard error), 2 wrong usage, 130 stopped.
+Exit codes: 0 success, 1 bad input or a failure (one sentence on standard error), 2 wrong usage, 130 stopped.
 """
 _WIDTH = "100"  # argparse wraps usage lines at the terminal's width
 

@@ -13,14 +13,13 @@ from generate.markdown import code, escaped, table
 
 INTRODUCTION = """# Error codes
 
-Everything that V3 Studio refuses or warns about has a stable code. Codes never change their meaning; the text may.
-Programs should act on the code and its fields, people on the sentence.
+Every error and warning of V3 Studio has a stable code. The meaning of a code never changes; its text may. Programs
+should rely on the code and its fields, not on the text.
 
-In Python, a refusal is a `studio.errors.StudioError` with the attributes `code`, `problem`, `file`, `value`, `fix` and
-`fields`. With `--json`, the same fields are in the event that the command prints.
+In Python, an error is a `studio.errors.StudioError` with the attributes `code`, `problem`, `file`, `value`, `fix` and
+`fields`. With `--json`, the event that the command prints has the same fields.
 
-This page is generated from the source: it lists every place that names a code. Words in *italics* are filled in when
-the message is made.
+This page is generated from the source and lists every place that raises a code. Words in *italics* are placeholders.
 """
 _CODE = re.compile(r"[a-z][a-z0-9_]*(\.[a-z0-9_]+)+")
 

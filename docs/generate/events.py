@@ -11,12 +11,12 @@ from generate.markdown import code, escaped, table
 
 INTRODUCTION = """# Events
 
-What a run reports while it works. With `--json`, each event is one JSON object on a line of standard output, at once.
-The events of the last run are also in the take, as `.v3studio/events.jsonl`. The command line shows them as progress
-bars; the window reads the same lines.
+A run reports its progress as events. With `--json`, each event is printed immediately as one JSON object on a line of
+standard output. The events of the last run are also stored in the take, as `.v3studio/events.jsonl`. The command line
+shows them as progress bars; the window reads the same lines.
 
-Readers should ignore fields that they do not know. Every event has `event`, `stage` (the stage that it is about; empty
-for the run as a whole) and `time` (seconds since 1970). Values that JSON has no number for are null.
+Readers should ignore unknown fields. Every event has `event`, `stage` (the stage that it is about; empty for the entire
+run) and `time` (seconds since 1970). NaN and infinity are written as null.
 
 This page is generated from the event classes in `pipelines.events`.
 """

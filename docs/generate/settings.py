@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import yaml
 from generate.markdown import code, escaped, table
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 INTRODUCTION = """# Settings
 
-Every setting of a run. This page is generated from the settings models that validate a run, so it lists exactly what
-the installed version accepts. `v3studio config` prints the same list as a YAML file that can be edited and run.
+All settings of a run. This page is generated from the models that validate the settings, so it lists exactly what this
+version accepts. `v3studio config` prints the same list as a YAML file that you can edit and run.
 
 Set a value in a YAML file:
 
@@ -22,7 +21,7 @@ train:
   max_splats: 36000
 ```
 
-or on the command line, as `--train.max-splats 36000` or `--set train.max_splats=36000`. Settings that you leave out
+or on the command line, as `--train.max-splats 36000` or `--set train.max_splats=36000`. Omitted settings
 have their defaults. Unknown names are refused.
 """
 
@@ -46,7 +45,7 @@ def setting_names() -> set[str]:
 
 
 def old_names() -> str:
-    """Markdown table of what settings, values and stages were called before."""
+    """Markdown table of the old names of settings, values and stages."""
     from pipelines.config import renamed
 
     rows = [(code(f"{old}.*"), code(f"{new}.*")) for old, new in renamed.STAGES.items()]
@@ -65,7 +64,7 @@ def _names(prefix: str, model: BaseModel) -> Iterator[str]:
 
 
 def _section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> Iterator[str]:
-    affects = _results(getattr(type(model), "affects", None)) or affects
+    affects = _results(getattr(type(model), "affects", None), affects)
     rows: list[tuple[str, ...]] = []
     nested: list[tuple[str, BaseModel, tuple[str, ...]]] = []
     for name, field in type(model).model_fields.items():
@@ -74,7 +73,7 @@ def _section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> It
             yield from _table(rows)
             rows = []
             yield from (f"### {heading} {{ #{prefix}-{_slug(heading)} }}", "")
-        changed = _results(_marker(field, "Affects")) or affects
+        changed = _results(_marker(field, "Affects"), affects)
         value = getattr(model, name)
         dotted = f"{prefix}.{name}"
         if isinstance(value, BaseModel):
@@ -112,18 +111,21 @@ def _marker(field: FieldInfo, kind: str, attribute: str | None = None) -> Any:
     return getattr(found, attribute) if found is not None and attribute else found
 
 
-def _results(affects: Any) -> tuple[str, ...]:
-    return tuple(affects.results) if affects is not None else ()
+def _results(affects: Any, outer: tuple[str, ...]) -> tuple[str, ...]:
+    """What the marker says, which may be nothing; `outer` without a marker."""
+    return tuple(affects.results) if affects is not None else outer
 
 
 def _stale(results: tuple[str, ...]) -> str:
     names = ", ".join(escaped(name.replace("_", " ")) for name in results)
-    return f"<br>Changing it makes stale: {names}." if names else ""
+    return f"<br>A change makes these results stale: {names}." if names else ""
 
 
 def _default(model: BaseModel, name: str) -> str:
     value: Any = model.model_dump(mode="json", include={name})[name]
-    return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+    from studio.yaml_text import inline_yaml
+
+    return inline_yaml(value)
 
 
 def _slug(text: str) -> str:

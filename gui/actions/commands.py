@@ -79,6 +79,17 @@ class Actions:
         window, key = self._window, gui.KeyName
         player, transport = window.player, window.player.transport
         menu = self.menu()
+        of_menu: dict[str, tuple[Any, ...]] = {
+            "background": (key.B,),
+            "reset": (key.R,),
+            "mark": (key.M,),
+            "add_key": (key.K,),
+            "fullscreen": (key.F,),
+            "figures": (key.I,),
+            "shortcuts": (key.QUESTION_MARK, key.SLASH),
+            "previous_mark": (key.COMMA, key.LESS_THAN),
+            "next_mark": (key.PERIOD, key.GREATER_THAN),
+        }
         actions: dict[Any, Action] = {
             key.SPACE: transport.toggle,
             key.LEFT: lambda: transport.step(-1),
@@ -96,18 +107,7 @@ class Actions:
             key.C: player.next_camera,
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
-            key.B: menu["background"],
-            key.R: menu["reset"],
-            key.M: menu["mark"],
-            key.K: menu["add_key"],
-            key.F: menu["fullscreen"],
-            key.I: menu["figures"],
-            key.QUESTION_MARK: menu["shortcuts"],
-            key.SLASH: menu["shortcuts"],
-            key.COMMA: menu["previous_mark"],
-            key.PERIOD: menu["next_mark"],
-            key.LESS_THAN: menu["previous_mark"],
-            key.GREATER_THAN: menu["next_mark"],
+            **{one: menu[name] for name, keys in of_menu.items() for one in keys},
             **self.points.keys(),
         }
         return actions.get(event.key)

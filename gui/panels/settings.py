@@ -72,13 +72,16 @@ class SettingsList:
         grid = gui.VGrid(2, 0.25 * self._em)
         heading = ""
         found = matching(self._fields, self._words)
+        # headings share a column with the labels: a longer one would take the width from the fields
+        width = max(16, *(len(field.label) for field in found)) if found else 16
         for field in found:
             if field.heading != heading:
                 heading = field.heading
-                title = gui.Label(heading)
+                lines = textwrap.wrap(heading, width, break_long_words=False)
+                title = gui.Label("\n".join(lines))
                 title.text_color = color(ACCENT)
                 grid.add_child(title)
-                grid.add_child(gui.Label(""))
+                grid.add_child(gui.Label("\n".join(" " for _ in lines)))  # as high: columns are laid out separately
             label = gui.Label(field.label)
             label.tooltip = _broken(field.documentation)
             label.text_color = color(DIM)

@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipelines.takes.atomic_files import read_json
+from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-
-MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
 
 
 class EvaluationFile:
@@ -34,7 +32,7 @@ class FrameQuality:
 
     Attributes:
         bytes: size of the frame: size of its group divided by the group's number of frames.
-        means: mean over the evaluated cameras by metric of `MEASURES`, where measured.
+        means: mean over the evaluated cameras by metric of `pipelines.takes.evaluation.MEASURES`, where measured.
         cameras: the same by camera.
     """
 
@@ -65,19 +63,14 @@ class Evaluation:
         if not path.is_file():
             return cls()
         try:
-            found = read_json(path)
-            frames = {
-                int(row["index"]): FrameQuality(
-                    float(row["bytes"]), _measures(row), {name: _measures(one) for name, one in row["cameras"].items()}
-                )
-                for row in found["frames"]
-            }
-            protocol = found["protocol"]
-            return cls(frames, tuple(map(str, protocol.get("cameras", ()))), bool(protocol.get("held_out", True)))
+            found = read_evaluation(path)
         except StudioError as error:
             return cls(error=str(error))
-        except (AttributeError, KeyError, TypeError, ValueError):
-            return cls(error=f"{path}: not written by `v3studio evaluate`. Run it again.")
+        frames = {
+            row.index: FrameQuality(row.bytes, row.measures, {name: one.measures for name, one in row.cameras.items()})
+            for row in found.frames
+        }
+        return cls(frames, found.protocol.cameras, found.protocol.held_out)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
         """PSNR, SSIM and, if measured, LPIPS of a frame, and what they refer to: the camera if it was evaluated, else
@@ -114,7 +107,3 @@ class Evaluation:
             quality = self.frames.get(frame)
             found.append(None if quality is None else quality.bytes if name == "bytes" else quality.means.get(name))
         return found
-
-
-def _measures(row: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(row[name]) for name in MEASURES if row.get(name) is not None}

@@ -18,7 +18,7 @@ from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 
 _KEPT = ("psnr_decoded", "psnr_trained", "ssim_decoded", "lpips_decoded")
-_METHOD: dict[str, Any] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
+_METHOD: dict[str, str | bool | int] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
 
 
 def ablate(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from studio.errors import StudioError
+from studio.json_types import JsonData
 
 QPS = (12, 16, 20, 24, 28, 32)
 FULL = "full"
@@ -25,7 +25,7 @@ class Variant:
 
     name: str
     title: str
-    settings: dict[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, JsonData] = field(default_factory=dict)
 
 
 VARIANTS = (

@@ -37,12 +37,12 @@ def add_board_command(commands: Any) -> None:
 
 
 def _board(arguments: argparse.Namespace) -> int:
-    import yaml
     from pydantic import ValidationError
 
     from pipelines.config.loading import COMMAND_LINE, refused
     from studio.calibration import CalibrationTarget, write_target_pdf
     from studio.errors import StudioError
+    from studio.yaml_text import dump_yaml
 
     if arguments.file.suffix.lower() != ".pdf":
         raise StudioError(
@@ -71,7 +71,7 @@ def _board(arguments: argparse.Namespace) -> int:
             option="--marker",
         )
     try:
-        board = CalibrationTarget(
+        target = CalibrationTarget(
             kind=arguments.kind,
             columns=arguments.columns,
             rows=arguments.rows,
@@ -82,16 +82,16 @@ def _board(arguments: argparse.Namespace) -> int:
         )
     except ValidationError as error:
         raise refused(error, COMMAND_LINE, "calibrate.board.") from None
-    width, height = write_target_pdf(board, arguments.file, paper=arguments.paper)
+    width, height = write_target_pdf(target, arguments.file, paper=arguments.paper)
     names = ["kind", "columns", "rows", "square"]
-    names += ["marker", "dictionary"] if board.kind == "charuco" else []
-    names += ["inverted"] if board.inverted else []
-    values = {"calibrate": {"board": {name: getattr(board, name) for name in names}}}
+    names += ["marker", "dictionary"] if target.kind == "charuco" else []
+    names += ["inverted"] if target.inverted else []
+    values = {"calibrate": {"board": {name: getattr(target, name) for name in names}}}
     print(
         f"{arguments.file}: {width:g} x {height:g} mm. Print at 100%, measure a square, and use these settings with "
         "the measured size:"
     )
-    print(yaml.safe_dump(values, sort_keys=False), end="")
+    print(dump_yaml(values), end="")
     return 0
 
 

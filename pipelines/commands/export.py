@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FORMATS = {
     "ply": "a folder of numbered 3DGS PLY files, or one .ply file",
-    "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY",
+    "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY or less",
     "glb": "a folder of numbered GLB files with KHR_gaussian_splatting, or one .glb file",
     "videogs": "a folder in the VideoGS layout, for the players of the paper's released code",
     "turntable": "an MP4 of a camera circling the performer",
@@ -66,6 +66,9 @@ def register(commands: Any) -> None:
         metavar="N",
         help="truncate spherical harmonics to degree N, 0 to 3",
     )
+    export.add_argument(
+        "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read it yet"
+    )
     export.add_argument("--qp", type=int, default=20, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 20)")
     export.add_argument("--size", default="1280x720", metavar="WxH", help="movies: size in pixels (default: 1280x720)")
     export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
@@ -81,6 +84,14 @@ def register(commands: Any) -> None:
 
 def _export(arguments: argparse.Namespace) -> int:
     size = _size(arguments.size)
+    if arguments.spz_version is not None and arguments.format != "spz":
+        raise StudioError(
+            "command.invalid_option",
+            f"--format {arguments.format} has no --spz-version",
+            value=arguments.spz_version,
+            fix="Remove --spz-version.",
+            option="--spz-version",
+        )
     if (arguments.path is not None) != (arguments.format == "camera-path"):
         needs = arguments.format == "camera-path"
         raise StudioError(
@@ -139,34 +150,33 @@ def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> Splat
         video = replace(video, read=lambda index: read(index).with_sh_degree(degree))
     if text is None:
         return video
-    found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text)
-    if found is None:
-        raise StudioError(
-            "command.invalid_option",
-            f"--frames '{text}' is not of the form A:B or A:B:S",
-            value=text,
-            fix="Example: 0:20 for frames 0 to 19.",
-            option="--frames",
-        )
-    start, stop, step = found.groups()
+    pattern, form = r"(\d*):(\d*)(?::(\d+))?", "A:B or A:B:S"
+    start, stop, step = _parts("--frames", text, pattern, form, "0:20 for frames 0 to 19")
     return video.part(int(start or 0), int(stop) if stop else None, int(step or 1))
 
 
 def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    width, height = _parts("--size", text, r"(\d{1,5})x(\d{1,5})", "WxH", "1280x720")
+    return int(width), int(height)
+
+
+def _parts(option: str, text: str, pattern: str, form: str, example: str) -> tuple[str, ...]:
+    """The groups of `pattern` in the option's value; "" for one that is missing."""
+    found = re.fullmatch(pattern, text)
     if found is None:
         raise StudioError(
             "command.invalid_option",
-            f"--size '{text}' is not of the form WxH",
+            f"{option} '{text}' is not of the form {form}",
             value=text,
-            fix="Example: 1280x720.",
-            option="--size",
+            fix=f"Example: {example}.",
+            option=option,
         )
-    return int(found[1]), int(found[2])
+    return found.groups("")
 
 
 def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
     from studio.export import axes_of, export_frame, export_sequence, export_videogs
+    from studio.splat_files import SPZ_VERSION
 
     out: Path = arguments.out
     if arguments.format == "videogs":
@@ -183,10 +193,11 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
     ending = f".{arguments.format}"
     viewer = arguments.axes == "viewer" or (arguments.axes is None and arguments.format != "ply")
     rotation = axes_of(video, ending, viewer)
+    spz_version = arguments.spz_version or SPZ_VERSION
     if out.suffix.lower() != ending:
-        export_sequence(video, out, ending, rotation, progress)
+        export_sequence(video, out, ending, rotation, progress, spz_version)
     elif video.frame_count == 1:
-        export_frame(video, out, rotation)
+        export_frame(video, out, rotation, spz_version)
     else:
         raise StudioError(
             "command.invalid_option",

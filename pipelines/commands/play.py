@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from studio.cameras import Camera
     from studio.gaussians import Gaussians
+    from studio.stream import Manifest
 
 
 def register(commands: Any) -> None:
@@ -48,7 +48,7 @@ def _play(arguments: argparse.Namespace) -> int:
     from studio.stream import StreamReader
 
     with StreamReader.open(stream_place(arguments.stream)) as reader:
-        draw = _drawing(reader.manifest.metadata, arguments.stream) if arguments.draw else None
+        draw = _drawing(reader.manifest, arguments.stream) if arguments.draw else None
         report = play_headless(reader, realtime=arguments.realtime, frame_limit=arguments.frames, draw=draw)
     if arguments.json:
         import json
@@ -61,13 +61,13 @@ def _play(arguments: argparse.Namespace) -> int:
     return 1 if report.skipped else 0
 
 
-def _drawing(metadata: dict[str, Any], stream: str | Path) -> Callable[[Gaussians], object]:
+def _drawing(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], object]:
     """Return a function that renders Gaussians from the stream's suggested camera over its background."""
     from pipelines.reports.pictures import draw
-    from studio.cameras import Camera
+    from studio.stream import StreamMetadata
 
-    values = metadata.get("suggested_camera")
-    if not isinstance(values, dict):
+    metadata = StreamMetadata.from_json(manifest.metadata)
+    if metadata.suggested_camera is None:
         raise StudioError(
             "stream.no_camera",
             "the stream has no suggested camera",
@@ -75,6 +75,6 @@ def _drawing(metadata: dict[str, Any], stream: str | Path) -> Callable[[Gaussian
             fix="Remove --draw.",
             option="--draw",
         )
-    camera: Camera = Camera.from_dict(values).undistorted()
-    background = metadata.get("background", (0.0, 0.0, 0.0))
+    camera = metadata.suggested_camera.undistorted()
+    background = metadata.background or (0.0, 0.0, 0.0)
     return lambda gaussians: draw(gaussians, camera, background)

@@ -15,13 +15,13 @@ from studio.capture.settings import CaptureSettings
 from studio.meshing.settings import InitializeSettings
 from studio.settings import Affects, Conflict, Heading, Settings
 from studio.stream.settings import BakeSettings
-from studio.training.settings import TrainSettings
+from studio.training.settings import GROUP_SIZE, TrainSettings
 
 
 class GroupSettings(Settings):
     """Where groups begin, and whether the footage is checked first."""
 
-    group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=20, ge=1, le=1000)
+    group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=GROUP_SIZE, ge=1, le=1000)
     """Maximum number of frames per group; the first is the keyframe. The paper uses 20."""
 
     grouping: Annotated[Literal["fixed", "motion"], Affects("grouping")] = "fixed"

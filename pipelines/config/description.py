@@ -7,11 +7,11 @@ import types
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-import yaml
 from pydantic.fields import FieldInfo
 
 from pipelines.config.config import Config
 from studio.settings import Heading, Settings, marker
+from studio.yaml_text import inline_yaml
 
 _WIDTH = 110
 
@@ -32,7 +32,7 @@ def allowed_values(field: FieldInfo) -> str:
     choices = list(_choices(field.annotation))
     if choices:
         parts.append("one of " + ", ".join(map(str, choices)))
-    bounds: dict[str, Any] = {}
+    bounds: dict[str, float] = {}
     for rule in (*field.metadata, *_inner_rules(field.annotation)):
         for name in ("ge", "gt", "le", "lt"):
             if getattr(rule, name, None) is not None:
@@ -62,12 +62,7 @@ def _section(model: Settings, depth: int) -> Iterator[str]:
             yield from _section(value, depth + 1)
         else:
             dumped = model.model_dump(mode="json", include={name})[name]
-            text = (
-                yaml.safe_dump(dumped, default_flow_style=True, allow_unicode=True, width=10**6)
-                .removesuffix("...\n")
-                .strip()
-            )
-            yield f"{indent}{name}: {text}"
+            yield f"{indent}{name}: {inline_yaml(dumped)}"
         yield ""
 
 

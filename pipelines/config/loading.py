@@ -3,53 +3,22 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from pipelines.config.config import Config
 from pipelines.config.renamed import first_tree, note_renames, renamed, renamed_override
 from studio.errors import Message, StudioError
+from studio.json_types import JsonObject
 from studio.paths import need_utf8
 from studio.settings import Conflict, Settings, submodel
+from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
 COMMAND_LINE = "command line"
 """Named in place of a file in errors about overrides."""
-
-
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, but duplicate keys are errors, and 1e-3 is a number as in YAML 1.2."""
-
-    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        try:
-            return super().construct_object(node, deep=deep)
-        except (ValueError, KeyError):  # 2026-02-30, or !!int followed by text
-            kind = {"timestamp": "date", "bool": "Boolean"}.get(str(node.tag).rpartition(":")[2], "number")
-            raise yaml.constructor.ConstructorError(
-                None, None, f"'{node.value}' is not a valid {kind}", node.start_mark
-            ) from None
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, str) and key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"duplicate key '{key}'", key_node.start_mark)
-            if isinstance(key, str):
-                seen.add(key)
-        return super().construct_mapping(node, deep=deep)
-
-
-def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float:
-    return float(node.value)
-
-
-_Loader.add_implicit_resolver("!float12", re.compile(r"^[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789"))
-_Loader.add_constructor("!float12", _number)
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -68,8 +37,8 @@ def parse_override(text: str) -> tuple[str, Any]:
             fix="Example: train.max_splats=20000.",
         )
     try:
-        return name, yaml.load(value, Loader=_Loader)  # a SafeLoader
-    except yaml.YAMLError:
+        return name, parse_yaml(value)
+    except YamlError:
         raise StudioError(
             "settings.override_syntax",
             f"the value of {name}, '{value}', is not valid YAML",
@@ -91,7 +60,7 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
         StudioError: the file cannot be read (see `read_yaml`), a setting is unknown (`settings.unknown`) or has an
             invalid value (`settings.invalid`).
     """
-    values: dict[str, Any] = {}
+    values: JsonObject = {}
     if path is not None:
         values, changes = renamed(read_yaml(path), str(path))
         note_renames(str(path), changes)
@@ -124,7 +93,7 @@ def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) ->
         raise refused(error, path, given=given) from None
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> JsonObject:
     """The sections in a YAML file; an empty file has none.
 
     Raises:
@@ -141,18 +110,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise StudioError("settings.unreadable", f"cannot be read ({error})", file=path, fix=fix) from None
     try:
-        values = yaml.load(text, Loader=_Loader)  # a SafeLoader
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = mark.line + 1 if mark is not None else None
-        problem = getattr(error, "problem", None) or "not valid YAML"
-        raise StudioError(
-            "settings.not_yaml",
-            problem if line is None else f"line {line}: {problem}",
-            file=path,
-            fix="Fix the file.",
-            line=line,
-        ) from None
+        values = parse_yaml(text)
+    except YamlError as error:
+        raise StudioError("settings.not_yaml", str(error), file=path, fix="Fix the file.", line=error.line) from None
     if values is None:
         return {}
     if not isinstance(values, dict):
@@ -168,20 +128,15 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 def dump_config(config: Config) -> str:
     """YAML that `load_config` reads back as the same settings."""
-    return dump_tree(config.model_dump(mode="json"))
+    return dump_yaml(config.model_dump(mode="json"))
 
 
 def digest_text(config: Config) -> str:
     """The same with the settings' original names, so that it does not change when a setting is renamed."""
-    return dump_tree(first_tree(config.model_dump(mode="json")))
+    return dump_yaml(first_tree(config.model_dump(mode="json")))
 
 
-def dump_tree(tree: dict[str, Any]) -> str:
-    """YAML of sections of settings."""
-    return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True, width=120)
-
-
-def _anchor_root(values: dict[str, Any], folder: Path, where: str) -> None:
+def _anchor_root(values: JsonObject, folder: Path, where: str) -> None:
     """Make `capture.root` absolute, relative to `folder`. Raises StudioError if it cannot be a path."""
     capture = values.get("capture")
     if isinstance(capture, dict) and isinstance(capture.get("root"), str):
@@ -260,7 +215,7 @@ def refused(
     return StudioError("settings.invalid", lines, mistakes=[mistake.to_dict() for mistake in mistakes])
 
 
-def _mistake(problem: dict[str, Any], file: Path | str | None, prefix: str, given: Collection[str]) -> Message:
+def _mistake(problem: JsonObject, file: Path | str | None, prefix: str, given: Collection[str]) -> Message:
     location = [*filter(None, prefix.split(".")), *map(str, problem["loc"])]
     name = ".".join(location)
     known = set(all_names())
@@ -277,7 +232,7 @@ def _mistake(problem: dict[str, Any], file: Path | str | None, prefix: str, give
         return Message(
             "settings.unknown", f"unknown setting {name}", where, found, _nearest_sentence(name), {"setting": name}
         )
-    fields: dict[str, Any] = {"setting": setting}
+    fields: JsonObject = {"setting": setting}
     fix = ""
     cause = problem.get("ctx", {}).get("error")
     if isinstance(cause, Conflict):

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from studio.errors import StudioError
+from studio.json_types import JsonData, JsonObject
 
 STAGES = {"initialise": "initialize"}
 """Stages, which are also folders of a take and sections of settings: old name to new."""
@@ -36,8 +37,19 @@ VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
 ADDED = {"train.regularize": "planes"}
 """Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior."""
 
-REPORT_KEYS = {"explained": "match_inlier_ratio", "neighbours": "neighbors"}
-"""Keys of calibrate/report.json, old to new."""
+REPORT_KEYS = {
+    "explained": "match_inlier_ratio",
+    "geometry.neighbours": "neighbors",
+    "moments": "sync_frames",
+    "boards": "target",
+    "target.moments": "sync_frames",
+    "known_lenses": "known_intrinsics",
+    "lenses": "intrinsics",
+}
+"""Keys of calibrate/report.json, old to new; of a nested key the last part changes."""
+
+RECORD_KEYS = {"ingredients": "params"}
+"""Keys of a stage's record, old to new."""
 
 _FIRST_STAGES = {now: before for before, now in STAGES.items()}
 _FIRST_SETTINGS = {now: before for before, now in SETTINGS.items()}
@@ -62,7 +74,7 @@ def current_value(name: str, value: Any) -> Any:
     return VALUES.get(name, {}).get(value, value) if isinstance(value, str) else value
 
 
-def current_names(params: Mapping[str, Any]) -> dict[str, Any]:
+def current_names(params: Mapping[str, JsonData]) -> dict[str, JsonData]:
     """Params (settings by dotted name, and "result of STAGE") under the new names and values."""
     found = {}
     for key, value in params.items():
@@ -71,7 +83,7 @@ def current_names(params: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def first_names(params: Mapping[str, Any]) -> dict[str, Any]:
+def first_names(params: Mapping[str, JsonData]) -> dict[str, JsonData]:
     """Params under the original names and values, which digests are made of."""
     found = {}
     for key, value in params.items():
@@ -81,9 +93,9 @@ def first_names(params: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def first_tree(tree: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+def first_tree(tree: Mapping[str, Mapping[str, JsonData]]) -> dict[str, dict[str, JsonData]]:
     """All sections, in their order, under the original names and values, without `ADDED` settings at their default."""
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, dict[str, JsonData]] = {}
     for section, values in tree.items():
         kept = {f"{section}.{name}": value for name, value in values.items()}
         kept = {name: value for name, value in kept.items() if name not in ADDED or ADDED[name] != value}
@@ -103,7 +115,7 @@ def first_path(path: str) -> str:
     return f"{_FIRST_STAGES.get(head, head)}{slash}{rest}"
 
 
-def renamed(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
+def renamed(values: JsonObject, where: str) -> tuple[JsonObject, list[str]]:
     """Sections of settings under the new names and values.
 
     Args:
@@ -116,7 +128,7 @@ def renamed(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list
     Raises:
         StudioError: a setting is given under its old and its new name (`settings.both_names`).
     """
-    found: dict[str, Any] = {}
+    found: JsonObject = {}
     changes: list[str] = []
     for old_section, content in values.items():
         section = STAGES.get(old_section, old_section)
@@ -127,7 +139,7 @@ def renamed(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list
         if not isinstance(content, Mapping):
             found[section] = content
             continue
-        settings: dict[str, Any] = {}
+        settings: JsonObject = {}
         for key, value in content.items():
             old = f"{section}.{key}"
             name = SETTINGS.get(old, old)

@@ -9,12 +9,13 @@ import json
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 from pipelines.config.renamed import STAGES
 from studio.errors import Message, StudioError
+from studio.json_types import JsonData, JsonObject
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +40,7 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Notice(Event):
-    """Base of events that carry a `studio.errors.Message`; `parts` makes their arguments.
+    """Base of events that carry a `studio.errors.Message`; `of` makes them.
 
     Attributes:
         message: the full sentence, for display.
@@ -53,18 +54,21 @@ class Notice(Event):
     message: str = ""
     code: str = ""
     file: str | None = None
-    value: Any = None
+    value: JsonData = None
     fix: str = ""
-    fields: dict[str, Any] = field(default_factory=dict)
+    fields: Mapping[str, JsonData] = field(default_factory=dict)
 
-    @staticmethod
-    def parts(message: Message) -> dict[str, Any]:
-        """The arguments `message`, `code`, `file`, `value`, `fix` and `fields`, JSON-ready and of bounded length."""
-        found = message.to_dict()
-        own: dict[str, Any] = {
-            name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found
-        }
-        return {**own, "fields": found}
+    @classmethod
+    def of(cls, what: Message, **own: Any) -> Self:
+        """The event of a message, JSON-ready and of bounded length.
+
+        Args:
+            what: fills in `message`, `code`, `file`, `value`, `fix` and `fields`.
+            own: the event's other attributes.
+        """
+        found = what.to_dict()
+        parts = {name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found}
+        return cls(**parts, fields=found, **own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +122,7 @@ class Progress(Event):
     seconds_left: float | None = None
     total_seconds_left: float | None = None
     label: str = ""
-    figures: dict[str, Any] = field(default_factory=dict)
+    figures: Mapping[str, JsonData] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +136,7 @@ class Metrics(Event):
     """
 
     kind: ClassVar[str] = "metrics"
-    values: dict[str, Any]
+    values: Mapping[str, JsonData]
     group: int | None = None
     frame: int | None = None
 
@@ -183,7 +187,7 @@ class StageFinished(Event):
 
     kind: ClassVar[str] = "stage_finished"
     seconds: float
-    summary: dict[str, Any] = field(default_factory=dict)
+    summary: Mapping[str, JsonData] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,9 +287,7 @@ def _event_of(values: Any) -> Event:
     try:
         cls = _KINDS[values.pop("event")]
         known = {f.name for f in fields(cls)}
-        kept: dict[str, Any] = {
-            name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known
-        }
+        kept: JsonObject = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known}
         kept["stage"] = STAGES.get(kept.get("stage", ""), kept.get("stage", ""))
         if cls is RunStarted:
             for name in ("stages", "done"):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
+from pipelines.takes.atomic_files import Result
+from studio.calibration.report import CalibrationReport, Quality
 from studio.errors import Message
 
 _BANDS = {
@@ -22,45 +23,67 @@ _NEAR, _FAR = 0.05, 100
 """Plausible camera distances in meters."""
 
 
-def calibration_lenses(report: dict[str, Any]) -> list[str]:
+def intrinsics_sentences(report: CalibrationReport) -> list[str]:
     """Sentences about shared intrinsics, if calibration compared shared and separate ones."""
     from studio.calibration.sfm.shared_intrinsics import LIMIT
     from studio.calibration.sfm.verdict import TRUSTED
 
     found: list[str] = []
-    if report.get("match_inlier_ratio", 1.0) < TRUSTED:
+    if report.match_inlier_ratio is not None and report.match_inlier_ratio < TRUSTED:
         return found  # the comparison is meaningless if the poses are wrong
-    for each in report.get("sharing", []):
-        which = f"{len(each['images'])} cameras ({each['images'][0]} to {each['images'][-1]})"
-        if each["shared"]:
+    for each in report.sharing:
+        which = f"{len(each.images)} cameras ({each.images[0]} to {each.images[-1]})"
+        if each.shared:
             found.append(f"Shared intrinsics for {which}: they fit as well as separate ones.")
         else:
             found.append(
-                f"Separate intrinsics for {which}: with shared ones the errors grow {each['misfit']:.0f} times more "
+                f"Separate intrinsics for {which}: with shared ones the errors grow {each.misfit:.0f} times more "
                 f"than expected by chance (limit {LIMIT:.0f}; set calibrate.shared_intrinsics to override)."
             )
     return found
 
 
-def calibration_figures(report: dict[str, Any]) -> dict[str, Any]:
-    """Figures for an event: over all cameras, and the mean reprojection error of each."""
-    return {
-        **{f"reprojection_{key}": value for key, value in report["reprojection"].items()},
-        "quality": report["quality"],
-        "points": report["points"],
-        "cameras": {name: figures["mean"] for name, figures in report["cameras"].items()},
-        "unregistered": report.get("unregistered", {}),
-        **({"match_inlier_ratio": report["match_inlier_ratio"]} if "match_inlier_ratio" in report else {}),
-    }
+class CalibrationFigures(Result):
+    """Figures for an event: over all cameras, and the mean reprojection error of each; pixels."""
+
+    reprojection_mean: float
+    reprojection_median: float
+    reprojection_p95: float
+    quality: Quality
+    points: int
+
+    cameras: dict[str, float]
+    """Camera name to mean reprojection error."""
+
+    unregistered: dict[str, str]
+    """Cameras without a pose, with the reason."""
+
+    match_inlier_ratio: float | None = None
 
 
-def calibration_warnings(report: dict[str, Any]) -> list[Message]:
+def calibration_figures(report: CalibrationReport) -> CalibrationFigures:
+    """The figures of a report."""
+    figures = CalibrationFigures(
+        reprojection_mean=report.reprojection.mean,
+        reprojection_median=report.reprojection.median,
+        reprojection_p95=report.reprojection.p95,
+        quality=report.quality,
+        points=report.points,
+        cameras={name: camera.mean for name, camera in report.cameras.items()},
+        unregistered=report.unregistered,
+    )
+    if report.match_inlier_ratio is None:
+        return figures
+    return figures.model_copy(update={"match_inlier_ratio": report.match_inlier_ratio})
+
+
+def calibration_warnings(report: CalibrationReport) -> list[Message]:
     """Warnings about a calibration; codes `calibration.*`."""
     from studio.calibration.sfm.verdict import TRUSTED
 
     found = tie_warnings(report)
-    if report["reprojection"]["mean"] > 1 and "tie_points" not in report:
-        mean = report["reprojection"]["mean"]
+    mean = report.reprojection.mean
+    if mean > 1 and not report.tie_points:
         found.append(
             Message(
                 "calibration.reprojection_error",
@@ -70,25 +93,25 @@ def calibration_warnings(report: dict[str, Any]) -> list[Message]:
                 fields={"setting": "calibrate.camera_model"},
             )
         )
-    for name, figures in report["cameras"].items():
-        if "usual_focal" in figures:
+    for name, figures in report.cameras.items():
+        if figures.usual_focal is not None:
             found.append(
                 Message(
                     "calibration.focal_length",
-                    f"camera '{name}' has a focal length of {figures['focal']:.0f} px, the others "
-                    f"{figures['usual_focal']:.0f} px; unless its zoom differs, its intrinsics are wrong",
-                    value=figures["focal"],
+                    f"camera '{name}' has a focal length of {figures.focal:.0f} px, the others "
+                    f"{figures.usual_focal:.0f} px; unless its zoom differs, its intrinsics are wrong",
+                    value=figures.focal,
                     fix="Try calibrate.shared_intrinsics or calibrate.intrinsics_groups, or set its intrinsics with "
                     "calibrate.known_cameras.",
                     fields={
                         "camera": name,
-                        "expected": figures["usual_focal"],
+                        "expected": figures.usual_focal,
                         "setting": "calibrate.shared_intrinsics",
                     },
                 )
             )
-    poor = [name for name, figures in report["cameras"].items() if figures["mean"] > 1]
-    if poor and report["reprojection"]["mean"] <= 1:
+    poor = [name for name, figures in report.cameras.items() if figures.mean > 1]
+    if poor and mean <= 1:
         found.append(
             Message(
                 "calibration.poor_cameras",
@@ -97,8 +120,8 @@ def calibration_warnings(report: dict[str, Any]) -> list[Message]:
                 fields={"cameras": poor},
             )
         )
-    match_inlier_ratio = report.get("match_inlier_ratio", 1.0)
-    if match_inlier_ratio < TRUSTED:
+    match_inlier_ratio = report.match_inlier_ratio
+    if match_inlier_ratio is not None and match_inlier_ratio < TRUSTED:
         found.append(
             Message(
                 "calibration.match_inlier_ratio",
@@ -110,8 +133,8 @@ def calibration_warnings(report: dict[str, Any]) -> list[Message]:
                 fields={"expected": TRUSTED, "setting": "calibrate.shared_intrinsics"},
             )
         )
-    known = report.get("known_lenses", ())
-    sparse = [n for n, figures in report["cameras"].items() if figures["coverage"] < _SPARSE and n not in known]
+    known = report.known_intrinsics
+    sparse = [n for n, figures in report.cameras.items() if figures.coverage < _SPARSE and n not in known]
     if sparse:
         found.append(
             Message(
@@ -121,23 +144,23 @@ def calibration_warnings(report: dict[str, Any]) -> list[Message]:
                 fields={"cameras": sparse},
             )
         )
-    for name, reason in report.get("unregistered", {}).items():
+    for name, reason in report.unregistered.items():
         found.append(
             Message(
                 "calibration.unregistered",
                 f"camera '{name}' was not registered: {reason}",
-                fields={"camera": name, "reason": str(reason)},
+                fields={"camera": name, "reason": reason},
             )
         )
     return found
 
 
-def tie_warnings(report: dict[str, Any]) -> list[Message]:
+def tie_warnings(report: CalibrationReport) -> list[Message]:
     """Warnings about a calibration from tie points; codes `tie_points.*`."""
-    if "tie_points" not in report:
+    if not report.tie_points:
         return []
     found = []
-    mean = report["reprojection"]["mean"]
+    mean = report.reprojection.mean
     if mean > 1:
         found.append(
             Message(
@@ -147,7 +170,7 @@ def tie_warnings(report: dict[str, Any]) -> list[Message]:
                 value=mean,
             )
         )
-    unsure = {name: share for name, share in report.get("uncertain", {}).items() if share > _UNSURE}
+    unsure = {name: share for name, share in report.uncertain.items() if share > _UNSURE}
     if unsure:
         worst = max(unsure, key=lambda name: unsure[name])
         found.append(
@@ -160,19 +183,20 @@ def tie_warnings(report: dict[str, Any]) -> list[Message]:
                 fields={"cameras": list(unsure), "camera": worst},
             )
         )
-    for mark in report.get("left_out", []):
-        where = "behind the camera" if mark["error"] is None else f"{mark['error']:.1f} px away"
+    for mark in report.left_out:
+        where = "behind the camera" if mark.error is None else f"{mark.error:.1f} px away"
         found.append(
             Message(
                 "tie_points.rejected",
-                f"point '{mark['point']}' was rejected in {mark['camera']}: the other marks put it {where}",
-                value=mark["error"],
+                f"point '{mark.point}' was rejected in {mark.camera}: the other marks put it {where}",
+                value=mark.error,
                 fix="Check this mark.",
-                fields={"point": mark["point"], "camera": mark["camera"]},
+                fields={"point": mark.point, "camera": mark.camera},
             )
         )
-    off = {name: point["off"] for name, point in report["tie_points"].items() if "off" in point}
-    far = sorted((name for name in off if off[name] > _FAR_OFF * report["world_accuracy"]), key=lambda name: -off[name])
+    off = {name: point.off for name, point in report.tie_points.items() if point.off is not None}
+    limit = _FAR_OFF * (report.world_accuracy or 0.0)
+    far = sorted((name for name in off if off[name] > limit), key=lambda name: -off[name])
     if far:
         named = ", ".join(f"'{name}' ({off[name]:.3g} m)" for name in far[:3]) + (", ..." if len(far) > 3 else "")
         found.append(
@@ -183,8 +207,8 @@ def tie_warnings(report: dict[str, Any]) -> list[Message]:
                 fields={"points": far},
             )
         )
-    away = report["geometry"]["radius"]
-    if report["metric"] and not _NEAR < away < _FAR:
+    away = report.geometry.radius
+    if report.metric and not _NEAR < away < _FAR:
         found.append(
             Message(
                 "tie_points.unit",
@@ -196,11 +220,11 @@ def tie_warnings(report: dict[str, Any]) -> list[Message]:
     return found
 
 
-def render_calibration(report: dict[str, Any], names: Sequence[str]) -> str:
+def render_calibration(report: CalibrationReport, names: Sequence[str]) -> str:
     """Render the HTML page.
 
     Args:
-        report: content of calibrate/report.json.
+        report: the calibration's report.
         names: cameras in the order to show.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -211,13 +235,13 @@ def render_calibration(report: dict[str, Any], names: Sequence[str]) -> str:
         undefined=StrictUndefined,
         trim_blocks=True,
     )
-    most = max((max(map(max, figures["coverage_map"])) for figures in report["cameras"].values()), default=1)
+    most = max((max(map(max, figures.coverage_map)) for figures in report.cameras.values()), default=1)
     return environment.get_template("calibration.html.j2").render(
         report=report,
-        names=[name for name in names if name in report["cameras"]],
+        names=[name for name in names if name in report.cameras],
         bands=_BANDS,
         warnings=calibration_warnings(report),
-        lenses=calibration_lenses(report),
+        intrinsics=intrinsics_sentences(report),
         most=max(most, 1),
-        longest=max(report["tracks"].values(), default=1),
+        longest=max(report.tracks.values(), default=1),
     )

@@ -13,11 +13,11 @@ import numpy as np
 from pipelines.config import Config
 from pipelines.reports.pictures import encode
 from pipelines.reports.plots import mark_rows, plots
-from pipelines.takes.atomic_files import read_json, write_text
+from pipelines.takes.atomic_files import write_text
+from pipelines.takes.calibration import read_cameras_report
 from pipelines.takes.evaluation import Evaluation, read_evaluation
 from pipelines.takes.groups import Group
 from pipelines.takes.marks import read_marks
-from pipelines.takes.migration import current_report
 from pipelines.takes.records import note_rewritten, read_record
 from pipelines.takes.take import Take
 from pipelines.version import program_version
@@ -128,21 +128,24 @@ def _rendered(template: str, **values: Any) -> str:
     return environment.get_template(template).render(**values)
 
 
-def _pictures(sample: Sample, width: int) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _Pictures:
+    """A sample in the page: its images as labels and data URIs."""
+
+    frame: int
+    camera: str
+    images: tuple[tuple[str, str], ...]
+
+
+def _pictures(sample: Sample, width: int) -> _Pictures:
     difference = np.clip(np.abs(sample.decoded - sample.truth) * DIFFERENCE_GAIN, 0, 1)
-    return {
-        "frame": sample.frame,
-        "camera": sample.camera,
-        "images": [
-            (label, _embedded(image, width))
-            for label, image in (
-                ("ground truth", sample.truth),
-                ("trained", sample.trained),
-                ("decoded", sample.decoded),
-                (f"difference x{DIFFERENCE_GAIN:g}", difference),
-            )
-        ],
-    }
+    images = (
+        ("ground truth", sample.truth),
+        ("trained", sample.trained),
+        ("decoded", sample.decoded),
+        (f"difference x{DIFFERENCE_GAIN:g}", difference),
+    )
+    return _Pictures(sample.frame, sample.camera, tuple((label, _embedded(image, width)) for label, image in images))
 
 
 def _embedded(image: np.ndarray, width: int) -> str:
@@ -155,12 +158,11 @@ def _embedded(image: np.ndarray, width: int) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(encode(image, ".jpg")).decode()
 
 
-def _calibration(take: Take) -> dict[str, Any]:
+def _calibration(take: Take) -> dict[str, str | float]:
     """Scalars of the calibration report; tables per camera are only in calibrate/report.json."""
-    if not take.calibration_report.is_file():
-        return {}
-    found: dict[str, Any] = {}
-    for name, value in current_report(read_json(take.calibration_report)).items():
+    report = read_cameras_report(take)
+    found: dict[str, str | float] = {}
+    for name, value in report.model_dump(exclude_unset=True).items() if report is not None else ():
         if isinstance(value, dict) and len(value) <= 4:
             found |= {f"{name} {key}": item for key, item in value.items() if isinstance(item, (int, float))}
         elif isinstance(value, (str, int, float)):

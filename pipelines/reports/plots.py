@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pipelines.takes.atomic_files import read_model
@@ -33,10 +34,19 @@ def plots(take: Take, groups: Sequence[Group], evaluation: Evaluation, marks: Ma
     }
 
 
-def mark_rows(evaluation: Evaluation, marks: Mapping[int, str]) -> list[dict[str, Any]]:
-    """For the template: `frame`, `note` and `row` of each mark; `row` is None if the frame was not measured."""
+@dataclass(frozen=True)
+class MarkRow:
+    """A mark in the table; `row` is None if the frame was not measured."""
+
+    frame: int
+    note: str
+    row: FrameQuality | None
+
+
+def mark_rows(evaluation: Evaluation, marks: Mapping[int, str]) -> list[MarkRow]:
+    """The table of marks, in order."""
     rows = {row.index: row for row in evaluation.frames}
-    return [{"frame": frame, "note": marks[frame], "row": rows.get(frame)} for frame in sorted(marks)]
+    return [MarkRow(frame, marks[frame], rows.get(frame)) for frame in sorted(marks)]
 
 
 def _svg(draw_into: Any, data: Any, marked: list[int]) -> str:

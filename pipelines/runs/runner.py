@@ -77,8 +77,11 @@ def run(
     report = emit
 
     def finish(outcome: str, message: Message | None = None) -> None:
-        parts = {} if message is None else RunFinished.parts(message)
-        report(RunFinished(outcome=outcome, seconds=round(clock() - started, 2), **parts))
+        seconds = round(clock() - started, 2)
+        if message is None:
+            report(RunFinished(outcome=outcome, seconds=seconds))
+        else:
+            report(RunFinished.of(message, outcome=outcome, seconds=seconds))
 
     with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", _INTERRUPTED)):
         started = clock()
@@ -190,7 +193,7 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
             remove(path)
     try:
         with disk_errors(context.take.root):
-            summary = stage.run(context, reporter).to_json()
+            summary = stage.run(context, reporter)
             context.cancellation.check()
             seconds = context.clock() - started
             write_record(stage, context, seconds, summary)
@@ -199,10 +202,10 @@ def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: 
     except Exception as error:
         trace = "" if isinstance(error, StudioError) else traceback.format_exc()
         message = as_message(error)
-        context.emit(StageFailed(stage=stage.name, traceback=trace, **StageFailed.parts(message)))
+        context.emit(StageFailed.of(message, stage=stage.name, traceback=trace))
         _try_to_note_failure(context, stage.name, message)
         raise
-    context.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary))
+    context.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary.to_json()))
 
 
 def _try_to_note_failure(context: Context, stage: str, message: Message) -> None:

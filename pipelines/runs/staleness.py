@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import cast
+
+from pydantic import JsonValue
 
 from pipelines.stages.base import Context, Stage
 from pipelines.stages.params import Params
-from pipelines.takes.atomic_files import digest_of, digest_of_files, remove, write_model
+from pipelines.takes.atomic_files import Result, digest_of, digest_of_files, remove, write_model
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
 from studio.errors import StudioError
+from studio.json_types import JsonData
 
 DONE, PARTIAL, STALE, FAILED, MISSING = "done", "partial", "stale", "failed", "missing"
 
@@ -36,7 +40,7 @@ class StageStatus:
     units: int = 0
     unit: str = ""
     seconds: float | None = None
-    summary: dict[str, Any] | None = None
+    summary: Mapping[str, JsonData] | None = None
 
 
 def current_params(stage: Stage, context: Context) -> Params:
@@ -51,24 +55,24 @@ def current_params(stage: Stage, context: Context) -> Params:
     return found
 
 
-def write_record(stage: Stage, context: Context, seconds: float, summary: dict[str, Any]) -> None:
+def write_record(stage: Stage, context: Context, seconds: float, summary: Result) -> None:
     """Record that the stage finished.
 
     Args:
         seconds: how long it took.
-        summary: its main figures, JSON-ready.
+        summary: its main figures.
     """
     files = stage.results(context)
     root = context.take.root
     record = StageRecord(
         stage=stage.name,
-        params=current_params(stage, context),
+        params=cast(dict[str, JsonValue], current_params(stage, context)),  # the same values in pydantic's words
         result=digest_of_files(root, files),
         files={path.relative_to(root).as_posix(): path.stat().st_size for path in files},
         written={path.relative_to(root).as_posix(): path.stat().st_mtime_ns for path in files},
         seconds=round(seconds, 3),
         finished=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        summary=summary,
+        summary=summary.to_json(),
     )
     write_model(context.take.record(stage.name), record)
     remove(context.take.failure(stage.name))
@@ -82,7 +86,7 @@ def assess(stage: Stage, context: Context, upstream: dict[str, StageStatus]) -> 
     record = read_record(context.take, stage.name)
     found = StageStatus(stage.name, STALE if record else MISSING)
     if record:
-        found = replace(found, seconds=record.seconds, summary=dict(record.summary))
+        found = replace(found, seconds=record.seconds, summary=record.summary)
     waiting = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
     try:
         reason = _why_not_done(stage, context, record, waiting)
@@ -132,7 +136,7 @@ def _why_not_done(stage: Stage, context: Context, record: StageRecord | None, wa
     return ""
 
 
-def differences(before: Params, now: Params) -> list[str]:
+def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
     """Descriptions of what changed, at most four."""
     found = []
     for name in sorted(before.keys() | now.keys()):
@@ -148,6 +152,6 @@ def differences(before: Params, now: Params) -> list[str]:
     return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = "null" if value is None else str(value)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -22,7 +22,7 @@ from pipelines.takes.take import group_name
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
-    from studio.stream import GroupEntry
+    from studio.stream import GroupEntry, StreamMetadata
 
 
 class BakeStage:
@@ -81,7 +81,8 @@ class BakeStage:
         for path in new.iterdir():
             if path.name not in wanted:
                 remove(path)
-        manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, self._metadata(context))
+        metadata = self._metadata(context).to_json()
+        manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, metadata)
         self._put_in_place(context, new)
         for path in context.take.work(self.name).glob("group_*.json"):
             if path.stem not in wanted:
@@ -148,15 +149,14 @@ class BakeStage:
             ),
         )
 
-    def _metadata(self, context: Context) -> dict[str, Any]:
+    def _metadata(self, context: Context) -> StreamMetadata:
         """Deterministic, so that identical takes bake to identical bytes."""
+        from studio.stream import StreamMetadata
+
         footage = context.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
-        return {
-            "suggested_camera": footage.rig[camera].to_dict(),
-            "background": list(context.config.capture.background),
-            "up": [float(value) for value in footage.rig.up],
-        }
+        x, y, z = footage.rig.up.tolist()
+        return StreamMetadata(footage.rig[camera], context.config.capture.background, (x, y, z))
 
     def _put_in_place(self, context: Context, new: Path) -> None:
         """Swap folders. If killed between the renames, the complete new stream is still in the work folder."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +22,7 @@ from pipelines.takes.atomic_files import Result
 from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
 from studio.errors import Message
+from studio.json_types import JsonData
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ class StageReporter:
         self._fraction = 0.0
         self._lock = threading.Lock()
 
-    def progress(self, fraction: float, label: str = "", **figures: Any) -> None:
+    def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:
         """Report progress of the stage; calls in quick succession are dropped.
 
         Args:
@@ -127,7 +128,7 @@ class StageReporter:
         with self._lock:
             self._progress(fraction, label, figures)
 
-    def _progress(self, fraction: float, label: str, figures: dict[str, Any]) -> None:
+    def _progress(self, fraction: float, label: str, figures: Mapping[str, JsonData]) -> None:
         # estimates of the time left may grow, but progress never decreases
         fraction = self._fraction = max(self._fraction, fraction)
         now = self.context.clock()
@@ -159,7 +160,7 @@ class StageReporter:
     def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
         """A progress callback for library functions, mapped to the range `start` to `stop` of this stage."""
 
-        def report(done: int, total: int, **figures: Any) -> None:
+        def report(done: int, total: int, **figures: JsonData) -> None:
             fraction = done / total if total else 0.0
             self.progress(start + (stop - start) * min(1.0, fraction), label, **figures)
 
@@ -169,8 +170,8 @@ class StageReporter:
         with self._lock:
             self.context.emit(event)
 
-    def metrics(self, values: dict[str, Any], group: int | None = None, frame: int | None = None) -> None:
-        """Report final figures of a frame, a group or the stage."""
+    def metrics(self, values: Mapping[str, JsonData], group: int | None = None, frame: int | None = None) -> None:
+        """Report final figures of a frame, a group or the stage, by name."""
         self._emit(Metrics(stage=self.stage, values=values, group=group, frame=frame))
 
     def preview(self, path: Path, caption: str, **where: Any) -> None:
@@ -185,7 +186,7 @@ class StageReporter:
         """Report a warning. Plain text gets the code `STAGE.warning`."""
         if not isinstance(message, Message):
             message = Message(f"{self.stage}.warning", message)
-        self._emit(Warned(stage=self.stage, **Warned.parts(message)))
+        self._emit(Warned.of(message, stage=self.stage))
 
 
 def _seconds_left(elapsed: float, fraction: float) -> float | None:

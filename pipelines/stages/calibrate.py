@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipelines.reports.calibration import (
     calibration_figures,
-    calibration_lenses,
     calibration_warnings,
+    intrinsics_sentences,
     render_calibration,
 )
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.boards import board_digest, calibrate_with_boards, lenses_from_boards
 from pipelines.stages.camera_file import camera_file
 from pipelines.stages.known_cameras import (
     at_footage_size,
@@ -28,11 +27,15 @@ from pipelines.stages.known_cameras import (
 )
 from pipelines.stages.params import Params, settings_affecting
 from pipelines.stages.summaries import CalibrateSummary
-from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_json, write_text
+from pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, write_model, write_text
+from pipelines.takes.calibration import CamerasFromFile, CamerasReport
 from pipelines.takes.point_files import write_points
+from studio.calibration.report import CalibrationReport
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
+    from studio.calibration.report import IntrinsicsReport
     from studio.cameras import Camera, Rig
     from studio.capture import Footage
 
@@ -53,20 +56,20 @@ class CalibrateStage:
         if given is not None:
             return {"camera file": _digest(given), **settings_affecting(config, "cameras_from_file")}
         if config.calibrate.board_images:
-            return {"board footage": board_digest(context), **settings_affecting(config, "cameras_from_target")}
+            return {"board footage": target_digest(context), **settings_affecting(config, "cameras_from_target")}
         if config.calibrate.tie_points:
             return {
                 "tie points": _digest(tie_file(context)),
-                "sizes": {name: context.footage.raw.raw_size(name) for name in context.footage.raw.camera_names},
+                "sizes": {name: list(context.footage.raw.raw_size(name)) for name in context.footage.raw.camera_names},
                 **settings_affecting(config, "cameras_from_points"),
-                **_lens_files(context),
+                **_intrinsics_files(context),
             }
         masked = config.calibrate.look_at != "everything"
         return {
             "footage": context.footage.digest,
             "frames": self._frames(context),
             **settings_affecting(config, "cameras_from_images", *(("calibration_masks",) if masked else ())),
-            **_lens_files(context),
+            **_intrinsics_files(context),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -82,34 +85,37 @@ class CalibrateStage:
         from studio.camera_files import write_rig
 
         given = _given(context)
+        rig: Rig
+        report: CamerasReport
         if given is not None:
             rig, report = self._from_file(context, given)
         elif context.config.calibrate.board_images:
-            rig, report = self._from_board(context, reporter)
+            rig, report = self._from_target(context, reporter)
         elif context.config.calibrate.tie_points:
             rig, report = self._from_tie_points(context, reporter)
         else:
             rig, report = self._from_footage(context, reporter)
         with atomic_path(context.take.rig) as temporary:
             write_rig(rig, temporary)
-        write_json(context.take.calibration_report, report)
-        if "reprojection" in report:
+        write_model(context.take.calibration_report, report)
+        if isinstance(report, CalibrationReport):
             write_text(context.take.calibration_report.with_suffix(".html"), render_calibration(report, rig.names))
-            reporter.metrics(calibration_figures(report))
-            for sentence in calibration_lenses(report):
+            reporter.metrics(calibration_figures(report).to_json())
+            for sentence in intrinsics_sentences(report):
                 reporter.log(sentence)
             for warning in calibration_warnings(report):
                 reporter.warn(warning)
         context.footage.forget_cameras()
         reporter.progress(1.0, "done")
-        figures = {"cameras": len(rig), "source": report["source"]}
-        if "reprojection" in report:
-            figures |= {"quality": report["quality"], "mean_error_px": report["reprojection"]["mean"]}
-        if "match_inlier_ratio" in report:
-            figures["match_inlier_ratio"] = report["match_inlier_ratio"]
-        return CalibrateSummary(**figures)
+        summary = CalibrateSummary(cameras=len(rig), source=report.source or "")
+        if isinstance(report, CalibrationReport):
+            figures = {"quality": report.quality, "mean_error_px": report.reprojection.mean}
+            if report.match_inlier_ratio is not None:
+                figures["match_inlier_ratio"] = report.match_inlier_ratio
+            summary = summary.model_copy(update=figures)
+        return summary
 
-    def _from_file(self, context: Context, path: Path) -> tuple[Any, dict[str, Any]]:
+    def _from_file(self, context: Context, path: Path) -> tuple[Rig, CamerasFromFile]:
         from studio.camera_files import read_rig
         from studio.cameras import Rig
         from studio.capture import match_rig
@@ -120,7 +126,7 @@ class CalibrateStage:
             rig = Rig(tuple(camera for camera in rig if camera.name in names or Path(camera.name).stem in names))
         rig = Rig(tuple(match_rig(rig, names).values()))
         check_sizes(context, rig, path)
-        return rig, {"source": "file", "file": str(path)}
+        return rig, CamerasFromFile(source="file", file=str(path))
 
     def _frames(self, context: Context) -> list[int]:
         frames = context.footage.raw.frames
@@ -153,12 +159,12 @@ class CalibrateStage:
             )
         return [section.frame]
 
-    def _from_board(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
-        result = calibrate_with_boards(context, reporter)
+    def _from_target(self, context: Context, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
+        result = calibrate_with_target(context, reporter)
         _keep_points(context, result.points, result.colors)
-        return result.rig, {"source": "board", **result.report.to_dict()}
+        return result.rig, result.report.model_copy(update={"source": "board"})
 
-    def _from_footage(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
+    def _from_footage(self, context: Context, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
         from studio.calibration import calibrate_from_images, floor_world
 
         footage, section = context.footage.raw, context.config.calibrate
@@ -192,16 +198,14 @@ class CalibrateStage:
             }
         work = context.take.work(self.name)
         work.mkdir(parents=True, exist_ok=True)
-        report: dict[str, Any] = {"source": "footage", "frame": frames[0], "frames": frames}
-        lenses, before, found_lenses = _known_lenses(context, reporter)
-        report |= found_lenses
+        known, before, reports = _known_intrinsics(context, reporter)
         result = calibrate_from_images(
             images,
             masks,
             workdir=work,
-            known=lenses,
+            known=known,
             poses=before if section.known_poses else None,
-            focal_lengths={} if lenses else focal_lengths(footage, frames[0]),
+            focal_lengths={} if known else focal_lengths(footage, frames[0]),
             settings=section,
             threads=context.config.run.threads,
             seed=context.config.run.seed,
@@ -209,14 +213,17 @@ class CalibrateStage:
             progress=reporter.part("structure from motion", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         rig, points = result.rig, result.points
+        report = result.report.model_copy(
+            update={"source": "footage", "frame": frames[0], "frames": frames, **_of_target(reports)}
+        )
         if section.floor:
             world, found = floor_world(rig, points)
             rig, points = world.rig(rig), world.points(points)
-            report["floor"] = found.model_dump()
+            report = report.model_copy(update={"floor": found})
         _keep_points(context, points, result.colors)
-        return rig.subset(names), {**report, **result.report.to_dict()}
+        return rig.subset(names), report
 
-    def _from_tie_points(self, context: Context, reporter: StageReporter) -> tuple[Any, dict[str, Any]]:
+    def _from_tie_points(self, context: Context, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
         from studio.calibration import calibrate_from_tie_points, read_tie_points
 
         footage, section = context.footage.raw, context.config.calibrate
@@ -233,19 +240,20 @@ class CalibrateStage:
                 camera=strange[0],
                 found=list(names),
             )
-        lenses, _, report = _known_lenses(context, reporter)
+        known, _, reports = _known_intrinsics(context, reporter)
         result = calibrate_from_tie_points(
             points,
             {name: footage.raw_size(name) for name in names},
-            known=lenses,
-            focal_lengths={} if lenses else focal_lengths(footage, footage.frames[0]),
+            known=known,
+            focal_lengths={} if known else focal_lengths(footage, footage.frames[0]),
             distance=known_distance(section, names),
             settings=section,
             seed=context.config.run.seed,
             progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),
         )
         _keep_points(context, result.points, result.colors)
-        return result.rig, {"source": "tie points", "file": str(tie_file(context)), **report, **result.report.to_dict()}
+        about = {"source": "tie points", "file": str(tie_file(context)), **_of_target(reports)}
+        return result.rig, result.report.model_copy(update=about)
 
 
 def _given(context: Context) -> Path | None:
@@ -270,12 +278,12 @@ def _given(context: Context) -> Path | None:
     return None if ways and ways != ["capture.rig"] else camera_file(context.config.capture)
 
 
-def _lens_files(context: Context) -> Params:
-    """Digests of the files that known intrinsics are read from (see `_known_lenses`)."""
+def _intrinsics_files(context: Context) -> Params:
+    """Digests of the files that known intrinsics are read from (see `_known_intrinsics`)."""
     section = context.config.calibrate
     return {
         **({"known": _digest(known_file(context))} if section.known_cameras else {}),
-        **({"board footage": board_digest(context)} if section.intrinsics_images else {}),
+        **({"board footage": target_digest(context)} if section.intrinsics_images else {}),
     }
 
 
@@ -284,18 +292,25 @@ def _keep_points(context: Context, points: np.ndarray, colors: np.ndarray) -> No
         write_points(temporary, points, None, colors)
 
 
-def _known_lenses(context: Context, reporter: StageReporter) -> tuple[dict[str, Camera], Rig | None, dict[str, Any]]:
-    """Known intrinsics at the footage's size, the cameras of calibrate.known_cameras, and entries for the report."""
-    lenses: dict[str, Camera] = {}
-    report: dict[str, Any] = {}
+def _known_intrinsics(
+    context: Context, reporter: StageReporter
+) -> tuple[dict[str, Camera], Rig | None, dict[str, IntrinsicsReport]]:
+    """Cameras with known intrinsics at the footage's size, the cameras of calibrate.known_cameras, and reports on the
+    intrinsics from images of the target."""
+    known: dict[str, Camera] = {}
+    reports: dict[str, IntrinsicsReport] = {}
     if context.config.calibrate.intrinsics_images:
-        lenses, figures = lenses_from_boards(context, reporter, 0.0, 0.2)
-        report["lenses"] = {name: each.model_dump() for name, each in figures.items()}
-        lenses = {name: at_footage_size(context, name, camera) for name, camera in lenses.items()}
+        known, reports = intrinsics_from_target(context, reporter, 0.0, 0.2)
+        known = {name: at_footage_size(context, name, camera) for name, camera in known.items()}
     before = known_cameras(context)
     if before is not None:
-        lenses = {camera.name: camera for camera in before} | lenses
-    return lenses, before, report
+        known = {camera.name: camera for camera in before} | known
+    return known, before, reports
+
+
+def _of_target(reports: dict[str, IntrinsicsReport]) -> dict[str, dict[str, IntrinsicsReport]]:
+    """The entry of the calibration report; none without images of the target."""
+    return {"intrinsics": reports} if reports else {}
 
 
 def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.ndarray:
@@ -304,7 +319,7 @@ def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.
     return np.where(performer != room, 255, 0).astype(np.uint8)
 
 
-def _digest(path: Path) -> Any:
+def _digest(path: Path) -> str | dict[str, str]:
     """Digest of a file, or digests of the files in a folder by name."""
     if path.is_dir():
         return {file.name: digest_of_file(file) for file in sorted(path.iterdir()) if file.is_file()}

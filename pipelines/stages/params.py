@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, TypeAlias
 
 from pipelines.config import Config
 from pipelines.config.renamed import ADDED, first_name, first_names
 from pipelines.takes.atomic_files import digest_of
+from studio.json_types import JsonData
 from studio.settings import affected
 
-Params = dict[str, Any]
+Params: TypeAlias = dict[str, JsonData]
 """Settings by dotted name, digests of inputs and of other stages' results."""
 
 

@@ -142,14 +142,14 @@ class TrainStage:
         count = 0
         for index, key in zip(group.indices, keys, strict=True):
             about = read_about(take.trained_frame(group.index, index))
-            if about is None or about.get("key") != key:
+            if about is None or about.key != key:
                 break
             count += 1
         if context.config.train.motion_warm_start:
             # the next frame needs the motion network of the last finished one
             while 1 < count < len(keys):
                 about = read_about(take.motion_network(group.index, group.first + count - 1))
-                if about is not None and about.get("key") == keys[count - 1]:
+                if about is not None and about.key == keys[count - 1]:
                     break
                 count -= 1
         return count

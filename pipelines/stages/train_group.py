@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.pictures import draw, write_picture
@@ -15,11 +15,12 @@ from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.params import derived_seed
 from pipelines.stages.train_clock import TrainClock
 from pipelines.takes.atomic_files import read_model, remove, write_model
-from pipelines.takes.frame_files import read_frame, read_tensors, write_frame, write_tensors
+from pipelines.takes.frame_files import FrameMetadata, read_frame, read_tensors, write_frame, write_tensors
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import TrainedGroup
 from studio.errors import Message, StudioError
+from studio.json_types import JsonData
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ class GroupWork:
             snapshot=snapshot,
         )
         if self.settings.motion_warm_start:
-            write_tensors(take.motion_network(group.index, index), found.motion, {"key": keys[position]})
+            write_tensors(take.motion_network(group.index, index), found.motion, FrameMetadata(key=keys[position]))
             remove(take.motion_network(group.index, index - 2))
         return found.gaussians.detach().to("cpu")
 
@@ -138,7 +139,7 @@ class GroupWork:
 
         def keep(step: int, state: dict[str, torch.Tensor]) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_tensors(path, state, {"key": key, "step": step, "frame": group.keyframe})
+            write_tensors(path, state, FrameMetadata(key=key, step=step, frame=group.keyframe))
 
         resume = read_tensors(path, key)
         if resume is not None:
@@ -161,9 +162,9 @@ class GroupWork:
         """Progress callback for a frame."""
         frame = group.frames[position]
         where = f"group {group.index}, frame {frame}"
-        kept: dict[str, Any] = {}  # loss and psnr come every few steps; repeat them for the steps in between
+        kept: dict[str, JsonData] = {}  # loss and psnr come every few steps; repeat them for the steps in between
 
-        def tell(done: int, total: int, **figures: Any) -> None:
+        def tell(done: int, total: int, **figures: JsonData) -> None:
             self.stop.check()
             phase = figures.pop("phase", "keyframe")
             kept.update(figures)
@@ -246,7 +247,7 @@ class GroupWork:
 
     def _write(self, group: Group, position: int, gaussians: Gaussians, key: str, timings: list[float]) -> None:
         take = self.context.take
-        about = {"key": key, "group": group.index, "index": group.first + position, "frame": group.frames[position]}
+        about = FrameMetadata(key=key, group=group.index, index=group.first + position, frame=group.frames[position])
         folder = take.train_group(group.index)
         folder.mkdir(parents=True, exist_ok=True)
         # group.json first, so that it exists whenever the frame does; it may be one frame ahead

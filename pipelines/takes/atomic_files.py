@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pipelines.config.renamed import first_path
 from studio.atomic_files import PARTIAL, atomic_path, remove, write_bytes, write_json, write_text
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 
 __all__ = [
     "Result",
@@ -30,6 +31,7 @@ __all__ = [
     "read_model",
     "remove",
     "sweep_partial",
+    "validated",
     "write_bytes",
     "write_json",
     "write_model",
@@ -42,12 +44,12 @@ class Result(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, use_attribute_docstrings=True)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> JsonObject:
         """JSON-ready; fields that were never set are left out."""
         return self.model_dump(mode="json", exclude_unset=True)
 
 
-ResultModel = TypeVar("ResultModel", bound=Result)
+Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_json(path: Path) -> Any:
@@ -64,13 +66,21 @@ def read_json(path: Path) -> Any:
         raise StudioError("take.damaged", f"cannot be read ({error})", file=path, fix=_AGAIN) from None
 
 
-def read_model(path: Path, model: type[ResultModel]) -> ResultModel:
+def read_model(path: Path, model: type[Model]) -> Model:
     """Read a JSON file that `write_model` wrote.
 
     Raises:
         StudioError: `take.file_not_found`, or `take.damaged`: not JSON, or not this model.
     """
-    values = read_json(path)
+    return validated(path, read_json(path), model)
+
+
+def validated(path: Path, values: Any, model: type[Model]) -> Model:
+    """The model of what was read from a JSON file.
+
+    Raises:
+        StudioError: not this model (`take.damaged`).
+    """
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -80,9 +90,9 @@ def read_model(path: Path, model: type[ResultModel]) -> ResultModel:
         raise StudioError("take.damaged", problem, file=path, fix=_AGAIN, key=where) from None
 
 
-def write_model(path: Path, value: Result) -> None:
-    """Write a model as indented JSON, atomically."""
-    write_json(path, value.to_json())
+def write_model(path: Path, value: BaseModel) -> None:
+    """Write a model as indented JSON, atomically; fields that were never set are left out."""
+    write_json(path, value.model_dump(mode="json", exclude_unset=True))
 
 
 def sweep_partial(folder: Path) -> int:

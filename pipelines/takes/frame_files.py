@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pipelines.takes.atomic_files import atomic_path
+from pipelines.takes.atomic_files import Result, atomic_path
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -18,21 +18,36 @@ if TYPE_CHECKING:
 _ENTRY = "v3studio"
 
 
-def write_frame(path: Path, gaussians: Gaussians, about: dict[str, Any]) -> None:
-    """Write the Gaussians of a frame atomically.
+class FrameMetadata(Result):
+    """The metadata of a file: what its tensors are."""
 
-    Args:
-        about: JSON-ready metadata: `key` (digest of what it was made from), `group`, `index`, `frame`.
-    """
+    key: str = ""
+    """Digest of everything that it was made from."""
+
+    group: int | None = None
+    """Number of the group, counted from 0."""
+
+    index: int | None = None
+    """Of the frame in the take, counted from 0."""
+
+    frame: int | None = None
+    """Frame number in the footage."""
+
+    step: int | None = None
+    """Training step of a checkpoint."""
+
+
+def write_frame(path: Path, gaussians: Gaussians, about: FrameMetadata) -> None:
+    """Write the Gaussians of a frame atomically, with metadata that `read_about` returns."""
     write_tensors(path, gaussians.state_dict(), about)
 
 
-def write_tensors(path: Path, tensors: dict[str, Tensor], about: dict[str, Any]) -> None:
+def write_tensors(path: Path, tensors: dict[str, Tensor], about: FrameMetadata) -> None:
     """Write tensors by name (a checkpoint, a network) atomically, with metadata that `read_about` returns."""
     from safetensors.torch import save
 
     contiguous = {name: value.contiguous() for name, value in tensors.items()}
-    data = save(contiguous, metadata={_ENTRY: json.dumps(about, sort_keys=True)})
+    data = save(contiguous, metadata={_ENTRY: json.dumps(about.to_json(), sort_keys=True)})
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)  # unlike safetensors' save_file, raises OSError on a full disk
 
@@ -74,7 +89,7 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
     from safetensors.torch import load_file
 
     about = read_about(path)
-    if about is None or about.get("key") != key:
+    if about is None or about.key != key:
         return None
     try:
         return load_file(path)
@@ -82,7 +97,7 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
         return None
 
 
-def read_about(path: Path) -> dict[str, Any] | None:
+def read_about(path: Path) -> FrameMetadata | None:
     """The metadata that `write_frame` wrote; None if there is no such file, it is damaged or has no such metadata."""
     from safetensors import SafetensorError, safe_open
 
@@ -90,7 +105,6 @@ def read_about(path: Path) -> dict[str, Any] | None:
         return None
     try:
         with safe_open(path, framework="np") as file:
-            about = json.loads((file.metadata() or {})[_ENTRY])
-    except (SafetensorError, OSError, KeyError, ValueError):
+            return FrameMetadata.model_validate_json((file.metadata() or {})[_ENTRY])
+    except (SafetensorError, OSError, KeyError, ValueError):  # pydantic's ValidationError is a ValueError
         return None
-    return about if isinstance(about, dict) else None

@@ -9,14 +9,15 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
-from typing import Any
 
-from pipelines.config.loading import dump_tree, read_yaml
-from pipelines.config.renamed import REPORT_KEYS, STAGES, renamed
+from pipelines.config.renamed import STAGES
 from pipelines.takes.atomic_files import read_json, write_json, write_text
+from pipelines.takes.calibration import current_report
 from pipelines.takes.records import current_record
+from pipelines.takes.settings_file import current_text
 from pipelines.takes.take import TAKE_FORMAT, Take
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 
 
 def migrate(take: Take) -> bool:
@@ -47,9 +48,9 @@ def migrate(take: Take) -> bool:
     for path in sorted((take.private / "stages").glob("*.json")):
         _rewrite_record(path)
     with contextlib.suppress(StudioError):  # unreadable settings are reported when they are used
-        values, changes = renamed(read_yaml(take.config), str(take.config))
+        text, changes = current_text(take.config)
         if changes:
-            write_text(take.config, dump_tree(values))
+            write_text(take.config, text)
     with contextlib.suppress(StudioError):
         report = read_json(take.calibration_report)
         if current_report(report) != report:
@@ -64,15 +65,8 @@ def _rewrite_record(path: Path) -> None:
         if not isinstance(record, dict):
             return
         if path.name.endswith(".failed.json"):
-            found: dict[str, Any] | None = {**record, "stage": path.name.removesuffix(".failed.json")}
+            found: JsonObject | None = {**record, "stage": path.name.removesuffix(".failed.json")}
         else:
             found = current_record(record)
         if found is not None and found != record:
             write_json(path, found)
-
-
-def current_report(value: Any) -> Any:
-    """A calibration report with current keys."""
-    if isinstance(value, dict):
-        return {REPORT_KEYS.get(key, key): current_report(item) for key, item in value.items()}
-    return [current_report(item) for item in value] if isinstance(value, list) else value

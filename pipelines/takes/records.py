@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic import Field, JsonValue, ValidationError
 
-from pipelines.config.renamed import REPORT_KEYS, current_name, current_names, current_path
+from pipelines.config.renamed import RECORD_KEYS, REPORT_KEYS, current_name, current_names, current_path
 from pipelines.takes.atomic_files import Result, digest_of_files, read_json, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
+from studio.json_types import JsonObject
 
 
 class StageRecord(Result):
@@ -68,13 +67,12 @@ def read_record(take: Take, stage: str) -> StageRecord | None:
         return None
 
 
-def current_record(record: dict[str, Any]) -> dict[str, Any] | None:
+def current_record(record: JsonObject) -> JsonObject | None:
     """A record of any take format with current names; None if it is not a record."""
-    params = record.get("params", record.get("ingredients"))
-    if not isinstance(params, dict):
+    found = {RECORD_KEYS.get(name, name): value for name, value in record.items()}
+    if not isinstance(found.get("params"), dict):
         return None
-    found = {name: value for name, value in record.items() if name != "ingredients"}
-    found["params"] = current_names(params)
+    found["params"] = current_names(found["params"])
     found["stage"] = current_name(str(record.get("stage", "")))
     for table in ("files", "written"):
         if isinstance(found.get(table), dict):

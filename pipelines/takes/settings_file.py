@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ from pipelines.config.loading import dump_config, load_config, read_yaml
 from pipelines.config.renamed import renamed
 from pipelines.takes.atomic_files import write_text
 from studio.errors import StudioError
+from studio.yaml_text import YamlError, dump_with_comments, parse_with_comments
 
 if TYPE_CHECKING:
     from pipelines.config import Config
@@ -61,9 +61,7 @@ def set_settings(path: Path, values: Mapping[str, Any], *, defaults: str = "") -
             target[last] = value
             changed = True
     if changed:
-        text = io.StringIO()
-        _yaml().dump(tree, text)
-        write_text(path, text.getvalue())
+        write_text(path, dump_with_comments(tree))
 
 
 def save_config(path: Path, config: Config) -> None:
@@ -82,6 +80,43 @@ def save_config(path: Path, config: Config) -> None:
                 if load_config(path) == config:
                     return
     write_text(path, dump_config(config))
+
+
+def current_text(path: Path) -> tuple[str, list[str]]:
+    """A settings file with the current names of settings and values; comments, order and all else stay.
+
+    Returns:
+        the text, and what was renamed.
+
+    Raises:
+        StudioError: the file cannot be read or exceeds a limit, see `set_settings`, or a setting is given under its old
+            and its new name (`settings.both_names`).
+    """
+    text = _read(path)
+    tree = _parse(text, path)
+    values, changes = renamed(_plain(tree), str(path))
+    if not changes:
+        return text, changes
+    for section, now in zip(list(tree), list(values), strict=True):
+        _rename(tree, section, now)
+        settings = tree[now]
+        if not isinstance(settings, dict):
+            continue
+        for old, new in zip(list(settings), list(values[now]), strict=True):
+            _rename(settings, old, new)
+            if _plain(settings[new]) != values[now][new]:
+                settings[new] = values[now][new]
+    return dump_with_comments(tree), changes
+
+
+def _rename(mapping: Any, old: str, new: str) -> None:
+    """Rename a key of a tree with comments, in its place."""
+    if old != new:
+        comments = mapping.ca.items.pop(old, None)
+        position = list(mapping).index(old)
+        mapping.insert(position, new, mapping.pop(old))
+        if comments is not None:
+            mapping.ca.items[new] = comments
 
 
 def _leaves(config: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -103,28 +138,14 @@ def _read(path: Path) -> str:
         raise StudioError("settings.unreadable", f"cannot be read ({error})", file=path, fix=_FIX) from None
 
 
-def _yaml() -> Any:
-    from ruamel.yaml import YAML
-
-    yaml = YAML()  # round-trip: keeps comments, quotes and order
-    yaml.preserve_quotes = True
-    yaml.width = 120
-    yaml.allow_unicode = True
-    return yaml
-
-
 def _parse(text: str, path: Path) -> Any:
     from ruamel.yaml.comments import CommentedMap
-    from ruamel.yaml.error import YAMLError
 
     _check_depth(text, path)
     try:
-        tree = _yaml().load(text)
-    except (YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = None if mark is None else mark.line + 1
-        where = "" if line is None else f"line {line}: "
-        raise _refused(path, f"{where}{getattr(error, 'problem', None) or 'not valid YAML'}", line=line) from None
+        tree = parse_with_comments(text)
+    except YamlError as error:
+        raise _refused(path, str(error), line=error.line) from None
     if tree is None:
         return CommentedMap()
     if not isinstance(tree, CommentedMap):

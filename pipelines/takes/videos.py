@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING
 
 from pipelines.takes.locate_stream import stream_place
 from pipelines.takes.take import Take
@@ -64,29 +63,20 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
     """Frames of a stream as players decode them."""
     import numpy as np
 
-    from studio.cameras import Camera
     from studio.splat_video import SplatVideo
+    from studio.stream import StreamMetadata
 
-    metadata: dict[str, Any] = reader.manifest.metadata
-    camera, up, background = (metadata.get(key) for key in ("suggested_camera", "up", "background"))
+    metadata = StreamMetadata.from_json(reader.manifest.metadata)
+    camera, up = metadata.suggested_camera, metadata.up
     return SplatVideo(
         name=reader.source.name,
         fps=reader.fps,
         frame_count=reader.frame_count,
         group_starts=tuple(group.first_frame for group in reader.manifest.groups),
         read=reader.gaussians,
-        up=np.array(up, np.float64) if _is_vector(up) and any(up) else None,
-        view=Camera.from_dict(camera).undistorted() if isinstance(camera, dict) else None,
-        background=(background[0], background[1], background[2]) if _is_vector(background) else (0.0, 0.0, 0.0),
-    )
-
-
-def _is_vector(value: object) -> TypeGuard[list[float]]:
-    """Three finite numbers; metadata of a stream may contain anything."""
-    return (
-        isinstance(value, list)
-        and len(value) == 3
-        and all(isinstance(item, int | float) and math.isfinite(item) for item in value)
+        up=None if up is None else np.array(up, np.float64),
+        view=None if camera is None else camera.undistorted(),
+        background=metadata.background or (0.0, 0.0, 0.0),
     )
 
 

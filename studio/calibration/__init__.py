@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from studio.calibration.sfm.reconstruct import calibrate_from_images
     from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
     from studio.calibration.target.pdf import PAPERS, write_target_pdf
-    from studio.calibration.target.rig import calibrate_from_target, calibrate_lenses, detect_target
+    from studio.calibration.target.rig import calibrate_from_target, calibrate_intrinsics, detect_target
 
 __all__ = [
     "PAPERS",
@@ -36,7 +36,7 @@ __all__ = [
     "calibrate_from_images",
     "calibrate_from_target",
     "calibrate_from_tie_points",
-    "calibrate_lenses",
+    "calibrate_intrinsics",
     "compare_rigs",
     "detect_target",
     "floor_world",

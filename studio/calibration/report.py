@@ -1,12 +1,12 @@
 """Models of a calibration's report, as calibrate/report.json stores it.
 
-The same frozen models write it (`CalibrationReport.to_dict`) and read it (`CalibrationReport.model_validate`). Only
-fields that were set are written: the three calibration methods set different fields.
+The same frozen models write and read it. Only fields that were set are written: the three calibration methods set
+different fields.
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
@@ -159,10 +159,6 @@ class ReprojectionReport(_Model):
     geometry: RigGeometry
     cameras: dict[str, CameraReport]
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready, with the fields that were set."""
-        return self.model_dump(mode="json", exclude_unset=True)
-
 
 class CalibrationReport(ReprojectionReport):
     """Report of a calibration."""
@@ -187,7 +183,7 @@ class CalibrationReport(ReprojectionReport):
     """Run time in seconds."""
 
     # calibration target
-    boards: TargetReport | None = None
+    target: TargetReport | None = None
 
     # tie points
     tie_points: dict[str, TiePointReport] = {}
@@ -196,15 +192,20 @@ class CalibrationReport(ReprojectionReport):
     """1-sigma uncertainty of each camera's position, as a fraction of the distance to the points."""
     world_accuracy: float | None = None
     """Standard deviation of measured positions, in meters."""
-    known_lenses: list[str] = []
+    known_intrinsics: list[str] = []
     """Cameras with given intrinsics."""
     metric: bool | None = None
     """Whether world units are meters."""
 
     # added by the calibrate stage
     source: str | None = None
+    """footage, board or tie points."""
     file: str | None = None
+    """The tie point file."""
     frame: int | None = None
+    """First of the frames."""
     frames: list[int] = []
-    lenses: dict[str, IntrinsicsReport] = {}
+    """Frames that the images are from."""
+    intrinsics: dict[str, IntrinsicsReport] = {}
+    """Cameras with intrinsics from images of a calibration target."""
     floor: FloorReport | None = None

@@ -42,13 +42,13 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
 
     Raises:
         StudioError: the model is not supported (camera_file.lens_model), or the number of parameters is wrong
-            (camera_file.lens_parameters).
+            (camera_file.model_parameters).
     """
     if model not in MODELS:
         raise _unsupported_model(model)
     if len(parameters) != MODELS[model][1]:
         raise StudioError(
-            "camera_file.lens_parameters",
+            "camera_file.model_parameters",
             f"found {len(parameters)} parameters for camera model {model}, expected {MODELS[model][1]}",
             value=len(parameters),
             fix="Export the model again.",
@@ -58,10 +58,10 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
     if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):
         p = np.concatenate([p[:1], p])  # one focal length for both axes
     K = np.array([[p[0], 0, p[2]], [0, p[1], p[3]], [0, 0, 1.0]])
-    lens = p[4:]
-    if len(lens) in (1, 2):
-        lens = np.concatenate([lens, np.zeros(4 - len(lens))])
-    return K, lens
+    distortion = p[4:]
+    if len(distortion) in (1, 2):
+        distortion = np.concatenate([distortion, np.zeros(4 - len(distortion))])
+    return K, distortion
 
 
 def _unsupported_model(model: str, file: Path | None = None) -> StudioError:
@@ -74,7 +74,7 @@ def _unsupported_model(model: str, file: Path | None = None) -> StudioError:
     )
 
 
-def lens_model(camera: Camera) -> tuple[str, list[float]]:
+def camera_model(camera: Camera) -> tuple[str, list[float]]:
     """COLMAP model name and parameters of a camera.
 
     Raises:
@@ -98,15 +98,15 @@ def lens_model(camera: Camera) -> tuple[str, list[float]]:
     base = [camera.fx, camera.fy, camera.cx, camera.cy]
     if camera.is_pinhole:
         return "PINHOLE", base
-    lens = np.zeros(8)
-    lens[: min(8, camera.distortion.size)] = camera.distortion[:8]
-    if not lens[4:].any():
-        return "OPENCV", base + lens[:4].tolist()
-    return "FULL_OPENCV", base + lens.tolist()
+    distortion = np.zeros(8)
+    distortion[: min(8, camera.distortion.size)] = camera.distortion[:8]
+    if not distortion[4:].any():
+        return "OPENCV", base + distortion[:4].tolist()
+    return "FULL_OPENCV", base + distortion.tolist()
 
 
 @dataclass
-class _Lens:
+class _Intrinsics:
     width: int
     height: int
     model: str
@@ -116,7 +116,7 @@ class _Lens:
 @dataclass
 class _Pose:
     name: str
-    lens: int
+    camera: int
     quat: list[float]
     translation: list[float]
 
@@ -140,9 +140,9 @@ def read_colmap(folder: Path) -> Rig:
             cameras, images = candidate / f"cameras{suffix}", candidate / f"images{suffix}"
             if cameras.is_file() and images.is_file():
                 binary = suffix == ".bin"
-                lenses = _lenses_binary(cameras) if binary else _lenses_text(cameras)
+                by_id = _intrinsics_binary(cameras) if binary else _intrinsics_text(cameras)
                 poses = _poses_binary(images) if binary else _poses_text(images)
-                return _rig(cameras, images, lenses, poses)
+                return _rig(cameras, images, by_id, poses)
     raise StudioError(
         "camera_file.no_model",
         "no camera file or COLMAP model in the folder",
@@ -151,7 +151,7 @@ def read_colmap(folder: Path) -> Rig:
     )
 
 
-def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: list[_Pose]) -> Rig:
+def _rig(camera_path: Path, image_path: Path, by_id: dict[int, _Intrinsics], poses: list[_Pose]) -> Rig:
     if not poses:
         raise StudioError(
             "camera_file.no_cameras",
@@ -162,18 +162,18 @@ def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: l
     poses = sorted(poses, key=lambda pose: pose.name)
     result = []
     for name, pose in zip(camera_names([pose.name for pose in poses]), poses, strict=True):
-        if pose.lens not in lenses:
+        if pose.camera not in by_id:
             raise StudioError(
-                "camera_file.unknown_lens",
-                f"image '{pose.name}' uses camera {pose.lens}, which is not in {camera_path.name}",
+                "camera_file.unknown_camera",
+                f"image '{pose.name}' uses camera {pose.camera}, which is not in {camera_path.name}",
                 file=image_path,
-                value=pose.lens,
+                value=pose.camera,
                 fix="Copy both files of the model again.",
                 camera=name,
             )
-        lens = lenses[pose.lens]
+        own = by_id[pose.camera]
         with naming(camera_path):
-            K, distortion = intrinsics(lens.model, lens.parameters)
+            K, distortion = intrinsics(own.model, own.parameters)
         with naming(image_path):
             quat = np.array(pose.quat)
             if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
@@ -187,7 +187,7 @@ def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: l
             transform = np.eye(4)
             transform[:3, :3] = quats_to_matrices(quat)
             transform[:3, 3] = pose.translation
-            result.append(Camera(name, lens.width, lens.height, K, transform, distortion))
+            result.append(Camera(name, own.width, own.height, K, transform, distortion))
     with naming(image_path):
         return Rig(tuple(result))
 
@@ -224,16 +224,16 @@ def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int 
     return values
 
 
-def _lenses_text(path: Path) -> dict[int, _Lens]:
-    lenses = {}
+def _intrinsics_text(path: Path) -> dict[int, _Intrinsics]:
+    found = {}
     for number, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         key, model, width, height = _fields(path, number, line, "isii")
         words = line.split()[4:]
         parameters = _fields(path, number, " ".join(words), "f" * len(words))
-        lenses[int(key)] = _Lens(int(width), int(height), str(model), [float(p) for p in parameters])
-    return lenses
+        found[int(key)] = _Intrinsics(int(width), int(height), str(model), [float(p) for p in parameters])
+    return found
 
 
 def _poses_text(path: Path) -> list[_Pose]:
@@ -293,16 +293,16 @@ class _Reader:
         return self.data[start:end].decode("utf-8", "replace")
 
 
-def _lenses_binary(path: Path) -> dict[int, _Lens]:
-    reader, lenses = _Reader(path), {}
+def _intrinsics_binary(path: Path) -> dict[int, _Intrinsics]:
+    reader, found = _Reader(path), {}
     by_id = {model_id: (name, count) for name, (model_id, count) in MODELS.items()}
     for _ in range(int(reader.take("Q")[0])):
         key, model, width, height = (int(value) for value in reader.take("iiQQ"))
         if model not in by_id:
             raise _unsupported_model(OTHER_MODELS.get(model, f"number {model}"), path)
         name, count = by_id[model]
-        lenses[key] = _Lens(width, height, name, [float(p) for p in reader.take(f"{count}d")])
-    return lenses
+        found[key] = _Intrinsics(width, height, name, [float(p) for p in reader.take(f"{count}d")])
+    return found
 
 
 def _poses_binary(path: Path) -> list[_Pose]:
@@ -323,14 +323,14 @@ def write_colmap(rig: Rig, folder: Path, *, image_pattern: str = "{camera}.png")
         StudioError: COLMAP has no model for a camera (camera_file.not_expressible), or the folder cannot be written
             (camera_file.unwritable).
     """
-    lenses = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
+    cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
     for key, camera in enumerate(rig, 1):
         with naming(folder):
-            model, parameters = lens_model(camera)
-        lenses.append(" ".join([str(key), model, str(camera.width), str(camera.height), *map(repr, parameters)]))
+            model, parameters = camera_model(camera)
+        cameras.append(" ".join([str(key), model, str(camera.width), str(camera.height), *map(repr, parameters)]))
         pose = [*matrices_to_quats(camera.rotation).tolist(), *camera.translation.tolist()]
         images += [" ".join([str(key), *map(repr, pose), str(key), image_pattern.format(camera=camera.name)]), ""]
-    files = {"cameras.txt": lenses, "images.txt": images, "points3D.txt": ["# no points"]}
+    files = {"cameras.txt": cameras, "images.txt": images, "points3D.txt": ["# no points"]}
     for name, lines in files.items():
         write_atomic(folder / name, ("\n".join(lines) + "\n").encode())

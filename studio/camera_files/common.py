@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from studio.atomic_files import write_bytes
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.validation import array, check_finite
 
 
@@ -64,7 +65,7 @@ def no_cameras(problem: str, file: Path | None = None) -> StudioError:
     return StudioError("camera_file.no_cameras", problem, file=file, fix="Export the cameras again.")
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> JsonObject:
     """A JSON object.
 
     Raises:
@@ -93,12 +94,9 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_atomic(path: Path, data: bytes) -> None:
-    """Write to a temporary file in the same folder, then rename. Raises StudioError (camera_file.unwritable)."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    """Write a file atomically. Raises StudioError (camera_file.unwritable)."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
+        write_bytes(path, data)
     except OSError as error:
         raise StudioError(
             "camera_file.unwritable",
@@ -106,9 +104,6 @@ def write_atomic(path: Path, data: bytes) -> None:
             file=path,
             fix="Check the free space and permissions.",
         ) from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:

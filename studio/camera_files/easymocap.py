@@ -109,18 +109,18 @@ def read_easymocap(folder: Path) -> Rig:
                 file=folder / name,
                 fix=f"EasyMocap cameras need both {INTRINSICS} and {EXTRINSICS} in one folder.",
             )
-    lens, pose = _File(folder / INTRINSICS), _File(folder / EXTRINSICS)
-    cameras = [_camera(folder, name, lens, pose) for name in lens.names()]
+    intrinsics, pose = _File(folder / INTRINSICS), _File(folder / EXTRINSICS)
+    cameras = [_camera(folder, name, intrinsics, pose) for name in intrinsics.names()]
     with naming(folder / INTRINSICS):
         return Rig(tuple(cameras))
 
 
-def _camera(folder: Path, name: str, lens: _File, pose: _File) -> Camera:
+def _camera(folder: Path, name: str, intrinsics: _File, pose: _File) -> Camera:
     import cv2
 
-    K = lens.needed(f"K_{name}", name, ((3, 3),)).copy()
+    K = intrinsics.needed(f"K_{name}", name, ((3, 3),)).copy()
     K[:2, 2] += 0.5
-    distortion = lens.matrix(f"dist_{name}", name)
+    distortion = intrinsics.matrix(f"dist_{name}", name)
     vector = pose.matrix(f"R_{name}", name, ((3, 1), (1, 3), (3, 3)))
     rotation = pose.matrix(f"Rot_{name}", name, ((3, 3),))
     if vector is not None:  # preferred, as in EasyMocap: it has more digits than the matrix
@@ -131,8 +131,8 @@ def _camera(folder: Path, name: str, lens: _File, pose: _File) -> Camera:
     transform = np.eye(4)
     transform[:3, :3] = rotation
     transform[:3, 3] = pose.needed(f"T_{name}", name, ((3, 1), (1, 3))).ravel()
-    width, height = lens.whole(f"W_{name}", name), lens.whole(f"H_{name}", name)
-    with naming(lens.path):
+    width, height = intrinsics.whole(f"W_{name}", name), intrinsics.whole(f"H_{name}", name)
+    with naming(intrinsics.path):
         if width is None or height is None or width < 1 or height < 1:
             width, height = size_nearby(folder, name, name)
         coefficients = distortion.ravel() if distortion is not None and distortion.any() else np.zeros(0)
@@ -147,18 +147,18 @@ def write_easymocap(rig: Rig, folder: Path) -> None:
     """
     import cv2
 
-    lens = _Text([camera.name for camera in rig])
+    intrinsics = _Text([camera.name for camera in rig])
     pose = _Text([camera.name for camera in rig])
     for camera in rig:
         coefficients = np.zeros(max(5, camera.distortion.size))
         coefficients[: camera.distortion.size] = camera.distortion
-        lens.matrix(f"K_{camera.name}", camera.cv2_K)
-        lens.matrix(f"dist_{camera.name}", coefficients[None])
-        lens.lines += [f"H_{camera.name}: {camera.height}", f"W_{camera.name}: {camera.width}"]
+        intrinsics.matrix(f"K_{camera.name}", camera.cv2_K)
+        intrinsics.matrix(f"dist_{camera.name}", coefficients[None])
+        intrinsics.lines += [f"H_{camera.name}: {camera.height}", f"W_{camera.name}: {camera.width}"]
         pose.matrix(f"R_{camera.name}", cv2.Rodrigues(camera.rotation)[0])
         pose.matrix(f"Rot_{camera.name}", camera.rotation)
         pose.matrix(f"T_{camera.name}", camera.translation[:, None])
-    write_atomic(folder / INTRINSICS, lens.bytes())
+    write_atomic(folder / INTRINSICS, intrinsics.bytes())
     write_atomic(folder / EXTRINSICS, pose.bytes())
 
 

@@ -128,7 +128,7 @@ def _camera(name: str, entry: Element, sensor: Element, world: Element | None) -
             camera=name,
         )
     K = np.array([[focal + term("b1"), 0, width / 2 + term("cx")], [0, focal, height / 2 + term("cy")], [0, 0, 1.0]])
-    lens = _lens(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
+    distortion = _distortion(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
     pose = _numbers(entry, "transform", 16, name).reshape(4, 4)
     if np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
         raise StudioError(
@@ -143,23 +143,23 @@ def _camera(name: str, entry: Element, sensor: Element, world: Element | None) -
     placed = np.eye(4)
     placed[:3, :3] = rotation @ pose[:3, :3]
     placed[:3, 3] = scale * rotation @ pose[:3, 3] + translation
-    return Camera(name, width, height, K, rigid_inverse(placed), lens)
+    return Camera(name, width, height, K, rigid_inverse(placed), distortion)
 
 
-def _lens(K: np.ndarray, width: int, height: int, k: list[float], p1: float, p2: float, name: str) -> np.ndarray:
+def _distortion(K: np.ndarray, width: int, height: int, k: list[float], p1: float, p2: float, name: str) -> np.ndarray:
     """OpenCV distortion coefficients."""
     if not k[3]:
-        lens = np.array([k[0], k[1], p2, p1, k[2]])
-        return lens if lens.any() else np.zeros(0)
+        distortion = np.array([k[0], k[1], p2, p1, k[2]])
+        return distortion if distortion.any() else np.zeros(0)
 
     def radial(r: np.ndarray) -> np.ndarray:
         s = r * r
         return 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
 
     focal = float(min(K[0, 0], K[1, 1]))
-    lens = fit_rational(radial, reach_of(radial, focal, K[:2, 2], np.array([width, height])), focal, name)
-    lens[2:4] = p2, p1
-    return lens
+    distortion = fit_rational(radial, reach_of(radial, focal, K[:2, 2], np.array([width, height])), focal, name)
+    distortion[2:4] = p2, p1
+    return distortion
 
 
 def _world(element: Element | None, name: str) -> tuple[np.ndarray, np.ndarray, float]:

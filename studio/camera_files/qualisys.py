@@ -55,18 +55,18 @@ def _camera(entry: ElementTree.Element, index: int) -> Camera:
             raise missing_key(tag, name)
         return dict(found.attrib)
 
-    window, pose, lens = part("fov_video"), part("transform"), part("intrinsic")
+    window, pose, intrinsics = part("fov_video"), part("transform"), part("intrinsic")
     left, top = number(window, "left", name), number(window, "top", name)
     width = round(number(window, "right", name) - left) + 1
     height = round(number(window, "bottom", name) - top) + 1
     K = np.eye(3)
-    K[0, 0], K[1, 1] = (number(lens, key, name) / _SUBPIXELS for key in ("focalLengthU", "focalLengthV"))
-    K[0, 1] = number(lens, "skew", name, 0.0) / _SUBPIXELS
-    K[0, 2] = number(lens, "centerPointU", name) / _SUBPIXELS - left + 0.5
-    K[1, 2] = number(lens, "centerPointV", name) / _SUBPIXELS - top + 0.5
+    K[0, 0], K[1, 1] = (number(intrinsics, key, name) / _SUBPIXELS for key in ("focalLengthU", "focalLengthV"))
+    K[0, 1] = number(intrinsics, "skew", name, 0.0) / _SUBPIXELS
+    K[0, 2] = number(intrinsics, "centerPointU", name) / _SUBPIXELS - left + 0.5
+    K[1, 2] = number(intrinsics, "centerPointV", name) / _SUBPIXELS - top + 0.5
     distortion = np.array(
         [
-            number(lens, key, name, 0.0)
+            number(intrinsics, key, name, 0.0)
             for key in (
                 "radialDistortion1",
                 "radialDistortion2",

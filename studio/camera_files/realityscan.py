@@ -60,15 +60,15 @@ def _camera(folder: Path, name: str, row: dict[str, str]) -> Camera:
     pose[:3, :3] = _rotation(value["heading"], value["pitch"], value["roll"]) @ _FLIP
     pose[:3, 3] = value["x"], value["y"], value["alt"]
     k = [value[f"k{i}"] for i in (1, 2, 3, 4)]
-    lens = np.array([k[0], k[1], 0.0, 0.0, k[2]]) if any(k) else np.zeros(0)
+    distortion = np.array([k[0], k[1], 0.0, 0.0, k[2]]) if any(k) else np.zeros(0)
     if k[3]:
 
         def radial(r: np.ndarray) -> np.ndarray:
             s = r * r
             return 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
 
-        lens = fit_rational(radial, reach_of(radial, focal, middle, np.array([width, height])), focal, name)
-    return Camera(name, width, height, K, rigid_inverse(pose), lens)
+        distortion = fit_rational(radial, reach_of(radial, focal, middle, np.array([width, height])), focal, name)
+    return Camera(name, width, height, K, rigid_inverse(pose), distortion)
 
 
 def _rotation(heading: float, pitch: float, roll: float) -> np.ndarray:

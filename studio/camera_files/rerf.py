@@ -36,18 +36,18 @@ def read_rerf(folder: Path) -> Rig:
                 file=folder / name,
                 fix=f"ReRF cameras need both {POSES} and {INTRINSICS} in one folder.",
             )
-    poses, lenses = _poses(folder / POSES), _lenses(folder / INTRINSICS)
-    if len(poses) != len(lenses):
+    poses, intrinsics = _poses(folder / POSES), _intrinsics(folder / INTRINSICS)
+    if len(poses) != len(intrinsics):
         raise StudioError(
             "camera_file.camera_count",
-            f"the file contains {len(lenses)} cameras, but {POSES} contains {len(poses)}",
+            f"the file contains {len(intrinsics)} cameras, but {POSES} contains {len(poses)}",
             file=folder / INTRINSICS,
-            value=len(lenses),
+            value=len(intrinsics),
             fix="Copy both files again.",
             expected=len(poses),
         )
     cameras = []
-    for index, (pose, K) in enumerate(zip(poses, lenses, strict=True)):
+    for index, (pose, K) in enumerate(zip(poses, intrinsics, strict=True)):
         with naming(folder / POSES):
             name, size = _footage(folder, index)
             cameras.append(Camera(name, *size, K, rigid_inverse(pose)))
@@ -90,7 +90,7 @@ def _truncated(path: Path, line: int, found: int, expected: int) -> StudioError:
     )
 
 
-def _lenses(path: Path) -> list[np.ndarray]:
+def _intrinsics(path: Path) -> list[np.ndarray]:
     rows = [(number, values) for number, values in _rows(path) if len(values) != 1]
     found: list[np.ndarray] = []
     for start in range(0, len(rows), 3):

@@ -17,13 +17,14 @@ import numpy as np
 from studio.camera_files.common import matrix, naming, no_cameras, read_json, write_atomic, wrong_shape
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.validation import array, check_finite, missing_key, whole
 
 FORMAT = "v3studio-rig"
 VERSION = 1
 
 
-def rig_from_values(path: Path, values: dict[str, Any]) -> Rig:
+def rig_from_values(path: Path, values: JsonObject) -> Rig:
     """A rig from the JSON object in the file.
 
     Raises:

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from studio.camera_files.common import fisheye, naming, no_cameras, read_text, write_atomic, wrong_shape
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.validation import array, check_finite, missing_key
 
 
@@ -50,7 +50,7 @@ def read_toml(path: Path) -> Rig:
         return Rig(tuple(_camera(key, table, bool(nested)) for key, table in used.items()))
 
 
-def _camera(key: str, table: dict[str, Any], nested: bool) -> Camera:
+def _camera(key: str, table: JsonObject, nested: bool) -> Camera:
     import cv2
 
     # Caliscope names its videos by number
@@ -64,11 +64,11 @@ def _camera(key: str, table: dict[str, Any], nested: bool) -> Camera:
     pose[:3, :3] = rotation if rotation.shape == (3, 3) else cv2.Rodrigues(rotation.reshape(3))[0]
     pose[:3, 3] = _array(table, "translation", name, ((3,), (3, 1), (1, 3))).ravel()
     width, height = _array(table, "size", name, ((2,),))
-    lens = _array(table, "distortions", name).ravel() if "distortions" in table else np.zeros(0)
-    return Camera(name, round(width), round(height), K, pose, lens if lens.any() else np.zeros(0))
+    distortion = _array(table, "distortions", name).ravel() if "distortions" in table else np.zeros(0)
+    return Camera(name, round(width), round(height), K, pose, distortion if distortion.any() else np.zeros(0))
 
 
-def _array(table: dict[str, Any], key: str, camera: str, shapes: tuple[tuple[int, ...], ...] = ()) -> np.ndarray:
+def _array(table: JsonObject, key: str, camera: str, shapes: tuple[tuple[int, ...], ...] = ()) -> np.ndarray:
     if key not in table:
         raise missing_key(key, camera)
     value = array(table[key], key, camera)
@@ -91,8 +91,8 @@ def write_toml(rig: Rig, path: Path) -> None:
     nested = path.name.lstrip(".").startswith("camera_array")
     lines = []
     for number, camera in enumerate(rig):
-        lens = np.zeros(max(4, camera.distortion.size))
-        lens[: camera.distortion.size] = camera.distortion
+        distortion = np.zeros(max(4, camera.distortion.size))
+        distortion[: camera.distortion.size] = camera.distortion
         lines.append(f"[cameras.{number}]" if nested else f"[{json.dumps(camera.name)}]")
         if nested:
             lines += [f"cam_id = {number}", "rotation_count = 0", "ignore = false"]
@@ -100,7 +100,7 @@ def write_toml(rig: Rig, path: Path) -> None:
             f"name = {json.dumps(camera.name)}",
             f"size = [{camera.width}, {camera.height}]" if nested else f"size = [{camera.width}.0, {camera.height}.0]",
             f"matrix = {camera.cv2_K.tolist()}",
-            f"distortions = {lens.tolist()}",
+            f"distortions = {distortion.tolist()}",
             f"rotation = {camera.rotation.tolist() if nested else cv2.Rodrigues(camera.rotation)[0].ravel().tolist()}",
             f"translation = {camera.translation.tolist()}",
             "fisheye = false",

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from studio.camera_files.common import (
 )
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.validation import missing_key, number
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -48,7 +48,7 @@ def _image_size(path: Path, file: str) -> tuple[int, int] | None:
     return None
 
 
-def _size(values: dict[str, Any], path: Path, file: str, camera: str) -> tuple[int, int]:
+def _size(values: JsonObject, path: Path, file: str, camera: str) -> tuple[int, int]:
     width, height = values.get("w", values.get("width")), values.get("h", values.get("height"))
     if width is None or height is None:
         found = _image_size(path, file)
@@ -65,7 +65,7 @@ def _size(values: dict[str, Any], path: Path, file: str, camera: str) -> tuple[i
     return round(number(pair, "w", camera)), round(number(pair, "h", camera))
 
 
-def _intrinsics(values: dict[str, Any], width: int, height: int, camera: str) -> np.ndarray:
+def _intrinsics(values: JsonObject, width: int, height: int, camera: str) -> np.ndarray:
     for key in ("intrinsic_matrix", "K"):
         if key in values:
             rows = values[key]
@@ -93,7 +93,7 @@ def _intrinsics(values: dict[str, Any], width: int, height: int, camera: str) ->
     return np.array([[focal["fl_x"], 0, cx], [0, focal.get("fl_y", focal["fl_x"]), cy], [0, 0, 1]])
 
 
-def _distortion(values: dict[str, Any], camera: str) -> np.ndarray:
+def _distortion(values: JsonObject, camera: str) -> np.ndarray:
     model = str(values.get("camera_model", "OPENCV")).upper()
     if values.get("is_fisheye") or "FISHEYE" in model or number(values, "k4", camera, 0.0) != 0:
         raise fisheye(camera)
@@ -103,7 +103,7 @@ def _distortion(values: dict[str, Any], camera: str) -> np.ndarray:
     return np.array([k1, k2, p1, p2]) if any((k1, k2, p1, p2)) else np.zeros(0)
 
 
-def rig_from_transforms(path: Path, values: dict[str, Any]) -> Rig:
+def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
     """A rig from the JSON object in the file.
 
     Raises:
@@ -177,7 +177,7 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
                 fix="Calibrate without skew, or write rig.json.",
                 camera=camera.name,
             )
-        lens = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
+        distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(
             {
                 "file_path": image_pattern.format(camera=camera.name),
@@ -187,7 +187,7 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
                 "fl_y": camera.fy,
                 "cx": camera.cx,
                 "cy": camera.cy,
-                **lens,
+                **distortion,
                 "transform_matrix": (rigid_inverse(camera.world_to_camera) @ _FLIP).tolist(),
             }
         )

@@ -138,7 +138,7 @@ class OnnxSettings(Settings):
 
 # Fields of the last base come first.
 class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSettings):
-    """The footage: where its images, cameras and masks are, and which of them are used. Passed to `open_footage`."""
+    """The footage: where its images, cameras and masks are, and which of them to use. Passed to `open_footage`."""
 
     fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation")] = Field(
         default=None, gt=0, lt=10_000

@@ -125,7 +125,7 @@ class VideoReader:
         if frame.format.name == "gray":
             # Gray values are used as stored, without range conversion.
             return np.repeat(frame.to_ndarray()[:, :, None], 3, axis=2)
-        options: dict[str, Any] = {"interpolation": _SWS_FLAGS}
+        options: dict[str, str | int] = {"interpolation": _SWS_FLAGS}
         if self._matrix != "auto" and not frame.format.is_rgb:
             options["src_colorspace"] = _MATRICES[self._matrix]
         return frame.to_ndarray(format="rgba" if self.has_alpha else "rgb24", **options)

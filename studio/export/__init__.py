@@ -1,6 +1,6 @@
 """Export of splat videos: the VideoGS layout, PLY, SPZ and GLB sequences, and movies along camera paths."""
 
-from studio.export.camera_path import CameraPath, Key, path_to_json, read_path_keys, turntable
+from studio.export.camera_path import CameraPath, Key, read_path_keys, turntable, write_path_keys
 from studio.export.movie import render_movie
 from studio.export.rigid_motion import turned, upright
 from studio.export.sequence import axes_of, export_frame, export_sequence
@@ -13,10 +13,10 @@ __all__ = [
     "export_frame",
     "export_sequence",
     "export_videogs",
-    "path_to_json",
     "read_path_keys",
     "render_movie",
     "turned",
     "turntable",
     "upright",
+    "write_path_keys",
 ]

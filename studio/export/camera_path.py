@@ -23,10 +23,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from studio.atomic_files import write_json
 from studio.camera_files import read_rig
 from studio.camera_files.common import read_json
 from studio.cameras import Camera, Rig, look_at_pose
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.splat_video import SplatVideo
 
 FORMAT = "v3studio-camera-path"
@@ -80,11 +82,11 @@ class CameraPath:
         cameras = [_fitted(key.camera, width, height) for key in keys]
         self._cameras = cameras
         self._frames = frames
-        lens = np.log([[camera.fx, camera.fy] for camera in cameras])
+        focal_lengths = np.log([[camera.fx, camera.fy] for camera in cameras])
         if len(keys) > 1:
             self._centers = CubicSpline(self._times, [camera.center for camera in cameras], bc_type="natural")
             self._rotations = RotationSpline(self._times, Rotation.from_matrix([c.rotation for c in cameras]))
-            self._lens = PchipInterpolator(self._times, lens)
+            self._focal_lengths = PchipInterpolator(self._times, focal_lengths)
             self._middle = PchipInterpolator(self._times, [[camera.cx, camera.cy] for camera in cameras])
             self._frame = PchipInterpolator(self._times, frames) if frames else None
 
@@ -107,7 +109,7 @@ class CameraPath:
         pose = np.eye(4)
         pose[:3, :3] = rotation
         pose[:3, 3] = -rotation @ self._centers(time)
-        fx, fy = np.exp(self._lens(time))
+        fx, fy = np.exp(self._focal_lengths(time))
         cx, cy = self._middle(time)
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         first = self._cameras[0]
@@ -203,15 +205,15 @@ def _key(path: Path, index: int, entry: Any) -> Key:
     return Key(float(numbers["time"]), Camera.from_dict(entry["camera"]), numbers["frame"])
 
 
-def path_to_json(keys: Sequence[Key]) -> dict[str, Any]:
-    """JSON-ready camera path, as read by `read_path_keys`."""
+def write_path_keys(keys: Sequence[Key], path: Path) -> None:
+    """Write a camera path that `read_path_keys` reads, atomically. Raises OSError if it cannot be written."""
     entries = []
     for key in keys:
-        entry: dict[str, Any] = {"time": key.time, "camera": key.camera.to_dict()}
+        entry: JsonObject = {"time": key.time, "camera": key.camera.to_dict()}
         if key.frame is not None:
             entry["frame"] = key.frame
         entries.append(entry)
-    return {"format": FORMAT, "version": VERSION, "keys": entries}
+    write_json(path, {"format": FORMAT, "version": VERSION, "keys": entries})
 
 
 def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:

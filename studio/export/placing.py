@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from studio.atomic_files import atomic_path, remove
 from studio.errors import StudioError
-
-
-def _temporary(path: Path) -> Path:
-    return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
 
 
 def _check_target(path: Path, what: str) -> None:
@@ -34,30 +30,25 @@ def new_folder(path: Path) -> Iterator[Path]:
         StudioError: `path` exists (export.already_exists), its parent folder does not (export.no_parent_folder), or
             writing fails (export.write_failed).
     """
-    path = path.absolute()
-    _check_target(path, "folder")
-    temporary = _temporary(path)
-    try:
-        shutil.rmtree(temporary, ignore_errors=True)
+    with _new(path, "folder") as temporary:
+        remove(temporary)  # of a killed process with the same number
         temporary.mkdir()
         yield temporary
-        os.rename(temporary, path)
-    except OSError as error:
-        raise StudioError("export.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
     """As `new_folder`, for a file. The temporary name has the same extension, since writers select the format by it."""
-    path = path.absolute()
-    _check_target(path, "file")
-    temporary = _temporary(path)
-    try:
+    with _new(path, "file") as temporary:
         yield temporary
-        os.rename(temporary, path)
+
+
+@contextmanager
+def _new(path: Path, what: str) -> Iterator[Path]:
+    path = path.absolute()
+    _check_target(path, what)
+    try:
+        with atomic_path(path) as temporary:
+            yield temporary
     except OSError as error:
         raise StudioError("export.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -9,7 +9,7 @@ import numpy as np
 from studio.export.placing import new_file, new_folder
 from studio.export.rigid_motion import turned, upright
 from studio.progress import ProgressFn, no_progress
-from studio.splat_files import UP, write_splats
+from studio.splat_files import SPZ_VERSION, UP, write_splats
 from studio.splat_video import SplatVideo
 
 
@@ -35,6 +35,7 @@ def export_sequence(
     ending: str,
     rotation: np.ndarray | None = None,
     progress: ProgressFn = no_progress,
+    spz_version: int = SPZ_VERSION,
 ) -> None:
     """Write `folder/frame_0000.ply`, ..., numbered as in the video.
 
@@ -44,6 +45,7 @@ def export_sequence(
         ending: ".ply", ".spz" or ".glb".
         rotation: (3, 3) rotation from `axes_of`; None: no rotation.
         progress: called with written and total frames.
+        spz_version: of .spz files, 3 or 4.
 
     Raises:
         StudioError: a frame cannot be read or represented in the format, or the folder exists or cannot be written.
@@ -55,14 +57,16 @@ def export_sequence(
             gaussians = video.read(index)
             if rotation is not None:
                 gaussians = turned(gaussians, rotation)
-            write_splats(temporary / f"frame_{video.number(index):0{digits}d}{ending}", gaussians)
+            write_splats(temporary / f"frame_{video.number(index):0{digits}d}{ending}", gaussians, spz_version)
         progress(video.frame_count, video.frame_count)
 
 
-def export_frame(video: SplatVideo, path: Path, rotation: np.ndarray | None = None) -> None:
+def export_frame(
+    video: SplatVideo, path: Path, rotation: np.ndarray | None = None, spz_version: int = SPZ_VERSION
+) -> None:
     """Write the first frame to a file, in the format of its extension. Raises StudioError as `export_sequence`."""
     gaussians = video.read(0)
     if rotation is not None:
         gaussians = turned(gaussians, rotation)
     with new_file(path) as temporary:
-        write_splats(temporary, gaussians)
+        write_splats(temporary, gaussians, spz_version)

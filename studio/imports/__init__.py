@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from studio.imports.sequence import DEFAULT_FPS, open_sequence
+from studio.imports.sequence import DEFAULT_FPS, check_one_format, formats_in, open_sequence
 from studio.imports.videogs import is_videogs, open_videogs
 from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
 
 
 def open_import(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
-    """Open the VideoGS layout, a folder of .ply or .spz files, or a single such file.
+    """Open the VideoGS layout, a folder of splat files of one format (see `studio.splat_files`), or a single such file.
 
     Args:
         place: folder or file.
@@ -19,9 +19,10 @@ def open_import(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no
         progress: called with scanned and total files.
 
     Raises:
-        StudioError: the input has none of these formats, or its files are damaged.
+        StudioError: the input has none of these formats or more than one of them, or its files are damaged.
     """
     if is_videogs(place):
+        check_one_format(place, {"VideoGS": [place / "group_info.json"], **formats_in(place)})
         return open_videogs(place, fps)
     return open_sequence(place, fps, progress)
 

@@ -11,7 +11,8 @@ from studio.export.placing import new_folder
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
-from studio.stream import BakeSettings, Manifest, bake_group, write_manifest
+from studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, write_manifest
+from studio.training.settings import GROUP_SIZE
 
 
 class _Frames(Sequence[Gaussians]):
@@ -50,7 +51,7 @@ def bake_video(
     video: SplatVideo,
     folder: Path,
     settings: BakeSettings,
-    group_size: int = 20,
+    group_size: int = GROUP_SIZE,
     progress: ProgressFn = no_progress,
     threads: int = 0,
 ) -> Manifest:
@@ -67,11 +68,12 @@ def bake_video(
     Raises:
         StudioError: a frame cannot be read or baked, or the folder exists or cannot be written.
     """
-    metadata: dict[str, Any] = {"background": list(video.background)}
-    if video.up is not None:
-        metadata["up"] = [float(value) for value in video.up]
-    if video.view is not None:
-        metadata["suggested_camera"] = video.view.to_dict()
+    up = video.up
+    metadata = StreamMetadata(
+        suggested_camera=video.view,
+        background=video.background,
+        up=None if up is None else (float(up[0]), float(up[1]), float(up[2])),
+    )
     with new_folder(folder) as temporary:
         entries = []
         for number, group in enumerate(cut(video, group_size)):
@@ -82,4 +84,4 @@ def bake_video(
             entries.append(
                 bake_group(_Frames(video, group), temporary, number, group.start, settings, report, threads=threads)
             )
-        return write_manifest(temporary, entries, video.fps, settings, metadata)
+        return write_manifest(temporary, entries, video.fps, settings, metadata.to_json())

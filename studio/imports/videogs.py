@@ -17,6 +17,7 @@ import torch
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.json_types import JsonObject
 from studio.splat_video import SplatVideo
 
 DEFAULT_FPS = 30.0
@@ -102,7 +103,7 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
     return SplatVideo(str(folder), fps, len(frames), tuple(starts), decoder.read, up=np.array([0.0, -1.0, 0.0]))
 
 
-def _named(table: dict[str, Any], groups: list[tuple[range, int]]) -> bool:
+def _named(table: JsonObject, groups: list[tuple[range, int]]) -> bool:
     """Whether the keys are frame numbers of the footage, in which case some indices are missing."""
     return any(str(index) not in table for frame_range, _ in groups for index in frame_range)
 
@@ -143,7 +144,7 @@ def _groups(folder: Path) -> list[tuple[range, int]]:
     return result
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def _read_json(path: Path) -> JsonObject:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

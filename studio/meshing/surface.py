@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from studio.atomic_files import atomic_path
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.meshing.hull import Hull
@@ -77,10 +77,7 @@ class Mesh:
         """
         o3d = open3d()
 
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.stem}.{os.getpid()}.ply")
-        try:
+        with atomic_path(Path(path)) as temporary:
             if not o3d.io.write_triangle_mesh(str(temporary), self.to_open3d(), print_progress=False):
                 raise StudioError(
                     "mesh.unwritable",
@@ -88,9 +85,6 @@ class Mesh:
                     file=path,
                     fix="Check the free disk space and the permissions of the folder.",
                 )
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
 
     @classmethod
     def load(cls, path: Path) -> Mesh:

@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -157,7 +156,7 @@ def weights_file(network: Network) -> Path:
     return Path(torch.hub.get_dir()) / "checkpoints" / network.url.rsplit("/", 1)[-1]
 
 
-def _loaded(network: Network, file: Path) -> dict[str, Any]:
+def _loaded(network: Network, file: Path) -> dict[str, Tensor]:
     """The published weights. If `file` does not exist, it is downloaded and verified by its digest."""
     existed = file.is_file()
     try:
@@ -180,7 +179,7 @@ def _loaded(network: Network, file: Path) -> dict[str, Any]:
     return found
 
 
-def _features(network: Network, state: dict[str, Any]) -> nn.Sequential:
+def _features(network: Network, state: dict[str, Tensor]) -> nn.Sequential:
     """The feature layers, with the weights `features.N.weight` and `features.N.bias` of `state`."""
     layers: list[nn.Module] = []
     channels = 3

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any
 
 from studio.errors import Message
+from studio.json_types import JsonObject
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class SkippedGroup:
         """The text of `cause`."""
         return str(self.cause)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready: group, first_frame, frame_count, reason and code."""
         return {
             "group": self.group,
@@ -120,7 +120,7 @@ class PlaybackReport:
         values = [getattr(stats, figure) for stats in self.frames]
         return Spread.of([value for value in values if value is not None])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready: the summary, then all frames."""
         figures = [field.name for field in fields(FrameStats) if field.name not in ("frame", "group")]
         if all(stats.render_ms is None for stats in self.frames):

@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from studio.errors import StudioError
 from studio.gaussians import SH_C0, Gaussians
+from studio.json_types import JsonObject
 from studio.splat_files.checks import to_arrays
 
 NAME = "KHR_gaussian_splatting"
@@ -45,14 +45,14 @@ def write_glb(path: Path, gaussians: Gaussians) -> None:
             attributes[f"{NAME}:SH_DEGREE_{degree}_COEF_{order}"] = sh[:, coefficient]
             coefficient += 1
 
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
+    views: list[JsonObject] = []
+    accessors: list[JsonObject] = []
     chunks: list[bytes] = []
     offset = 0
     for name, values in attributes.items():
         data = np.ascontiguousarray(values).tobytes()  # lengths are already multiples of 4
         views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": _ARRAY_BUFFER})
-        accessor: dict[str, Any] = {
+        accessor: JsonObject = {
             "bufferView": len(accessors),
             "componentType": _BYTE if values.dtype == np.uint8 else _FLOAT,
             "count": len(values),

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
     from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
     from studio.stream.manifest_models import GroupEntry
+    from studio.stream.metadata import StreamMetadata
     from studio.stream.reader import StreamReader, fetch_group
     from studio.stream.search import QualityFn
     from studio.stream.settings import BakeSettings
@@ -27,6 +28,7 @@ __all__ = [
     "QualityFn",
     "Source",
     "SourceUnavailable",
+    "StreamMetadata",
     "StreamReader",
     "bake_group",
     "fetch_group",

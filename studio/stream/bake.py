@@ -6,12 +6,12 @@ import os
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
 from studio.stream.bake_motion import MotionBake
 from studio.stream.bake_planes import PlanesBake
@@ -125,7 +125,7 @@ def write_manifest(
     groups: Sequence[GroupEntry],
     fps: float,
     settings: BakeSettings,
-    metadata: dict[str, Any] | None = None,
+    metadata: JsonObject | None = None,
 ) -> Manifest:
     """Write `directory/manifest.json` for baked groups, atomically.
 
@@ -135,7 +135,7 @@ def write_manifest(
         fps: frames per second.
         settings: as passed to `bake_group`.
         metadata: free-form JSON values. Leave out what changes between runs, such as dates, to keep the bytes
-            reproducible. "suggested_camera": `Camera.to_dict()` of a good first view, if there is one.
+            reproducible. `StreamMetadata.to_json` makes those that players know.
 
     Returns:
         The manifest, including the total size of all files.

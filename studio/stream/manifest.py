@@ -9,11 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.stream.manifest_models import (
     MAX_FRAMES,
     MAX_GROUPS,
@@ -70,8 +71,8 @@ class Manifest(Model):
     codec: Codec = Codec()
     bounding_box: Box
     groups: Sequence[GroupEntry]
-    settings: dict[str, Any] = Field(default_factory=dict)
-    metadata: dict[str, Any] = Field(default_factory=dict)
+    settings: JsonObject = Field(default_factory=dict)
+    metadata: JsonObject = Field(default_factory=dict)
     total_bytes: Annotated[int, Field(ge=1)]
     manifest_sha256: Sha256
 
@@ -163,7 +164,7 @@ def no_such_frame(frame: int, frame_count: int) -> StudioError:
     )
 
 
-def manifest_schema() -> dict[str, Any]:
+def manifest_schema() -> JsonObject:
     """JSON schema (2020-12) of the manifest, published as `docs/stream.schema.json`. It cannot express constraints
     between values (sums, counts, order); see `docs/STREAM.md` for those."""
     kinds = TypeAdapter(PlanesManifest | MotionManifest)

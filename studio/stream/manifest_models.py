@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.stream.layout import Component, channels, components, plane_side, tile_side
 
 # Bounds: far above any real stream, low enough that a malicious manifest cannot exhaust memory.
@@ -157,12 +158,12 @@ class GroupEntry(Model):
         """Index of the first frame after the group."""
         return self.first_frame + self.frame_count
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready values, the inverse of `from_dict`."""
         return self.model_dump(mode="json")
 
     @staticmethod
-    def from_dict(values: dict[str, Any], name: str = "group entry") -> GroupEntry:
+    def from_dict(values: JsonObject, name: str = "group entry") -> GroupEntry:
         """Inverse of `to_dict`. Raises StudioError, with `name` as the file, for invalid values."""
         kind = MotionGroup if "channels" in values else PlanesGroup
         try:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
+from studio.json_types import JsonObject
 from studio.settings import Affects, Conflict, Heading, Settings
 
 QP_MAX = 51
@@ -98,7 +99,7 @@ class BakeSettings(Settings):
         """The same with another QP."""
         return self.replace(qp=qp)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready, for the manifest. The order of keys is part of the stream's bytes."""
         return {
             "profile": self.profile,

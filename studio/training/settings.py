@@ -8,6 +8,9 @@ from pydantic import Field
 
 from studio.settings import Affects, Heading, Settings
 
+GROUP_SIZE = 20
+"""Frames per group in the paper."""
+
 _LATER = Affects("later_frames")
 """For settings that only affect frames after the keyframe: changing them does not invalidate keyframes."""
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pytest
 from pydantic import BaseModel, Field
@@ -75,13 +75,21 @@ def test_headings_and_what_a_change_makes_stale_are_on_the_page(generator: Load)
         depth: int = Field(default=1, ge=0, description="How deep.")
 
     class Outer(BaseModel):
+        affects: ClassVar[Affects] = Affects(("evaluation",))
         width: Annotated[int, Heading("Size"), Affects(("later_frames",))] = Field(default=3, description="How wide.")
         inner: Annotated[Inner, Affects(("keyframe", "videos"))] = Inner()
+        height: int = Field(default=4, description="How high.")
+        color: Annotated[int, Affects(())] = Field(default=5, description="Which color.")
 
     page = "\n".join(generator("settings")._section("outer", Outer()))
     assert "### Size { #outer-size }" in page
-    assert '| <a id="outer.width"></a>`width` | `3` | How wide.<br>Changing it makes stale: later frames. |' in page
-    assert "How deep.<br>*At least 0.*<br>Changing it makes stale: keyframe, videos." in page
+    assert (
+        '| <a id="outer.width"></a>`width` | `3` | How wide.<br>A change makes these results stale: later frames. |'
+        in page
+    )
+    assert "How high.<br>A change makes these results stale: evaluation. |" in page
+    assert "| Which color. |" in page, "a change of it affects nothing, whatever its model affects"
+    assert "How deep.<br>*At least 0.*<br>A change makes these results stale: keyframe, videos." in page
 
 
 def test_every_command_is_on_the_page(generator: Load) -> None:

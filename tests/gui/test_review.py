@@ -22,7 +22,7 @@ from pipelines.stages.base import Context
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-from tests.support.waiting import wait_until
+from tests.support.players import settle
 
 
 @pytest.fixture
@@ -34,14 +34,6 @@ def player(finished_project: Path) -> Iterator[PlayerPresenter]:
     presenter.resize(256, 192)
     yield presenter
     assert presenter.close()
-
-
-def settle(player: PlayerPresenter, seconds: float = 60.0) -> None:
-    def settled() -> bool:
-        player.poll()
-        return player.settled and player.poll() is None and player.settled
-
-    wait_until("settled", settled, seconds)
 
 
 def image(player: PlayerPresenter) -> np.ndarray:
@@ -154,7 +146,7 @@ def test_marks_stay_in_the_take(tmp_path: Path) -> None:
     assert not session.kept
 
 
-def test_strips_show_the_frame_and_clicks_find_it() -> None:
+def test_plots_show_the_frame_and_clicks_find_it() -> None:
     plots_view = TimelinePlots(640, 120, 16.0, 20, (0, 10))
     series: dict[str, list[float | None]] = {"psnr_trained": [30.0] * 20, "psnr_decoded": [20.0 + n for n in range(20)]}
     plots = plots_of({**series, "bytes": []})

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import cv2
 import pytest
-import yaml
 
 from pipelines.events import RunFinished, RunStarted, parse_event
+from studio.yaml_text import dump_yaml, parse_yaml
 
 NAMES = {"cam0": "cam 0", "cam1": "caméra 1", "cam2": "影2", "cam4": "Kamera ñ #4"}
 TAKE = "prise é 影 #1 50%"
@@ -55,7 +55,7 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory, run_in: Call
             assert cv2.imwrite(str(path), image[..., :3])
     (capture / "caméras.json").write_text(json.dumps(rig, ensure_ascii=False), encoding="utf-8")
     (capture / "cameras.json").unlink()
-    settings = yaml.safe_load((finished / "ball.yaml").read_text())
+    settings = parse_yaml((finished / "ball.yaml").read_text())
     settings["capture"] |= {
         "root": capture.name,
         "rig": "caméras.json",
@@ -64,7 +64,7 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory, run_in: Call
         "held_out": [NAMES["cam4"]],
     }
     settings["run"]["preview_seconds"] = 0.01
-    (folder / "réglages 影.yaml").write_text(yaml.safe_dump(settings, allow_unicode=True), encoding="utf-8")
+    (folder / "réglages 影.yaml").write_text(dump_yaml(settings), encoding="utf-8")
     # relative, from the project's folder, as people type it
     done = run_in("C", "run", "réglages 影.yaml", "--take", TAKE, "--json", cwd=folder)
     assert done.returncode == 0, done.stderr.decode()
@@ -97,7 +97,7 @@ def test_names_stand_in_the_results_as_they_are(place: Path, run_in: Callable) -
     assert "root: " in shown
     assert "footage à & co" in shown
     assert NAMES["cam4"] in shown
-    assert yaml.safe_load(shown)["capture"]["held_out"] == [NAMES["cam4"]]
+    assert parse_yaml(shown)["capture"]["held_out"] == [NAMES["cam4"]]
 
 
 def test_the_report_needs_no_file_beside_it(place: Path) -> None:

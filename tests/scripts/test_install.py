@@ -49,6 +49,7 @@ def write_project(folder: Path) -> Path:
     (folder / "hello.py").write_text("def main():\n    import torch.version\n    print('hello', torch.version.cuda)\n")
     (folder / "requirements.lock").write_text("# pins\nopen3d==0.20.0\ntorch==2.13.0\nsmall==1.0\n")
     (folder / "requirements-dev.lock").write_text("checks==1.0\n")
+    (folder / "requirements-docs.lock").write_text("pages==1.0\n")
     return folder
 
 
@@ -66,6 +67,7 @@ def offers(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_wheel(folder, name, "0.20.0", {"open3d/__init__.py": f"name = {name!r}\n", f"open3d/{name}.txt": ""})
     write_wheel(folder, "small", "1.0", {"small/__init__.py": "", "small/part.py": "whole = True\n"})
     write_wheel(folder, "checks", "1.0", {"checks.py": ""})
+    write_wheel(folder, "pages", "1.0", {"pages.py": ""})
     return folder
 
 
@@ -111,6 +113,9 @@ def test_users_get_the_run_time_set_and_developers_the_rest(project: Path, offer
     assert install(project, offers).stdout == ""  # nothing to do
     assert install(project, offers, "--dev").returncode == 0
     assert installed(project) == {"torch", OPEN3D, "small", "v3studio", "checks"}
+    assert install(project, offers, "--dev", "--docs").returncode == 0
+    assert installed(project) == {"torch", OPEN3D, "small", "v3studio", "checks", "pages"}
+    assert install(project, offers, "--docs").stdout == "", "it is recorded"
 
 
 def test_packages_whose_installation_was_interrupted_are_installed_again(project: Path, offers: Path) -> None:

@@ -112,9 +112,9 @@ def test_modules_of_all_dependencies_are_known(self_test: ModuleType) -> None:
 
 
 def test_a_package_that_is_not_installed_is_named(self_test: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "yaml", None)
-    with pytest.raises(RuntimeError, match="package pyyaml is not installed; run `make setup`"):
-        self_test.import_module("pyyaml")
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(RuntimeError, match="package pillow is not installed; run `make setup`"):
+        self_test.import_module("pillow")
 
 
 def test_a_kernel_that_draws_something_else_is_found(self_test: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,11 +23,11 @@ def looking_at_origin(angle: float, height: float, distance: float = 3.0) -> np.
 
 @pytest.fixture
 def rig() -> Rig:
-    lenses = [np.zeros(0), np.array([-0.1, 0.05, 0.001, -0.002]), np.array([-0.2, 0.1, 0.001, 0.002, -0.03])]
+    distortions = [np.zeros(0), np.array([-0.1, 0.05, 0.001, -0.002]), np.array([-0.2, 0.1, 0.001, 0.002, -0.03])]
     cameras = []
-    for index, lens in enumerate(lenses):
+    for index, distortion in enumerate(distortions):
         K = np.array([[510.0 + index, 0, 331.25], [0, 505.5, 177.75 - index], [0, 0, 1]])
-        cameras.append(Camera(f"cam{index:02d}", 640, 360, K, looking_at_origin(index * 1.3, 0.4 * index), lens))
+        cameras.append(Camera(f"cam{index:02d}", 640, 360, K, looking_at_origin(index * 1.3, 0.4 * index), distortion))
     return Rig(tuple(cameras))
 
 
@@ -45,7 +45,7 @@ def assert_same_images(found: Rig, wanted: Rig) -> None:
 def test_what_is_written_is_read_again(rig: Rig, tmp_path: Path, name: str) -> None:
     write_rig(rig, tmp_path / name)
     assert_same_images(read_rig(tmp_path / name), rig)
-    assert not [path for path in tmp_path.rglob("*") if ".tmp" in path.name]
+    assert not [path for path in tmp_path.rglob("*") if ".partial" in path.name]
 
 
 def test_cameras_json_with_k_r_t(rig: Rig, tmp_path: Path) -> None:
@@ -149,15 +149,15 @@ def test_colmap_reads_what_we_write(rig: Rig, tmp_path: Path) -> None:
         ("FULL_OPENCV", [500, 510, 320, 180, -0.1, 0.05, 0.002, -0.003, 0.01, 0.02, -0.01, 0.005]),
     ],
 )
-def test_every_colmap_lens_bends_as_colmap_bends(tmp_path: Path, model: str, parameters: list[float]) -> None:
+def test_every_colmap_camera_model_distorts_as_colmap_does(tmp_path: Path, model: str, parameters: list[float]) -> None:
     pycolmap = pytest.importorskip("pycolmap")
     (tmp_path / "cameras.txt").write_text(f"# c\n7 {model} 640 360 {' '.join(map(str, parameters))}\n")
     (tmp_path / "images.txt").write_text("# i\n3 1 0 0 0 0 0 2.0 7 sub folder/a b.png\n\n")
     camera = read_rig(tmp_path)["a b"]
-    lens = pycolmap.Camera(model=model, width=640, height=360, params=parameters)
+    distortion = pycolmap.Camera(model=model, width=640, height=360, params=parameters)
     local = POINTS + np.array([0, 0, 2.0])
     rays = local[:, :2] / local[:, 2:]
-    expected = np.array(lens.img_from_cam(np.column_stack([rays, np.ones(len(rays))])))
+    expected = np.array(distortion.img_from_cam(np.column_stack([rays, np.ones(len(rays))])))
     np.testing.assert_allclose(camera.project(POINTS)[0], expected, atol=1e-6)
 
 

@@ -8,7 +8,7 @@ import pytest
 from studio.cameras import look_at_pose
 from tests.support.rigs import camera_at, ring
 
-LENSES = {
+DISTORTIONS = {
     "pinhole": [],
     "radial": [-0.25, 0.08, 0.0, 0.0],
     "brown": [-0.2, 0.1, 0.001, 0.002, -0.03],
@@ -16,10 +16,10 @@ LENSES = {
 }
 
 
-@pytest.mark.parametrize("lens", LENSES)
-def test_unproject_inverts_project(lens: str) -> None:
+@pytest.mark.parametrize("kind", DISTORTIONS)
+def test_unproject_inverts_project(kind: str) -> None:
     K = np.array([[150.0, 0, 84], [0, 160, 57], [0, 0, 1]])
-    camera = camera_at("c", [2.0, -1.0, 0.7], [0.1, 0.2, 0.3], K=K, distortion=LENSES[lens])
+    camera = camera_at("c", [2.0, -1.0, 0.7], [0.1, 0.2, 0.3], K=K, distortion=DISTORTIONS[kind])
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 3))
     pixels, depth = camera.project(points)
     np.testing.assert_allclose(camera.unproject(pixels, depth), points, atol=1e-8)
@@ -30,9 +30,9 @@ def test_unproject_inverts_project(lens: str) -> None:
     np.testing.assert_allclose(camera.unproject(pixels), at_one, atol=1e-8)
 
 
-@pytest.mark.parametrize("lens", ["pinhole", "brown"])
-def test_pixels_that_are_not_known_stay_unknown(lens: str) -> None:
-    camera = camera_at("c", [2.0, 0, 0], distortion=LENSES[lens])
+@pytest.mark.parametrize("kind", ["pinhole", "brown"])
+def test_pixels_that_are_not_known_stay_unknown(kind: str) -> None:
+    camera = camera_at("c", [2.0, 0, 0], distortion=DISTORTIONS[kind])
     pixels = np.array([[80.0, 60], [np.nan, np.nan]])
     found = camera.normalized(pixels)
     np.testing.assert_allclose(found[0], [0, 0], atol=1e-9)

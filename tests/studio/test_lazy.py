@@ -36,15 +36,15 @@ def run(code: str, folder: Path) -> str:
 
 
 def test_an_export_wins_over_a_submodule_of_its_name(tmp_path: Path) -> None:
-    package = tmp_path / "house"
+    package = tmp_path / "sample"
     package.mkdir()
-    (package / "door.py").write_text("def door():\n    return 'open'\n")
+    (package / "part.py").write_text("def part():\n    return 'open'\n")
     (package / "__init__.py").write_text(
         "from typing import TYPE_CHECKING\nfrom studio.lazy import lazy_exports\n"
-        "if TYPE_CHECKING:\n    from house.door import door\nlazy_exports(__name__)\n"
+        "if TYPE_CHECKING:\n    from sample.part import part\nlazy_exports(__name__)\n"
     )
     root = str(Path(__file__).parents[2])
     head = f"import sys; sys.path[:0] = [{root!r}, '.']; "
-    assert run(f"{head}import house; print('house.door' in sys.modules)", tmp_path) == "False"
-    assert run(f"{head}from house import door; print(door())", tmp_path) == "open"
-    assert run(f"{head}import house.door; from house import door; print(door())", tmp_path) == "open"
+    assert run(f"{head}import sample; print('sample.part' in sys.modules)", tmp_path) == "False"
+    assert run(f"{head}from sample import part; print(part())", tmp_path) == "open"
+    assert run(f"{head}import sample.part; from sample import part; print(part())", tmp_path) == "open"

@@ -78,8 +78,8 @@ def test_no_dataclass_repeats_a_setting() -> None:
     assert len(names) > 70
     found = [
         f"{path.relative_to(root)}: {owner}.{name}"
-        for floor in ("studio", "pipelines", "gui")
-        for path in sorted((root / floor).rglob("*.py"))
+        for package in ("studio", "pipelines", "gui")
+        for path in sorted((root / package).rglob("*.py"))
         for owner, name in dataclass_defaults(path)
         if name in names and f"{owner}.{name}" not in RESULTS_OF_THE_SAME_NAME
     ]

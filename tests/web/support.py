@@ -5,9 +5,7 @@ If modules move, this is the only file to change.
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +23,7 @@ from studio.stream.manifest_models import MotionGroup
 from studio.stream.motion_state import Side
 from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
+from tests.support.streams import edit_manifest
 
 FPS = 25.0
 
@@ -100,35 +99,6 @@ def bake(
     view = {"suggested_camera": camera(0).to_dict(), "up": [0.0, -1.0, 0.0], "background": [0.0, 0.0, 0.0]}
     write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})})
     return folder
-
-
-def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-    """Change the manifest's JSON and update its size and checksum."""
-    path = folder / "manifest.json"
-    values = json.loads(path.read_bytes())
-    change(values)
-    values["manifest_sha256"] = "0" * 64
-    files = sum(group["bytes"] for group in values["groups"])
-    while True:
-        data = json.dumps(values).encode()
-        if values["total_bytes"] == files + len(data):
-            break
-        values["total_bytes"] = files + len(data)
-    path.write_bytes(data.replace(b"0" * 64, hashlib.sha256(data).hexdigest().encode(), 1))
-
-
-def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:
-    """Replace the bytes of a group's `side` or `video` and update all sizes and checksums."""
-
-    def change(values: dict[str, Any]) -> None:
-        entry = values["groups"][group][key]
-        (folder / entry["path"]).write_bytes(data)
-        values["groups"][group]["bytes"] += len(data) - entry["bytes"]
-        entry["bytes"], entry["sha256"] = len(data), hashlib.sha256(data).hexdigest()
-        if raw_bytes is not None:
-            entry["raw_bytes"] = raw_bytes
-
-    edit_manifest(folder, change)
 
 
 def as_version_1(folder: Path) -> None:

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import support
 
 from studio.stream.sidefile import deflate
+from tests.support.streams import edit_manifest, replace_file
 
 pytestmark = pytest.mark.web
 
@@ -82,18 +82,18 @@ def mutate(rng: random.Random, folder: Path) -> str:
                 return
 
         try:
-            support.edit_manifest(folder, change)
+            edit_manifest(folder, change)
         except (TypeError, KeyError, ValueError, AttributeError):
             (folder / "manifest.json").write_bytes(b"[" * rng.randint(1, 100_000))  # a checksum cannot be added
     elif kind == "side content":
         group = rng.randrange(2)
         raw = zlib.decompress((folder / f"group_00{group}" / "motion.bin").read_bytes(), wbits=-15)
         changed = mutate_bytes(rng, raw)
-        support.replace_file(folder, group, "side", deflate([changed]), len(changed))
+        replace_file(folder, group, "side", deflate([changed]), len(changed))
     else:
         group, key = rng.randrange(2), "side" if kind == "side file" else "video"
         path = json.loads((folder / "manifest.json").read_bytes())["groups"][group][key]["path"]
-        support.replace_file(folder, group, key, mutate_bytes(rng, (folder / path).read_bytes()))
+        replace_file(folder, group, key, mutate_bytes(rng, (folder / path).read_bytes()))
     return kind
 
 
@@ -147,7 +147,7 @@ def test_mutated_streams(site, baked, open_page, batch):
 def test_a_bomb_is_not_unpacked(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
     for group in range(2):
-        support.replace_file(site.stream, group, "side", deflate([bytes(200_000_000)]))
+        replace_file(site.stream, group, "side", deflate([bytes(200_000_000)]))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
     assert "decompresses to more than" in page.seen("error")[0]
@@ -155,7 +155,7 @@ def test_a_bomb_is_not_unpacked(site, baked, open_page):
 
 def test_a_path_out_of_the_stream_is_refused(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
-    support.edit_manifest(site.stream, lambda values: values["groups"][0]["side"].update(path="../secret.bin"))
+    edit_manifest(site.stream, lambda values: values["groups"][0]["side"].update(path="../secret.bin"))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
     assert "groups.0.side.path" in page.seen("error")[0]

@@ -1,6 +1,6 @@
 """Writes the reference data of the player's unit tests (web/tests): arrays computed in Python.
 
-python tests/web/write_fixtures.py FOLDER
+PYTHONPATH=. python tests/web/write_fixtures.py FOLDER
 """
 
 from __future__ import annotations

@@ -186,8 +186,9 @@ class StreamSource:
     @property
     def suggested_camera(self) -> Camera | None:
         """The initial view from the stream's metadata; None if there is none."""
-        values = self._reader.manifest.metadata.get("suggested_camera")
-        return Camera.from_dict(values) if isinstance(values, dict) else None
+        from studio.stream import StreamMetadata
+
+        return StreamMetadata.from_json(self._reader.manifest.metadata).suggested_camera
 
     def close(self) -> None:
         """See `FrameSource`."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from gui.presenters.drawing.palette import (
 from gui.presenters.points.magnifier import Magnifier
 from gui.presenters.points.marks import TieMarks
 from studio.calibration import TiePoint
+from studio.calibration.report import TiePointReport
 
 MOST_PICTURES = 6
 _LEAST_CROP = 50
@@ -154,7 +154,7 @@ def point_list(
     size: tuple[float, float],
     marks: TieMarks,
     scroll: int,
-    solved: Mapping[str, Mapping[str, Any]],
+    solved: Mapping[str, TiePointReport],
     buttons: Sequence[tuple[str, Action]],
     em: float,
 ) -> int:
@@ -174,8 +174,8 @@ def point_list(
         point, y = marks.points[index], step * (row + 1)
         if index == marks.chosen:
             canvas.rect(2, y, width - 6, step - 1, ACCENT_DARK)
-        error = solved.get(point.name, {}).get("error")
-        words = f"{len(point.pixels)} cam" + (f"  {error:.1f} px" if isinstance(error, float) else "")
+        error = solved[point.name].error if point.name in solved else None
+        words = f"{len(point.pixels)} cam" + ("" if error is None else f"  {error:.1f} px")
         wide = text_width(words, small)
         canvas.text(pad, y + 1, point.name, small, TEXT, width=width - wide - 2.5 * pad)
         canvas.text(width - pad - 4, y + 1, words, small, _color(error, len(point.pixels)), align="right")
@@ -190,7 +190,7 @@ def point_list(
     return scroll
 
 
-def _color(error: object, cameras: int) -> RGB:
-    if not isinstance(error, float):
+def _color(error: float | None, cameras: int) -> RGB:
+    if error is None:
         return TEXT if cameras > 1 else DIM
     return GOOD if error < 1 else FAIR if error < 3 else BAD

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -16,7 +16,8 @@ from gui.presenters.points.marks import TieMarks, advice, expected
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import Size, StageView
 from pipelines.stages.base import Context
-from pipelines.takes.atomic_files import read_json
+from pipelines.takes.calibration import read_cameras_report
+from studio.calibration.report import CalibrationReport, TiePointReport
 from studio.cameras import Rig
 from studio.errors import StudioError
 
@@ -45,7 +46,7 @@ class PointsView(StageView):
         self._scroll = 0
         self._refused: tuple[Path, int] | None = None  # a damaged file is read only once
         self._rig: tuple[float, Rig | None] = (0.0, None)
-        self._figures: tuple[float, dict[str, dict[str, float]]] = (0.0, {})
+        self._figures: tuple[float, Mapping[str, TiePointReport]] = (0.0, {})
         self._footage: tuple[Context | None, tuple[str, ...]] = (None, ())
 
     # What it depends on
@@ -179,15 +180,15 @@ class PointsView(StageView):
             ("Calibrate", partial(self._ask, "run")),
         ]
 
-    def _solved(self) -> dict[str, dict[str, float]]:
+    def _solved(self) -> Mapping[str, TiePointReport]:
         """Figures by point from the last calibration, if it used tie points."""
         take = self.workspace.take
         if take is None or not take.calibration_report.is_file():
             return {}
         stamp = take.calibration_report.stat().st_mtime
         if stamp != self._figures[0]:
-            found = read_json(take.calibration_report).get("tie_points", {})
-            self._figures = (stamp, found if isinstance(found, dict) else {})
+            report = read_cameras_report(take)
+            self._figures = (stamp, report.tie_points if isinstance(report, CalibrationReport) else {})
         return self._figures[1]
 
     def _cameras(self) -> Rig | None:

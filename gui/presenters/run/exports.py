@@ -12,7 +12,7 @@ from gui.presenters.playback.viewpoint import BACKGROUNDS
 from gui.presenters.run.jobs import ChildProcess, v3studio_command
 from gui.presenters.run.shares import ShareRequest, megabytes
 from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.takes.atomic_files import remove, write_json
+from pipelines.takes.atomic_files import remove
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -191,7 +191,7 @@ class Exports:
         self.words, self.result = f"{title.lower()}: starting", ""
 
     def _write_path(self, folder: Path, size: tuple[int, int]) -> Path:
-        from studio.export import Key, path_to_json
+        from studio.export import Key, write_path_keys
 
         if len(self.keys) < 2:
             raise StudioError(
@@ -205,7 +205,7 @@ class Exports:
             for number, key in enumerate(self.keys)
         ]
         path = folder / "path.json"
-        write_json(path, path_to_json(keys))
+        write_path_keys(keys, path)
         return path
 
     def poll(self) -> bool:

@@ -123,9 +123,9 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
                 if isinstance(value, list)
                 else f"{value:,}"
                 if isinstance(value, int)
-                else value
+                else str(value)
             )
-            rows.append((name.replace("_", " "), str(words)))
+            rows.append((name.replace("_", " "), words))
         if stage == "capture":
             rows.append(("footage", row.words))
         blocks.append(Block(row.title, rows))

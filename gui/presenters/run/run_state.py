@@ -163,7 +163,8 @@ class RunState:
         for name in ("loss", "psnr", "splats"):
             value = event.figures.get(name)
             if isinstance(value, int | float) and not isinstance(value, bool):
-                group = int(event.figures.get("group", 0))
+                number = event.figures.get("group")
+                group = number if isinstance(number, int) else 0
                 self.curves.setdefault(name, {}).setdefault(group, Curve()).add(event.fraction, float(value))
 
     def stage_words(self) -> str:

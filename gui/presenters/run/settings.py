@@ -7,12 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Union, get_args, get_origin
 
-import yaml
-
 from pipelines.config import Config
 from pipelines.config.description import allowed_values
 from pipelines.config.loading import parse_override
 from studio.settings import Heading, Settings, marker, submodel
+from studio.yaml_text import inline_yaml
 
 SECTIONS = {
     "capture": ("capture",),
@@ -57,10 +56,7 @@ class SettingField:
         value: Any = config.model_dump(mode="json")
         for part in self.name.split("."):
             value = value[part]
-        if isinstance(value, str):
-            return value
-        dumped: str = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=10**6)
-        return dumped.removesuffix("...\n").strip()
+        return value if isinstance(value, str) else inline_yaml(value)
 
     def parsed(self, text: str) -> Any:
         """Parse typed text.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import Any
 
 import numpy as np
 
@@ -13,10 +12,10 @@ from gui.presenters.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, LINE, R
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import OrbitView, Size
-from pipelines.takes.atomic_files import read_json
-from pipelines.takes.migration import current_report
+from pipelines.takes.calibration import CamerasReport, read_cameras_report
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
+from studio.calibration.report import CalibrationReport, CameraReport
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
@@ -37,7 +36,7 @@ class CalibrateView(OrbitView):
         super().__init__(workspace)
         self._read_of: Hashable = None
         self._rig: Rig | None = None
-        self._report: dict[str, Any] = {}
+        self._report: CamerasReport | None = None
         self._points: tuple[np.ndarray, np.ndarray] | None = None
         self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
 
@@ -65,15 +64,19 @@ class CalibrateView(OrbitView):
         from studio.camera_files import read_rig
 
         self._rig = read_rig(take.rig)
-        self._report = current_report(read_json(take.calibration_report)) if take.calibration_report.is_file() else {}
+        self._report = read_cameras_report(take)
         self._points = read_points(take.calibration_points) if take.calibration_points.is_file() else None
         self._thumbnails.clear()
         self._home = _overview(self._rig)
         self._read_of = stamp
 
     def _error(self, name: str) -> float | None:
-        value = self._report.get("cameras", {}).get(name, {}).get("mean")
-        return float(value) if isinstance(value, int | float) else None
+        figures = self._figures(name)
+        return None if figures is None else figures.mean
+
+    def _figures(self, name: str) -> CameraReport | None:
+        """None if the cameras are from a file."""
+        return self._report.cameras.get(name) if isinstance(self._report, CalibrationReport) else None
 
     def _color(self, name: str) -> RGB:
         from studio.calibration.result import quality_of
@@ -149,11 +152,12 @@ class CalibrateView(OrbitView):
         step = line_height(normal)
         y = em
         report = self._report
-        facts = [f"{len(self._rig)} cameras", f"from {report.get('source', 'an unknown source')}"]
-        figures = report.get("reprojection")
-        if isinstance(figures, dict):
-            facts.append(f"reprojection error: mean {figures['mean']:.2f} px, p95 {figures['p95']:.2f} px")
-            facts.append(str(report.get("quality", "")))
+        source = (report.source if report is not None else None) or "an unknown source"
+        facts = [f"{len(self._rig)} cameras", f"from {source}"]
+        if isinstance(report, CalibrationReport):
+            figures = report.reprojection
+            facts.append(f"reprojection error: mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px")
+            facts.append(report.quality)
         canvas.text(em, y, ", ".join(filter(None, facts)), normal, TEXT, width=size[0] - 2 * em)
         y += 1.5 * step
         columns = [
@@ -169,21 +173,20 @@ class CalibrateView(OrbitView):
             canvas.text(em + at * wide, y, title, normal, DIM, align="left" if at == 0 else "right")
         y += step
         for camera in self._rig:
-            found = report.get("cameras", {}).get(camera.name, {})
-            error = self._error(camera.name)
+            found = self._figures(camera.name)
             words = [
                 camera.name,
-                "from file" if error is None else f"{error:.2f}",
-                f"{found['p95']:.2f}" if "p95" in found else "",
-                str(found.get("observations", "")),
-                f"{100 * found['coverage']:.0f}%" if "coverage" in found else "",
+                "from file" if found is None else f"{found.mean:.2f}",
+                "" if found is None else f"{found.p95:.2f}",
+                "" if found is None else str(found.observations),
+                "" if found is None else f"{100 * found.coverage:.0f}%",
                 f"{camera.fx:.0f}",
             ]
             canvas.dot(0.5 * em, y + 0.6 * normal, 0.25 * em, self._color(camera.name))
             for (_, at), word in zip(columns, words, strict=True):
                 canvas.text(em + at * wide, y, word, normal, TEXT, align="left" if at == 0 else "right")
             y += step
-        for name, reason in report.get("unregistered", {}).items():
+        for name, reason in report.unregistered.items() if isinstance(report, CalibrationReport) else ():
             canvas.text(em, y, f"{name}: not registered: {reason}", normal, BAD, width=wide)
             y += step
         return canvas.pixels

@@ -15,8 +15,9 @@ from gui.presenters.drawing.palette import DIM, GROUND
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.run.workspace import Workspace
 from gui.presenters.stages.stage_view import OrbitView, Size
-from pipelines.takes.atomic_files import read_json
+from pipelines.takes.atomic_files import read_model
 from pipelines.takes.point_files import read_points
+from pipelines.takes.stage_files import InitialPointsReport
 from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.errors import StudioError
@@ -79,10 +80,11 @@ class InitializeView(OrbitView):
         else:
             canvas = Canvas(*size, GROUND)
             draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
-        report = read_json(folder / "report.json") if (folder / "report.json").is_file() else {}
+        path = folder / "report.json"
+        keyframe = read_model(path, InitialPointsReport).keyframe if path.is_file() else "?"
         small = round(0.9 * self.em)
         group = int(folder.name.removeprefix("group_"))
-        words = f"group {group}, frame {report.get('keyframe', '?')}: {len(points):,} points"
+        words = f"group {group}, frame {keyframe}: {len(points):,} points"
         if self._mesh is not None:
             words += f" on {self._mesh.faces:,} faces"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)

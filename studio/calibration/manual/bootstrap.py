@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.colmap_model import lens_model
+from studio.camera_files.colmap_model import camera_model
 from studio.cameras import Camera
 
 LEAST_SHARED = 6
@@ -69,45 +69,45 @@ class TieRig:
         return found
 
 
-def initial_rigs(lenses: Mapping[str, Camera], observations: Observations, seed: int) -> Iterator[TieRig]:
+def initial_rigs(intrinsics: Mapping[str, Camera], observations: Observations, seed: int) -> Iterator[TieRig]:
     """Initial rigs to try, the most promising first.
 
     The first one is based on measured points, if a camera sees four of them. The others are based on the pairs of
     cameras with the most common points, in the coordinates of the first camera.
     """
     measured = observations.measured
-    if any((observations.seen(name) & measured).sum() >= LEAST_KNOWN for name in lenses):
-        yield _grown(lenses, observations, TieRig({}, observations.world.copy()), seed)
+    if any((observations.seen(name) & measured).sum() >= LEAST_KNOWN for name in intrinsics):
+        yield _grown(intrinsics, observations, TieRig({}, observations.world.copy()), seed)
     shared = {
         pair: np.flatnonzero(observations.seen(pair[0]) & observations.seen(pair[1]))
-        for pair in combinations(lenses, 2)
+        for pair in combinations(intrinsics, 2)
     }
     pairs = sorted((pair for pair in shared if len(shared[pair]) >= LEAST_SHARED), key=lambda p: -len(shared[p]))
     for first, second in pairs[:_PAIRS]:
-        relative = _relative(lenses[first], lenses[second], observations, shared[first, second], seed)
+        relative = _relative(intrinsics[first], intrinsics[second], observations, shared[first, second], seed)
         if relative is not None:
             cameras = {
-                first: replace(lenses[first], world_to_camera=np.eye(4)),
-                second: replace(lenses[second], world_to_camera=relative),
+                first: replace(intrinsics[first], world_to_camera=np.eye(4)),
+                second: replace(intrinsics[second], world_to_camera=relative),
             }
             begun = TieRig(cameras, np.full_like(observations.world, np.nan))
-            yield _grown(lenses, observations, begun, seed)
+            yield _grown(intrinsics, observations, begun, seed)
 
 
-def _grown(lenses: Mapping[str, Camera], observations: Observations, rig: TieRig, seed: int) -> TieRig:
+def _grown(intrinsics: Mapping[str, Camera], observations: Observations, rig: TieRig, seed: int) -> TieRig:
     """Register cameras, those with the most points first, and triangulate points until no more can be added."""
     while True:
         triangulate(observations, rig)
         known = rig.triangulated
-        counts = {name: int((observations.seen(name) & known).sum()) for name in lenses if name not in rig.cameras}
+        counts = {name: int((observations.seen(name) & known).sum()) for name in intrinsics if name not in rig.cameras}
         found = False
         for name in sorted(counts, key=lambda n: -counts[n]):
             if counts[name] < LEAST_KNOWN:
                 break
             index = np.flatnonzero(observations.seen(name) & known)
-            pose = _absolute(lenses[name], observations.pixels[name][index], rig.points3d[index], seed)
+            pose = _absolute(intrinsics[name], observations.pixels[name][index], rig.points3d[index], seed)
             if pose is not None:
-                rig.cameras[name] = replace(lenses[name], world_to_camera=pose)
+                rig.cameras[name] = replace(intrinsics[name], world_to_camera=pose)
                 found = True
                 break
         if not found:
@@ -168,5 +168,5 @@ def _relative(
 def _sensor(camera: Camera) -> Any:
     import pycolmap
 
-    model, parameters = lens_model(camera)
+    model, parameters = camera_model(camera)
     return pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=parameters)

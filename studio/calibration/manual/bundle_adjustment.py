@@ -90,8 +90,8 @@ class Problem:
         self.pixels = {name: observations.pixels[name][self.triangulated][self.columns[name]] for name in self.names}
         self.measured = np.flatnonzero(observations.measured[self.triangulated])
         self.world = observations.world[self.triangulated][self.measured]
-        self.first_lens = 6 * len(self.names)
-        self.first_point = self.first_lens + self.terms * len(self.groups)
+        self.first_intrinsics = 6 * len(self.names)
+        self.first_point = self.first_intrinsics + self.terms * len(self.groups)
 
     def start(self) -> np.ndarray:
         """(U,) initial values of the unknowns."""
@@ -105,16 +105,16 @@ class Problem:
         if self.terms == 2:
             for number, group in enumerate(self.groups):
                 camera = self.initial.cameras[group[0]]
-                values[self.first_lens + 2 * number + 1] = camera.distortion[0] if camera.distortion.size else 0.0
+                values[self.first_intrinsics + 2 * number + 1] = camera.distortion[0] if camera.distortion.size else 0.0
         values[self.first_point :] = self.initial.points3d[self.triangulated].ravel()
         return values
 
-    def _lens(self, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    def _intrinsics(self, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
         """K (3, 3) and distortion, at least 4 terms."""
         camera = self.initial.cameras[name]
         K, distortion = camera.K.copy(), camera.distortion if camera.distortion.size else np.zeros(4)
         if name in self.group_of:
-            own = values[self.first_lens + self.terms * self.group_of[name] :][: self.terms]
+            own = values[self.first_intrinsics + self.terms * self.group_of[name] :][: self.terms]
             K[0, 0], K[1, 1] = K[0, 0] * np.exp(own[0]), K[1, 1] * np.exp(own[0])
             if self.terms == 2:
                 distortion = np.array([own[1], 0.0, 0.0, 0.0])
@@ -129,7 +129,7 @@ class Problem:
             own = values[6 * number : 6 * number + 6]
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(own[:3]).as_matrix(), own[3:]
-            K, distortion = self._lens(values, name)
+            K, distortion = self._intrinsics(values, name)
             distortion = distortion if distortion.any() else np.zeros(0)
             cameras[name] = replace(self.initial.cameras[name], world_to_camera=pose, K=K, distortion=distortion)
         points3d = np.full_like(self.initial.points3d, np.nan)
@@ -141,7 +141,7 @@ class Problem:
         import cv2
 
         own = values[6 * self.names.index(name) :][:6]
-        K, distortion = self._lens(values, name)
+        K, distortion = self._intrinsics(values, name)
         points3d = values[self.first_point :].reshape(-1, 3)[self.columns[name]]
         pixels, derivatives = cv2.projectPoints(points3d, own[:3], own[3:], K, distortion)
         return pixels.reshape(-1, 2), derivatives
@@ -154,12 +154,12 @@ class Problem:
             for name in self.names
             if len(self.columns[name])
         ]
-        lens = values[self.first_lens : self.first_point].reshape(len(self.groups), self.terms)
+        intrinsics = values[self.first_intrinsics : self.first_point].reshape(len(self.groups), self.terms)
         return np.concatenate(
             [
                 *marks,
                 ((points3d[self.measured] - self.world) / self.accuracy.world).ravel(),
-                (lens / np.array([_FOCAL, _RADIAL])[: self.terms]).ravel(),
+                (intrinsics / np.array([_FOCAL, _RADIAL])[: self.terms]).ravel(),
             ]
         )
 
@@ -177,8 +177,8 @@ class Problem:
             block = np.zeros((2 * len(columns), len(values)))
             block[:, 6 * number : 6 * number + 6] = derivatives[:, :6]
             if name in self.group_of:
-                K, _ = self._lens(values, name)
-                at = self.first_lens + self.terms * self.group_of[name]
+                K, _ = self._intrinsics(values, name)
+                at = self.first_intrinsics + self.terms * self.group_of[name]
                 block[:, at] = derivatives[:, 6] * K[0, 0] + derivatives[:, 7] * K[1, 1]
                 if self.terms == 2:
                     block[:, at + 1] = derivatives[:, 10]
@@ -190,8 +190,8 @@ class Problem:
         points3d = np.zeros((3 * len(self.measured), len(values)))
         columns = (self.first_point + 3 * self.measured[:, None] + np.arange(3)).ravel()
         points3d[np.arange(len(columns)), columns] = 1 / self.accuracy.world
-        lens = np.zeros((self.first_point - self.first_lens, len(values)))
-        lens[:, self.first_lens : self.first_point] = np.diag(
+        intrinsics = np.zeros((self.first_point - self.first_intrinsics, len(values)))
+        intrinsics[:, self.first_intrinsics : self.first_point] = np.diag(
             np.tile(1 / np.array([_FOCAL, _RADIAL])[: self.terms], len(self.groups))
         )
-        return np.concatenate([*blocks, points3d, lens])
+        return np.concatenate([*blocks, points3d, intrinsics])

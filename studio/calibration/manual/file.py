@@ -19,27 +19,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from studio.camera_files.common import naming, write_atomic
 from studio.errors import StudioError
-
-
-class _Loader(yaml.BaseLoader):
-    """A YAML loader that rejects duplicate keys."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        names = [key.value for key, _ in node.value]
-        for name in names:
-            if names.count(name) > 1:
-                raise StudioError(
-                    "tie_points.duplicate",
-                    f"line {node.start_mark.line + 1} and below: '{name}' is used twice",
-                    value=name,
-                    fix="Use a unique name for each point, and list each camera of a point only once.",
-                    line=node.start_mark.line + 1,
-                )
-        return super().construct_mapping(node, deep)
+from studio.json_types import JsonObject
+from studio.yaml_text import DuplicateKey, YamlError, dump_yaml, parse_yaml
 
 
 @dataclass(frozen=True)
@@ -79,17 +62,23 @@ def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
         text = "["  # not text, so not YAML
     try:
         # everything as text, or camera 01 would become 1
-        with naming(path):
-            content = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = mark.line + 1 if mark is not None else None
+        content = parse_yaml(text, plain=True)
+    except DuplicateKey as error:
+        raise StudioError(
+            "tie_points.duplicate",
+            f"line {error.mapping_line} and below: '{error.key}' is used twice",
+            file=path,
+            value=error.key,
+            fix="Use a unique name for each point, and list each camera of a point only once.",
+            line=error.mapping_line,
+        ) from None
+    except YamlError as error:
         raise StudioError(
             "tie_points.syntax",
-            "invalid YAML" + (f" at line {line}" if line else ""),
+            "invalid YAML" + (f" at line {error.line}" if error.line else ""),
             file=path,
             fix="docs/guides/calibrate-points.md describes the format.",
-            line=line,
+            line=error.line,
         ) from None
     points = content.get("points") if isinstance(content, dict) else None
     if not isinstance(points, dict):
@@ -112,15 +101,14 @@ def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
     """
     content = {}
     for point in points:
-        values: dict[str, Any] = {}
+        values: JsonObject = {}
         if point.world is not None:
             values["world"] = [float(value) for value in point.world]
         if point.frame is not None:
             values["frame"] = point.frame
         values["pixels"] = {name: [round(float(x), 2), round(float(y), 2)] for name, (x, y) in point.pixels.items()}
         content[point.name] = values
-    text = yaml.safe_dump({"points": content}, sort_keys=False, allow_unicode=True, default_flow_style=None)
-    write_atomic(path, text.encode())
+    write_atomic(path, dump_yaml({"points": content}, flow=None, width=80).encode())
 
 
 def _point(name: str, values: Any) -> TiePoint:

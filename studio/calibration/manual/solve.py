@@ -65,7 +65,7 @@ def calibrate_from_tie_points(
     Returns:
         cameras and triangulated points. With three measured positions that are not collinear, world coordinates are
         those of the measurements; otherwise they are those of `alignment.upright`. The report contains `tie_points`,
-        `left_out`, `uncertain`, `world_accuracy`, `known_lenses`, `metric` and `unregistered` (empty).
+        `left_out`, `uncertain`, `world_accuracy`, `known_intrinsics`, `metric` and `unregistered` (empty).
 
     Raises:
         StudioError: there are no marks (tie_points.none) or one is outside its image (tie_points.outside), a camera
@@ -83,8 +83,8 @@ def calibrate_from_tie_points(
     def attempts() -> Iterator[TieRig]:
         for number, guess in enumerate(guesses):
             progress(number, len(guesses) + 1)
-            lenses = _lenses(sizes, known, focal_lengths or {}, guess)
-            for start in initial_rigs(lenses, observations, seed):
+            intrinsics = _intrinsics(sizes, known, focal_lengths or {}, guess)
+            for start in initial_rigs(intrinsics, observations, seed):
                 if len(start.cameras) >= 2:
                     yield adjust(start, observations, groups, accuracy, radial=False, steps=_ROUGH)
 
@@ -106,7 +106,7 @@ def calibrate_from_tie_points(
     progress(len(guesses) + 1, len(guesses) + 1)
     result = _result(best, observations, left_out, distance, sizes)
     update = {
-        "known_lenses": [name for name in sizes if name in known],
+        "known_intrinsics": [name for name in sizes if name in known],
         "uncertain": {name: round(uncertain[name], 4) for name in sizes},
         "world_accuracy": accuracy.world,
     }
@@ -161,7 +161,7 @@ def _groups(free: Sequence[str], sizes: Mapping[str, tuple[int, int]], shared: b
     return [[name for name in free if sizes[name] == size] for size in dict.fromkeys(sizes[name] for name in free)]
 
 
-def _lenses(
+def _intrinsics(
     sizes: Mapping[str, tuple[int, int]], known: Mapping[str, Camera], focal: Mapping[str, float], guess: float
 ) -> dict[str, Camera]:
     found = {}

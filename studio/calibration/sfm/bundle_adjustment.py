@@ -40,8 +40,8 @@ def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: f
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
-    for index, lens in enumerate(job.lenses):
-        if lens.known and job.fix_intrinsics:
+    for index, one in enumerate(job.intrinsics):
+        if one.known and job.fix_intrinsics:
             config.set_constant_cam_intrinsics(index + 1)
     if not job.fix_poses:
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)

@@ -9,21 +9,41 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from studio.errors import StudioError
 
 
+@dataclass(frozen=True)
+class WorkerProgress:
+    """One line of progress.
+
+    Attributes:
+        step: name of the step in progress.
+        done, total: its finished and all parts.
+    """
+
+    step: str
+    done: int = 0
+    total: int = 0
+
+
 def run_reporting(
-    module: str, arguments: Sequence[str], on_line: Callable[[dict[str, Any]], None], *, what: str, tick: float = 0.2
+    module: str,
+    arguments: Sequence[str],
+    on_progress: Callable[[WorkerProgress | None], None],
+    *,
+    what: str,
+    tick: float = 0.2,
 ) -> None:
-    """Run `python -m module arguments` to completion and pass on each JSON line that it prints.
+    """Run `python -m module arguments` to completion and pass on the progress that it prints as JSON lines.
 
     Args:
         module: the module to run, with this interpreter and import path.
         arguments: its arguments.
-        on_line: called with each line, and with an empty dict every `tick` seconds without one. If it raises (for
-            example `Cancelled`), the child is killed before the exception passes on.
+        on_progress: called with each line, and with None every `tick` seconds without one. If it raises (for example
+            `Cancelled`), the child is killed before the exception passes on.
         what: name of the work, for messages.
         tick: interval in seconds.
 
@@ -69,7 +89,7 @@ def run_reporting(
             try:
                 line = lines.get(timeout=tick)
             except queue.Empty:
-                on_line({})
+                on_progress(None)
                 continue
             if line is None:
                 break
@@ -83,8 +103,8 @@ def run_reporting(
                 finished = True
             elif "error" in values:
                 failure = str(values["error"])
-            else:
-                on_line(values)
+            elif "step" in values:
+                on_progress(WorkerProgress(str(values["step"]), values.get("done", 0), values.get("total", 0)))
         child.wait()
     finally:
         if child.poll() is None:

@@ -93,21 +93,21 @@ def _import(path: Path, job: SfmJob) -> None:
     import pycolmap
 
     database = pycolmap.Database.open(path)
-    lenses = write_lenses(database, job)
-    for number, lens in enumerate(job.lens_of):
+    cameras = write_cameras(database, job)
+    for number, index in enumerate(job.intrinsics_of):
         for sync_frame in range(job.sync_frames):
-            write_image(database, file_name(number, sync_frame), *lenses[lens])
+            write_image(database, file_name(number, sync_frame), *cameras[index])
     database.close()
 
 
-def write_lenses(database: Any, job: SfmJob) -> list[tuple[Any, Any]]:
-    """Write the job's cameras with one rig each; (pycolmap.Camera, pycolmap.Rig) in the order of `lenses`."""
+def write_cameras(database: Any, job: SfmJob) -> list[tuple[Any, Any]]:
+    """Write the job's cameras with one rig each; (pycolmap.Camera, pycolmap.Rig) in the order of `job.intrinsics`."""
     import pycolmap
 
     found = []
-    for lens in job.lenses:
-        camera = pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=lens.params)
-        camera.has_prior_focal_length = lens.prior
+    for own in job.intrinsics:
+        camera = pycolmap.Camera(model=own.model, width=own.width, height=own.height, params=own.params)
+        camera.has_prior_focal_length = own.prior
         camera.camera_id = database.write_camera(camera)
         rig = pycolmap.Rig()
         rig.add_ref_sensor(camera.sensor_id)
@@ -160,8 +160,8 @@ def _match(path: Path, folder: Path, job: SfmJob) -> None:
         middle = sync_frames // 2
 
         def prepare(database: Any) -> list[int]:
-            lenses = write_lenses(database, job)
-            return [write_image(database, image_name(n), *lenses[lens]) for n, lens in enumerate(job.lens_of)]
+            cameras = write_cameras(database, job)
+            return [write_image(database, image_name(n), *cameras[i]) for n, i in enumerate(job.intrinsics_of)]
 
         def match(preview: Path, every: list[tuple[int, int]]) -> None:
             names = [(image_name(a), image_name(b)) for a, b in every]
@@ -213,11 +213,11 @@ def _merge(each: Path, final: Path, job: SfmJob) -> None:
     import pycolmap
 
     source, target = pycolmap.Database.open(each), pycolmap.Database.open(final)
-    lenses = write_lenses(target, job)
+    cameras = write_cameras(target, job)
     sync_frames = job.sync_frames
     starts: dict[int, int] = {}  # image id to the index of its first keypoint
-    for number, lens in enumerate(job.lens_of):
-        image_id = write_image(target, image_name(number), *lenses[lens])
+    for number, index in enumerate(job.intrinsics_of):
+        image_id = write_image(target, image_name(number), *cameras[index])
         parts, at = [], 0
         for sync_frame in range(sync_frames):
             picture = number * sync_frames + sync_frame + 1

@@ -13,7 +13,7 @@ _LEAST, _MOST = 0.7, 1.4
 """An estimate is used if it is within these factors of the median of all."""
 
 
-def guess_focal_lengths(database: Path, folder: Path, lenses: Sequence[int], seed: int) -> None:
+def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], seed: int) -> None:
     """Write focal lengths estimated from fundamental matrices to the database where the estimates are consistent.
 
     With a poor initial focal length the mapper can close a ring of cameras wrongly.
@@ -21,7 +21,7 @@ def guess_focal_lengths(database: Path, folder: Path, lenses: Sequence[int], see
     Args:
         database: a database with verified matches.
         folder: folder for a temporary copy of it.
-        lenses: ids of the cameras with unknown focal length.
+        cameras: ids of the cameras with unknown focal length.
         seed: random seed.
     """
     import pycolmap
@@ -33,12 +33,12 @@ def guess_focal_lengths(database: Path, folder: Path, lenses: Sequence[int], see
     options.reestimate_relative_pose = False
     pycolmap.calibrate_view_graph(guessed, options)
     source, target = pycolmap.Database.open(guessed), pycolmap.Database.open(database)
-    found = {key: source.read_camera(key) for key in lenses}
-    ratios = {key: focal_ratio(lens) for key, lens in found.items()}
-    middle = float(np.median([ratios[key] for key in lenses if found[key].has_prior_focal_length] or [np.nan]))
-    for key, lens in found.items():
-        if lens.has_prior_focal_length and _LEAST < ratios[key] / middle < _MOST:
-            target.update_camera(lens)
+    found = {key: source.read_camera(key) for key in cameras}
+    ratios = {key: focal_ratio(camera) for key, camera in found.items()}
+    middle = float(np.median([ratios[key] for key in cameras if found[key].has_prior_focal_length] or [np.nan]))
+    for key, camera in found.items():
+        if camera.has_prior_focal_length and _LEAST < ratios[key] / middle < _MOST:
+            target.update_camera(camera)
     source.close()
     target.close()
     guessed.unlink()

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from studio.calibration.checks import check_intrinsics_size
 from studio.calibration.settings import CalibrateSettings
-from studio.camera_files.colmap_model import lens_model
+from studio.camera_files.colmap_model import camera_model
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
@@ -54,9 +54,9 @@ class SfmJob(_Model):
     """Camera names; image n + 1 of the database belongs to camera n."""
     sync_frames: int = 1
     """Images per camera."""
-    lenses: tuple[SfmCamera, ...]
-    lens_of: tuple[int, ...]
-    """Index into `lenses` for each camera."""
+    intrinsics: tuple[SfmCamera, ...]
+    intrinsics_of: tuple[int, ...]
+    """Index into `intrinsics` for each camera."""
     masks: bool = False
     """Whether there are mask images."""
     pairs: tuple[tuple[int, int], ...] = ()
@@ -144,8 +144,8 @@ def sfm_job(
         StudioError: intrinsics_groups names a camera without images (calibration.intrinsics_groups), or known
             intrinsics are for another image size (calibration.intrinsics_size).
     """
-    lenses: list[SfmCamera] = []
-    lens_of: list[int] = []
+    intrinsics: list[SfmCamera] = []
+    intrinsics_of: list[int] = []
     shared: dict[tuple[int, int, int], int] = {}
     groups = {name: index for index, group in enumerate(settings.intrinsics_groups) for name in group}
     strange = [name for name in groups if name not in names]
@@ -164,17 +164,17 @@ def sfm_job(
         key = (groups.get(name, -1), width, height)
         if name in known:
             check_intrinsics_size(known[name], (width, height))
-            model, parameters = lens_model(known[name])
-            lens = SfmCamera(model=model, width=width, height=height, params=tuple(parameters), prior=True, known=True)
+            model, parameters = camera_model(known[name])
+            own = SfmCamera(model=model, width=width, height=height, params=tuple(parameters), prior=True, known=True)
         else:
             if (settings.shared_intrinsics or name in groups) and key in shared:
-                lens_of.append(shared[key])
+                intrinsics_of.append(shared[key])
                 continue
-            shared[key] = len(lenses)
+            shared[key] = len(intrinsics)
             focal = focal_lengths.get(name, settings.focal_factor * max(width, height))
             # distortion terms that the first few matches do not determine would distort the poses during mapping
             model = _SIMPLER.get(settings.camera_model, settings.camera_model)
-            lens = SfmCamera(
+            own = SfmCamera(
                 model=model,
                 width=width,
                 height=height,
@@ -182,13 +182,13 @@ def sfm_job(
                 prior=name in focal_lengths,
                 becomes=settings.camera_model,
             )
-        lens_of.append(len(lenses))
-        lenses.append(lens)
+        intrinsics_of.append(len(intrinsics))
+        intrinsics.append(own)
     return SfmJob(
         names=tuple(names),
         sync_frames=sync_frames,
-        lenses=tuple(lenses),
-        lens_of=tuple(lens_of),
+        intrinsics=tuple(intrinsics),
+        intrinsics_of=tuple(intrinsics_of),
         masks=masks,
         pairs=tuple(neighbors(poses)) if poses is not None else (),
         poses=tuple(camera.world_to_camera[:3].tolist() for camera in poses) if poses is not None else (),

@@ -16,10 +16,10 @@ from studio.calibration.sfm.shared_intrinsics import (
     camera_of_image,
     focal_spread,
     rebuilt,
-    share_lenses,
+    share_intrinsics,
     try_separate_intrinsics,
     try_shared_intrinsics,
-    with_richer_lenses,
+    with_richer_intrinsics,
 )
 from studio.calibration.sfm.verdict import TRUSTED, match_inlier_ratio, noise
 
@@ -63,7 +63,7 @@ class Mapper:
             wanted = ("known poses",) if self.job.fix_poses else ("known poses", *wanted)
         for attempt in wanted:
             models = self._attempt(attempt)
-            broken = {index for model in models for index in self._broken_lenses(model)}
+            broken = {index for model in models for index in self._broken_intrinsics(model)}
             if broken and attempt != "known poses":
                 models += self._with_fixed_focal_lengths(models, broken, attempt)
             for model in models:
@@ -92,7 +92,7 @@ class Mapper:
         database, self.database = self.database, self.folder / "shared.db"
         shutil.copyfile(database, self.database)
         try:
-            share_lenses(self.database, free)
+            share_intrinsics(self.database, free)
             self._guess_focal_lengths()
             found = self._incremental(lenient=False)
             if max(map(self._rank, found), default=(0, 0.0)) < (len(self.job.names), TRUSTED):
@@ -107,7 +107,7 @@ class Mapper:
 
     def _free(self) -> set[int]:
         """Ids of the cameras with unknown intrinsics."""
-        return {i + 1 for i, lens in enumerate(self.job.lenses) if not lens.known}
+        return {i + 1 for i, one in enumerate(self.job.intrinsics) if not one.known}
 
     def _polished(self, model: Any, joint: bool = False) -> Any:
         """The model, fully converged under a robust loss whose width follows from the noise.
@@ -125,7 +125,7 @@ class Mapper:
             width = _CAUCHY * noise(better)
             self._adjust(better, width=width)
             say(step="adjusting", done=number + 1, total=total)
-        if len(self._broken_lenses(better)) > len(self._broken_lenses(model)):
+        if len(self._broken_intrinsics(better)) > len(self._broken_intrinsics(model)):
             better = model
         if self.job.find_shared:
 
@@ -133,7 +133,7 @@ class Mapper:
                 self._adjust(other, width=width)
 
             if joint:
-                own = {image: self.job.lens_of[image - 1] + 1 for image in camera_of_image(better)}
+                own = {image: self.job.intrinsics_of[image - 1] + 1 for image in camera_of_image(better)}
                 better, self.sharing = try_separate_intrinsics(better, own, width, adjust)
             else:
                 better, self.sharing = try_shared_intrinsics(better, self._free(), width, adjust)
@@ -142,11 +142,11 @@ class Mapper:
 
     def _enriched(self, model: Any) -> Any:
         """The model with the full camera models, and with the additional points that then fit."""
-        richer = {i + 1: lens.becomes for i, lens in enumerate(self.job.lenses) if lens.becomes}
+        richer = {i + 1: one.becomes for i, one in enumerate(self.job.intrinsics) if one.becomes}
         richer = {k: name for k, name in richer.items() if k in model.cameras and model.cameras[k].model.name != name}
         if not richer:
             return model
-        model = with_richer_lenses(model, richer)
+        model = with_richer_intrinsics(model, richer)
         self._adjust(model, width=_CAUCHY * noise(model))
         model = self._completed(model)
         for _ in range(_POLISHINGS):
@@ -157,8 +157,8 @@ class Mapper:
         """The model with missing points triangulated, which needs the database's cameras, one per image."""
         import pycolmap
 
-        joint, lens_of = camera_of_image(model), self.job.lens_of
-        own = {image: lens_of[image - 1] + 1 for image in joint}
+        joint, intrinsics_of = camera_of_image(model), self.job.intrinsics_of
+        own = {image: intrinsics_of[image - 1] + 1 for image in joint}
         model = rebuilt(model, {own[image]: model.cameras[joint[image]] for image in joint}, own)
         database = pycolmap.Database.open(self.database)
         for camera in model.cameras.values():
@@ -179,22 +179,22 @@ class Mapper:
 
     def _rank(self, model: Any) -> tuple[int, float]:
         """Number of cameras with plausible intrinsics, then the match inlier ratio; larger is better."""
-        return model.num_reg_images() - len(self._broken_lenses(model)), match_inlier_ratio(model, self.database)
+        return model.num_reg_images() - len(self._broken_intrinsics(model)), match_inlier_ratio(model, self.database)
 
     def _guess_focal_lengths(self) -> None:
         """Initialize unknown focal lengths with estimates from pairs of images."""
-        free = [i + 1 for i, lens in enumerate(self.job.lenses) if not lens.known and not lens.prior]
+        free = [i + 1 for i, one in enumerate(self.job.intrinsics) if not one.known and not one.prior]
         if free and not self.job.poses:
             guess_focal_lengths(self.database, self.folder, free, self.seed)
 
-    def _broken_lenses(self, model: Any) -> set[int]:
+    def _broken_intrinsics(self, model: Any) -> set[int]:
         """Indices of diverged focal lengths, which occur because a few distant points fit any focal length."""
         used = {image.camera_id for image in model.images.values() if image.has_pose}
         ratios = {key: focal_ratio(model.cameras[key]) for key in used}
         if not ratios:
             return set()
         middle = float(np.median(list(ratios.values())))
-        free = {i + 1 for i, lens in enumerate(self.job.lenses) if not (lens.known and self.job.fix_intrinsics)}
+        free = {i + 1 for i, one in enumerate(self.job.intrinsics) if not (one.known and self.job.fix_intrinsics)}
         return {key - 1 for key, ratio in ratios.items() if key in free and not 0.3 < ratio / middle < 3.0}
 
     def _with_fixed_focal_lengths(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
@@ -202,10 +202,10 @@ class Mapper:
         import pycolmap
 
         model = max(models, key=self._rank)
-        good = [i for i in range(len(self.job.lenses)) if i not in broken and i + 1 in model.cameras]
+        good = [i for i in range(len(self.job.intrinsics)) if i not in broken and i + 1 in model.cameras]
         focal = float(np.median([focal_ratio(model.cameras[i + 1]) for i in good]))
         database = pycolmap.Database.open(self.database)
-        for index in range(len(self.job.lenses)):
+        for index in range(len(self.job.intrinsics)):
             camera = model.cameras[index + 1] if index in good else database.read_camera(index + 1)
             if index in broken:
                 camera = pycolmap.Camera.create_from_model_id(
@@ -226,7 +226,7 @@ class Mapper:
 
         free = pycolmap.Reconstruction(model)
         self._adjust(free, last=True)
-        return model if self._broken_lenses(free) else free
+        return model if self._broken_intrinsics(free) else free
 
     def _attempt(self, attempt: str) -> list[Any]:
         if attempt == "known poses":
@@ -247,7 +247,7 @@ class Mapper:
         options.min_model_size = 2
         options.max_num_models = 4
         options.ba_refine_principal_point = self.job.refine_principal_point
-        known = {i + 1 for i, lens in enumerate(self.job.lenses) if lens.known}
+        known = {i + 1 for i, one in enumerate(self.job.intrinsics) if one.known}
         options.constant_cameras = self.held | (known if self.job.fix_intrinsics else set())
         return options
 
@@ -294,14 +294,14 @@ class Mapper:
         options.num_threads = self.threads
         options.random_seed = self.seed
         options.min_model_size = 2
-        if self.job.fix_intrinsics and any(lens.known for lens in self.job.lenses):
+        if self.job.fix_intrinsics and any(one.known for one in self.job.intrinsics):
             # the global mapper cannot fix some intrinsics and refine others
             options.mapper.bundle_adjustment.refine_focal_length = False
             options.mapper.bundle_adjustment.refine_extra_params = False
         out = self.folder / "models_global"
         out.mkdir(exist_ok=True)
         say(step="global mapping", done=0, total=1)
-        if not all(lens.prior for lens in self.job.lenses) and is_any_unknown(self.database):
+        if not all(one.prior for one in self.job.intrinsics) and is_any_unknown(self.database):
             # the global mapper cannot recover from a guessed focal length; if `_guess_focal_lengths` estimated all of
             # them, estimating again would change nothing
             calibration = pycolmap.ViewGraphCalibrationOptions()

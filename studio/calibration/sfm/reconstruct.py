@@ -6,7 +6,6 @@ import shutil
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from studio.calibration.alignment import Similarity, align_rigs, compare_rigs, s
 from studio.calibration.report import CalibrationReport, CameraMotion, SharedIntrinsicsReport
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.settings import CalibrateSettings
-from studio.calibration.sfm.child import run_reporting
+from studio.calibration.sfm.child import WorkerProgress, run_reporting
 from studio.calibration.sfm.images import Pictures, write_pictures
 from studio.calibration.sfm.job import SfmSolution, sfm_job
 from studio.calibration.sfm.verdict import TRUSTED
@@ -110,26 +109,23 @@ def calibrate_from_images(
 
     at = {"done": 5}
 
-    def relay(line: dict[str, Any]) -> None:
-        if line:
-            low, high = _STEPS.get(line["step"], (90, 98))
-            at["done"] = max(at["done"], low + round((high - low) * line["done"] / max(line["total"], 1)))
+    def relay(line: WorkerProgress | None) -> None:
+        if line is not None:
+            low, high = _STEPS.get(line.step, (90, 98))
+            at["done"] = max(at["done"], low + round((high - low) * line.done / max(line.total, 1)))
         progress(at["done"], 100)
 
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay, what="Structure from motion")
     result = _read(folder, names, sizes, allow_unregistered)
     kept = poses is not None and reference is None and settings.fix_poses
     transform = _gauge(result, reference if reference is not None else poses, distance, kept)
-    more: dict[str, Any] = {"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
-    if poses is not None:
-        more["moved"] = _moved(result, poses, settings)
-    progress(100, 100)
-    return CalibrationResult(
-        transform.rig(result.rig),
-        transform.points(result.points),
-        result.colors,
-        result.report.model_copy(update=more),
+    report = result.report.model_copy(
+        update={"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
     )
+    if poses is not None:
+        report = report.model_copy(update={"moved": _moved(result, poses, settings)})
+    progress(100, 100)
+    return CalibrationResult(transform.rig(result.rig), transform.points(result.points), result.colors, report)
 
 
 def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) -> dict[str, CameraMotion]:

@@ -91,7 +91,7 @@ def focal_spread(model: Any, free: set[int]) -> float:
     return max((max(lengths) / max(min(lengths), 1e-9) for lengths in sizes.values()), default=1.0)
 
 
-def share_lenses(database: Path, free: set[int]) -> None:
+def share_intrinsics(database: Path, free: set[int]) -> None:
     """Change a database so that images of one size share a camera, if their cameras are free."""
     with closing(sqlite3.connect(database)) as rows, rows:
         sizes: dict[tuple[int, int, int], int] = {}
@@ -125,7 +125,7 @@ def joined(model: Any, keys: list[int]) -> Any:
     return rebuilt(model, cameras, {image: keys[0] if key in keys else key for image, key in before.items()})
 
 
-def with_richer_lenses(model: Any, names: dict[int, str]) -> Any:
+def with_richer_intrinsics(model: Any, names: dict[int, str]) -> Any:
     """A copy in which SIMPLE_RADIAL cameras have a model with more terms, initially 0.
 
     Args:

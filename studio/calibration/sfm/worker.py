@@ -71,12 +71,12 @@ class Worker:
                 if not image.has_pose:
                     continue
                 number = int(Path(image.name).stem)
-                lens = model.cameras[image.camera_id]
+                camera = model.cameras[image.camera_id]
                 cameras.append(
                     SolvedCamera(
                         number=number,
-                        model=lens.model.name,
-                        params=tuple(float(p) for p in lens.params),
+                        model=camera.model.name,
+                        params=tuple(float(p) for p in camera.params),
                         pose=np.asarray(image.cam_from_world().matrix()).tolist(),
                     )
                 )

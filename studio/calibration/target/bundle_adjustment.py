@@ -24,19 +24,19 @@ class TargetRig:
 
     Attributes:
         cameras: name to camera; `world_to_camera` maps from rig coordinates.
-        boards: sync frame to (4, 4), target to rig.
+        target_poses: sync frame to (4, 4), target to rig.
         views: (sync frame, camera) to observation.
     """
 
     cameras: dict[str, Camera]
-    boards: dict[int, np.ndarray]
+    target_poses: dict[int, np.ndarray]
     views: dict[tuple[int, str], TargetObservation]
 
-    def errors(self, board: CalibrationTarget) -> dict[tuple[int, str], np.ndarray]:
+    def errors(self, target: CalibrationTarget) -> dict[tuple[int, str], np.ndarray]:
         """Reprojection errors (M,) in pixels of each observation."""
         found = {}
         for (sync_frame, name), view in self.views.items():
-            corners = _apply(self.boards[sync_frame], board.corners[view.ids])
+            corners = _apply(self.target_poses[sync_frame], target.corners[view.ids])
             found[sync_frame, name] = np.linalg.norm(self.cameras[name].project(corners)[0] - view.pixels, axis=1)
         return found
 
@@ -47,7 +47,7 @@ def _apply(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 def refine(
     state: TargetRig,
-    board: CalibrationTarget,
+    target: CalibrationTarget,
     model: str,
     *,
     known: Mapping[str, Camera],
@@ -58,7 +58,7 @@ def refine(
 
     Args:
         state: initial values; every camera and target pose needs an observation.
-        board: the target.
+        target: the target.
         model: COLMAP camera model of unknown intrinsics.
         known: cameras with fixed intrinsics.
         principal_point: estimate the principal points.
@@ -75,9 +75,9 @@ def refine(
     reference = state.cameras[names[0]].world_to_camera
     for number, name in enumerate(names, 1):
         camera = state.cameras[name]
-        lens, parameters = _parameters(camera, model, name in known)
+        colmap_model, parameters = _parameters(camera, model, name in known)
         sensor = pycolmap.Camera(
-            camera_id=number, model=lens, width=camera.width, height=camera.height, params=parameters
+            camera_id=number, model=colmap_model, width=camera.width, height=camera.height, params=parameters
         )
         world.add_camera(sensor)
         if number == 1:
@@ -86,10 +86,10 @@ def refine(
             pose = camera.world_to_camera @ np.linalg.inv(reference)
             rig.add_sensor(sensor.sensor_id, pycolmap.Rigid3d(pose[:3]))
     world.add_rig(rig)
-    tracks: dict[int, Any] = {number: pycolmap.Track() for number in range(len(board.corners))}
+    tracks: dict[int, Any] = {number: pycolmap.Track() for number in range(len(target.corners))}
     config = pycolmap.BundleAdjustmentConfig()
     image_id = 0
-    for order, (sync_frame, place) in enumerate(state.boards.items(), 1):
+    for order, (sync_frame, pose) in enumerate(state.target_poses.items(), 1):
         seen = [(number, name) for number, name in enumerate(names, 1) if (sync_frame, name) in state.views]
         frame = pycolmap.Frame(frame_id=order, rig_id=1)
         pictures = []
@@ -103,13 +103,13 @@ def refine(
             for index, corner in enumerate(view.ids):
                 tracks[int(corner)].add_element(image_id, index)
             pictures.append(picture)
-        frame.rig_from_world = pycolmap.Rigid3d((reference @ place)[:3])
+        frame.rig_from_world = pycolmap.Rigid3d((reference @ pose)[:3])
         world.add_frame(frame)
         for picture in pictures:
             world.add_image(picture)
             config.add_image(picture.image_id)
         world.register_frame(order)
-    for number, corner in enumerate(board.corners):
+    for number, corner in enumerate(target.corners):
         if tracks[number].length():
             config.add_constant_point(world.add_point3D(corner, tracks[number]))
     for number, name in enumerate(names, 1):
@@ -132,15 +132,15 @@ def refine(
 
 def _parameters(camera: Camera, model: str, known: bool) -> tuple[str, list[float]]:
     """COLMAP model and parameters: the given model, or for known intrinsics one that expresses them."""
-    from studio.camera_files.colmap_model import lens_model
+    from studio.camera_files.colmap_model import camera_model
 
     if known:
-        return lens_model(camera)
-    focal, lens = (camera.fx + camera.fy) / 2, np.zeros(8)
-    lens[: camera.distortion.size] = camera.distortion[:8]
+        return camera_model(camera)
+    focal, distortion = (camera.fx + camera.fy) / 2, np.zeros(8)
+    distortion[: camera.distortion.size] = camera.distortion[:8]
     one = model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
     base = [focal, camera.cx, camera.cy] if one else [camera.fx, camera.fy, camera.cx, camera.cy]
-    return model, base + lens[: MODELS[model][1] - len(base)].tolist()
+    return model, base + distortion[: MODELS[model][1] - len(base)].tolist()
 
 
 def _read(world: Any, state: TargetRig, names: list[str], reference: np.ndarray) -> TargetRig:
@@ -159,8 +159,8 @@ def _read(world: Any, state: TargetRig, names: list[str], reference: np.ndarray)
             world_to_camera=pose,
         )
     back = np.linalg.inv(reference)
-    boards = {
+    target_poses = {
         sync_frame: back @ np.vstack([world.frames[order].rig_from_world.matrix(), [0, 0, 0, 1]])
-        for order, sync_frame in enumerate(state.boards, 1)
+        for order, sync_frame in enumerate(state.target_poses, 1)
     }
-    return TargetRig(cameras, boards, dict(state.views))
+    return TargetRig(cameras, target_poses, dict(state.views))

@@ -16,10 +16,10 @@ MOST_VIEWS = 40
 LEAST_VIEWS = 3
 
 
-def lens_from_views(
+def intrinsics_from_views(
     name: str,
     size: tuple[int, int],
-    board: CalibrationTarget,
+    target: CalibrationTarget,
     views: Sequence[TargetObservation],
     model: str,
     *,
@@ -30,7 +30,7 @@ def lens_from_views(
     Args:
         name: name of the camera.
         size: (width, height) of its images.
-        board: the target.
+        target: the target.
         views: observations at several positions and tilts.
         model: COLMAP camera model, as in `CalibrateSettings.camera_model`.
         principal_point: estimate it; otherwise it is the image center.
@@ -51,7 +51,7 @@ def lens_from_views(
             expected=LEAST_VIEWS,
         )
     chosen = _spread(views, size)
-    world = [board.corners[view.ids].astype(np.float32) for view in chosen]
+    world = [target.corners[view.ids].astype(np.float32) for view in chosen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in chosen]
     flags = {
         "SIMPLE_PINHOLE": cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | _fix(1, 2, 3),
@@ -72,7 +72,7 @@ def lens_from_views(
         _, new_K, new_distortion, _, _ = cv2.calibrateCamera(world, pixels, size, K, distortion, flags=step)
         K, distortion = np.array(new_K, np.float64), np.array(new_distortion, np.float64)
     K[:2, 2] += 0.5
-    lens = np.ravel(distortion)[: 8 if model == "FULL_OPENCV" else 4]
+    coefficients = np.ravel(distortion)[: 8 if model == "FULL_OPENCV" else 4]
     if not np.isfinite(K).all() or not 0.1 < K[0, 0] / max(size) < 50:
         raise StudioError(
             "target.focal_length",
@@ -82,7 +82,7 @@ def lens_from_views(
             fix="Film the target closer and tilted, or specify known intrinsics.",
             camera=name,
         )
-    return Camera(name, *size, K, np.eye(4), lens if lens.any() else np.zeros(0))
+    return Camera(name, *size, K, np.eye(4), coefficients if coefficients.any() else np.zeros(0))
 
 
 def _first_guess(world: Sequence[np.ndarray], pixels: Sequence[np.ndarray], size: tuple[int, int]) -> np.ndarray:
@@ -136,7 +136,7 @@ def _mark(view: TargetObservation, size: tuple[int, int]) -> np.ndarray:
     return np.concatenate([scaled.mean(0), np.sqrt(np.diag(spread)), [spread[0, 1] / np.sqrt(np.trace(spread) + 1e-9)]])
 
 
-def target_pose(camera: Camera, board: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, float]:
+def target_pose(camera: Camera, target: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, float]:
     """Pose of the target relative to the camera.
 
     Returns:
@@ -145,15 +145,15 @@ def target_pose(camera: Camera, board: CalibrationTarget, view: TargetObservatio
     """
     import cv2
 
-    world = board.corners[view.ids]
-    lens = camera.distortion if camera.distortion.size else None
+    world = target.corners[view.ids]
+    coefficients = camera.distortion if camera.distortion.size else None
     found, turns, shifts, _ = cv2.solvePnPGeneric(
-        world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, lens, flags=cv2.SOLVEPNP_IPPE
+        world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, coefficients, flags=cv2.SOLVEPNP_IPPE
     )
     best, pose = np.inf, np.eye(4)
     for index in range(int(found)):
         turn, shift = cv2.solvePnPRefineLM(
-            world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, lens, turns[index], shifts[index]
+            world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, coefficients, turns[index], shifts[index]
         )
         candidate = np.eye(4)
         candidate[:3, :3], candidate[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)

@@ -15,7 +15,7 @@ from studio.errors import StudioError
 
 def refine_without_outliers(
     state: TargetRig,
-    board: CalibrationTarget,
+    target: CalibrationTarget,
     model: str,
     outlier: float,
     *,
@@ -31,7 +31,7 @@ def refine_without_outliers(
 
     Args:
         state: initial values.
-        board: the target.
+        target: the target.
         model: COLMAP camera model.
         outlier: threshold as a multiple of the median of these errors; the threshold is at least 0.5 pixels.
         known, principal_point, threads: as in `refine`.
@@ -39,17 +39,17 @@ def refine_without_outliers(
     Raises:
         StudioError: no observation of a camera is consistent (target.inconsistent), or `refine` fails.
     """
-    poses = {key: target_pose(state.cameras[key[1]], board, view) for key, view in state.views.items()}
+    poses = {key: target_pose(state.cameras[key[1]], target, view) for key, view in state.views.items()}
     limit = max(0.5, outlier * float(np.median([error for _, error in poses.values()])))
     everything = dict(state.views)
     counts: list[dict[tuple[int, str], int]] = []
     for widening in (3.0, 2.0, 1.0, 1.0, 1.0):
-        state = refine(state, board, model, known=known, principal_point=principal_point, threads=threads)
-        boards = {
-            sync_frame: _consensus(sync_frame, state, board, everything, poses, limit)
+        state = refine(state, target, model, known=known, principal_point=principal_point, threads=threads)
+        target_poses = {
+            sync_frame: _consensus(sync_frame, state, target, everything, poses, limit)
             for sync_frame in _sync_frames(everything)
         }
-        kept = _fitting(TargetRig(state.cameras, boards, everything), board, widening * limit)
+        kept = _fitting(TargetRig(state.cameras, target_poses, everything), target, widening * limit)
         if {name for _, name in kept} != set(state.cameras):
             lost = sorted(set(state.cameras) - {name for _, name in kept})
             raise StudioError(
@@ -60,11 +60,13 @@ def refine_without_outliers(
                 camera=lost[0],
                 setting="calibrate.board",
             )
-        state = TargetRig(state.cameras, {sync_frame: boards[sync_frame] for sync_frame in _sync_frames(kept)}, kept)
+        state = TargetRig(
+            state.cameras, {sync_frame: target_poses[sync_frame] for sync_frame in _sync_frames(kept)}, kept
+        )
         counts.append({key: len(view.ids) for key, view in kept.items()})
         if widening == 1.0 and len(counts) > 1 and counts[-1] == counts[-2]:
             break
-    state = refine(state, board, model, known=known, principal_point=principal_point, threads=threads)
+    state = refine(state, target, model, known=known, principal_point=principal_point, threads=threads)
     corners = sum(len(view.ids) for view in everything.values()) - sum(len(view.ids) for view in state.views.values())
     return state, corners
 
@@ -76,7 +78,7 @@ def _sync_frames(views: Mapping[tuple[int, str], TargetObservation]) -> list[int
 def _consensus(
     sync_frame: int,
     state: TargetRig,
-    board: CalibrationTarget,
+    target: CalibrationTarget,
     views: Mapping[tuple[int, str], TargetObservation],
     poses: Mapping[tuple[int, str], tuple[np.ndarray, float]],
     limit: float,
@@ -84,23 +86,23 @@ def _consensus(
     """The target pose of a sync frame that fits most observations: the current pose, or that of a single camera."""
     seen = [name for name in state.cameras if (sync_frame, name) in views]
     ways = [np.linalg.inv(state.cameras[name].world_to_camera) @ poses[sync_frame, name][0] for name in seen]
-    if sync_frame in state.boards:
-        ways.insert(0, state.boards[sync_frame])
+    if sync_frame in state.target_poses:
+        ways.insert(0, state.target_poses[sync_frame])
     best, found = np.inf, ways[0]
     for way in ways:
         cost = 0.0
         for name in seen:
             view, camera = views[sync_frame, name], state.cameras[name]
-            errors = reprojection(camera, camera.world_to_camera @ way, board.corners[view.ids], view.pixels)
+            errors = reprojection(camera, camera.world_to_camera @ way, target.corners[view.ids], view.pixels)
             cost += min(float(np.median(errors)), 4 * limit)
         if cost < best:
             best, found = cost, way
     return found
 
 
-def _fitting(state: TargetRig, board: CalibrationTarget, limit: float) -> dict[tuple[int, str], TargetObservation]:
+def _fitting(state: TargetRig, target: CalibrationTarget, limit: float) -> dict[tuple[int, str], TargetObservation]:
     """The observations and corners within the limit; at least the best 40 % of each camera's observations."""
-    errors = state.errors(board)
+    errors = state.errors(target)
     middles = {key: float(np.median(error)) for key, error in errors.items()}
     allowed = {}
     for name in state.cameras:
@@ -111,6 +113,6 @@ def _fitting(state: TargetRig, board: CalibrationTarget, limit: float) -> dict[t
         if middles[key] > allowed[key[1]]:
             continue
         slim = view.keep(errors[key] <= 2 * allowed[key[1]])
-        if len(slim.ids) >= 4 and not slim.on_one_line(board):
+        if len(slim.ids) >= 4 and not slim.on_one_line(target):
             kept[key] = slim
     return kept

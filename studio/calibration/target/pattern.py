@@ -217,10 +217,10 @@ class TargetObservation:
     ids: np.ndarray
     pixels: np.ndarray
 
-    def on_one_line(self, board: CalibrationTarget) -> bool:
+    def on_one_line(self, target: CalibrationTarget) -> bool:
         """Whether the corners are collinear on the target, so that they do not determine a pose."""
-        spread = board.corners[self.ids, :2]
-        return bool(np.linalg.matrix_rank(spread - spread.mean(0), tol=0.1 * board.square) < 2)
+        spread = target.corners[self.ids, :2]
+        return bool(np.linalg.matrix_rank(spread - spread.mean(0), tol=0.1 * target.square) < 2)
 
     def keep(self, chosen: np.ndarray) -> TargetObservation:
         """The corners selected by a boolean array (M,)."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studio.atomic_files import atomic_path
 from studio.calibration.target.pattern import CalibrationTarget
 from studio.errors import StudioError
 
@@ -24,11 +24,11 @@ _EDGE = 8.0  # unprintable margin in millimeters
 _TEXT = 9.0  # millimeters for the ruler and text below the target
 
 
-def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit") -> tuple[float, float]:
+def write_target_pdf(target: CalibrationTarget, path: Path, *, paper: str = "fit") -> tuple[float, float]:
     """Write a target as a PDF.
 
     Args:
-        board: the target.
+        target: the target.
         path: the PDF file, replaced atomically.
         paper: "fit" for a page of the target's size with a margin of one square, or a key of `PAPERS`; the orientation
             (portrait or landscape) is chosen so that the target fits.
@@ -44,27 +44,24 @@ def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit"
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.figure import Figure
 
-    width, height = _page(board, paper)
+    width, height = _page(target, paper)
     figure = Figure(figsize=(width / 25.4, height / 25.4))
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, width), ylim=(height, 0))  # millimeters from the upper left corner
     axes.axis("off")
-    left = (width - board.columns * board.square * 1000) / 2
-    top = (height - _TEXT - board.rows * board.square * 1000) / 2
-    if board.inverted:
-        margin = min(left, top, board.square * 1000)
-        _rectangles(axes, [_outline(board, left, top, margin)], "black")
-    ink = "white" if board.inverted else "black"
-    _rectangles(axes, [(left + 1000 * x, top + 1000 * y, 1000 * w, 1000 * h) for x, y, w, h in dark(board)], ink)
-    _foot(axes, board, left, height)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    left = (width - target.columns * target.square * 1000) / 2
+    top = (height - _TEXT - target.rows * target.square * 1000) / 2
+    if target.inverted:
+        margin = min(left, top, target.square * 1000)
+        _rectangles(axes, [_outline(target, left, top, margin)], "black")
+    ink = "white" if target.inverted else "black"
+    _rectangles(axes, [(left + 1000 * x, top + 1000 * y, 1000 * w, 1000 * h) for x, y, w, h in dark(target)], ink)
+    _foot(axes, target, left, height)
+    # no date or host name in the file: the same target gives the same bytes
+    about = {"Title": describe(target), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # no date or host name in the file: the same target gives the same bytes
-        with rc_context({"pdf.compression": 6}):
-            about = {"Title": describe(board), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
+        with atomic_path(path) as temporary, rc_context({"pdf.compression": 6}):
             FigureCanvasPdf(figure).print_pdf(str(temporary), metadata=about)
-        os.replace(temporary, path)
     except OSError as error:
         raise StudioError(
             "target.unwritable",
@@ -72,29 +69,27 @@ def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit"
             file=path,
             fix="Check the free space and permissions.",
         ) from None
-    finally:
-        temporary.unlink(missing_ok=True)
     return width, height
 
 
-def describe(board: CalibrationTarget) -> str:
+def describe(target: CalibrationTarget) -> str:
     """One-line description of a target."""
-    base = f"{board.kind}, {board.columns} x {board.rows} squares of {board.square * 1000:g} mm"
-    if board.kind == "charuco":
-        base += f", markers {board.marker * 1000:g} mm, {board.dictionary}" + (", legacy" if board.legacy else "")
-    return base + (", inverted" if board.inverted else "")
+    base = f"{target.kind}, {target.columns} x {target.rows} squares of {target.square * 1000:g} mm"
+    if target.kind == "charuco":
+        base += f", markers {target.marker * 1000:g} mm, {target.dictionary}" + (", legacy" if target.legacy else "")
+    return base + (", inverted" if target.inverted else "")
 
 
-def dark(board: CalibrationTarget) -> list[tuple[float, float, float, float]]:
+def dark(target: CalibrationTarget) -> list[tuple[float, float, float, float]]:
     """Black areas (white on an inverted target): rectangles x, y, width, height in meters, target coordinates.
 
     The black cells of markers are merged into horizontal runs.
     """
-    s = board.square
-    if board.kind == "chessboard":
+    s = target.square
+    if target.kind == "chessboard":
         # as in OpenCV's pattern the first square is black
-        return [(i * s, j * s, s, s) for j in range(board.rows) for i in range(board.columns) if (i + j) % 2 == 0]
-    charuco = board.charuco
+        return [(i * s, j * s, s, s) for j in range(target.rows) for i in range(target.columns) if (i + j) % 2 == 0]
+    charuco = target.charuco
     import cv2
 
     dictionary = charuco.getDictionary()
@@ -105,7 +100,7 @@ def dark(board: CalibrationTarget) -> list[tuple[float, float, float, float]]:
         x0, y0 = np.asarray(corners)[0, :2].astype(float)
         with_marker.add((int(x0 / s), int(y0 / s)))
         picture = cv2.aruco.generateImageMarker(dictionary, int(number), cells)
-        size = board.marker / cells
+        size = target.marker / cells
         for row in range(cells):
             column = 0
             while column < cells:  # one rectangle per run of black cells
@@ -116,15 +111,15 @@ def dark(board: CalibrationTarget) -> list[tuple[float, float, float, float]]:
                     found.append((x0 + column * size, y0 + row * size, (end - column) * size, size))
                 column = end + 1
     found += [
-        (i * s, j * s, s, s) for j in range(board.rows) for i in range(board.columns) if (i, j) not in with_marker
+        (i * s, j * s, s, s) for j in range(target.rows) for i in range(target.columns) if (i, j) not in with_marker
     ]
     return found
 
 
-def _page(board: CalibrationTarget, paper: str) -> tuple[float, float]:
-    width, height = board.columns * board.square * 1000, board.rows * board.square * 1000
+def _page(target: CalibrationTarget, paper: str) -> tuple[float, float]:
+    width, height = target.columns * target.square * 1000, target.rows * target.square * 1000
     if paper == "fit":
-        white = max(_EDGE, board.square * 1000)
+        white = max(_EDGE, target.square * 1000)
         return width + 2 * white, height + 2 * white + _TEXT
     if paper not in PAPERS:
         raise StudioError(
@@ -148,8 +143,8 @@ def _page(board: CalibrationTarget, paper: str) -> tuple[float, float]:
     )
 
 
-def _outline(board: CalibrationTarget, left: float, top: float, margin: float) -> tuple[float, float, float, float]:
-    width, height = board.columns * board.square * 1000, board.rows * board.square * 1000
+def _outline(target: CalibrationTarget, left: float, top: float, margin: float) -> tuple[float, float, float, float]:
+    width, height = target.columns * target.square * 1000, target.rows * target.square * 1000
     return (left - margin, top - margin, width + 2 * margin, height + 2 * margin)
 
 
@@ -160,7 +155,7 @@ def _rectangles(axes: Any, rectangles: list[tuple[float, float, float, float]], 
     axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors="none", antialiaseds=False))
 
 
-def _foot(axes: Any, board: CalibrationTarget, left: float, height: float) -> None:
+def _foot(axes: Any, target: CalibrationTarget, left: float, height: float) -> None:
     """A ruler to check the print, and the description of the target."""
     left, y = max(left, _EDGE), height - _EDGE / 2 - 2
     length = 50.0
@@ -168,5 +163,5 @@ def _foot(axes: Any, board: CalibrationTarget, left: float, height: float) -> No
     axes.plot([left, left + length], [y, y], color=gray, linewidth=0.6)
     for at in range(0, int(length) + 1, 10):
         axes.plot([left + at, left + at], [y - 1.5, y], color=gray, linewidth=0.6)
-    text = f"50 mm; print at 100 %, then measure. {describe(board)}"
+    text = f"50 mm; print at 100 %, then measure. {describe(target)}"
     axes.text(left + length + 3, y, text, fontsize=5, color=gray, verticalalignment="bottom")

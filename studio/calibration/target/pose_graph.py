@@ -19,13 +19,13 @@ _WORST = 5.0
 
 
 def chain_poses(
-    lenses: Mapping[str, Camera], board: CalibrationTarget, views: Mapping[tuple[int, str], TargetObservation]
+    intrinsics: Mapping[str, Camera], target: CalibrationTarget, views: Mapping[tuple[int, str], TargetObservation]
 ) -> TargetRig:
     """Chain relative camera poses along the pairs with the most common sync frames (maximum spanning tree).
 
     Args:
-        lenses: name to camera with intrinsics; poses are not used.
-        board: the target.
+        intrinsics: name to camera with intrinsics; poses are not used.
+        target: the target.
         views: (sync frame, camera) to observation.
 
     Returns:
@@ -36,61 +36,61 @@ def chain_poses(
     """
     poses: dict[tuple[int, str], np.ndarray] = {}
     for key, view in views.items():
-        pose, error = target_pose(lenses[key[1]], board, view)
+        pose, error = target_pose(intrinsics[key[1]], target, view)
         if error < _WORST:
             poses[key] = pose
     kept = {key: views[key] for key in poses}
-    sync_frames: dict[str, set[int]] = {name: set() for name in lenses}
+    sync_frames: dict[str, set[int]] = {name: set() for name in intrinsics}
     for sync_frame, name in poses:
         sync_frames[name].add(sync_frame)
     links = {}
-    for first, second in combinations(lenses, 2):
+    for first, second in combinations(intrinsics, 2):
         shared = sorted(sync_frames[first] & sync_frames[second])
         if shared:
             links[first, second] = shared
-    placed = {next(iter(lenses)): np.eye(4)}
+    registered = {next(iter(intrinsics)): np.eye(4)}
     while True:
-        # the strongest link from a placed camera to one that has not been placed
-        ways = [(len(shared), pair) for pair, shared in links.items() if (pair[0] in placed) != (pair[1] in placed)]
+        # the strongest link from a registered camera to one that has not been placed
+        ways = [(len(shared), pair) for pair, shared in links.items() if len(registered.keys() & set(pair)) == 1]
         if not ways:
             break
         _, pair = max(ways)
-        known, new = pair if pair[0] in placed else pair[::-1]
-        relative = _relative(lenses, board, kept, poses, known, new, links[pair])
-        placed[new] = relative @ placed[known]
-    lost = [name for name in lenses if name not in placed]
+        known, new = pair if pair[0] in registered else pair[::-1]
+        relative = _relative(intrinsics, target, kept, poses, known, new, links[pair])
+        registered[new] = relative @ registered[known]
+    lost = [name for name in intrinsics if name not in registered]
     if lost:
         raise StudioError(
             "target.not_connected",
-            f"there is no sync frame in which both {' or '.join(lost)} and {' or '.join(placed)} see the target",
+            f"there is no sync frame in which both {' or '.join(lost)} and {' or '.join(registered)} see the target",
             value=lost,
             fix="Film the target where cameras of both groups see it.",
             camera=lost[0],
             cameras=lost,
         )
-    cameras = {name: replace(lenses[name], world_to_camera=placed[name]) for name in lenses}
-    boards = {}
+    cameras = {name: replace(intrinsics[name], world_to_camera=registered[name]) for name in intrinsics}
+    target_poses = {}
     for sync_frame in sorted({sync_frame for sync_frame, _ in kept}):
-        seen = [name for name in lenses if (sync_frame, name) in kept]
-        candidates = [np.linalg.inv(placed[name]) @ poses[sync_frame, name] for name in seen]
-        costs = [
-            sum(
-                min(50.0, float(np.median(reprojection(lenses[n], placed[n] @ c, *_seen(board, kept[sync_frame, n])))))
-                for n in seen
+        seen = [name for name in intrinsics if (sync_frame, name) in kept]
+        candidates = [np.linalg.inv(registered[name]) @ poses[sync_frame, name] for name in seen]
+        costs = []
+        for candidate in candidates:
+            errors = (
+                reprojection(intrinsics[name], registered[name] @ candidate, *_seen(target, kept[sync_frame, name]))
+                for name in seen
             )
-            for c in candidates
-        ]
-        boards[sync_frame] = candidates[int(np.argmin(costs))]
-    return TargetRig(cameras, boards, kept)
+            costs.append(sum(min(50.0, float(np.median(error))) for error in errors))
+        target_poses[sync_frame] = candidates[int(np.argmin(costs))]
+    return TargetRig(cameras, target_poses, kept)
 
 
-def _seen(board: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, np.ndarray]:
-    return board.corners[view.ids], view.pixels
+def _seen(target: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, np.ndarray]:
+    return target.corners[view.ids], view.pixels
 
 
 def _relative(
-    lenses: Mapping[str, Camera],
-    board: CalibrationTarget,
+    intrinsics: Mapping[str, Camera],
+    target: CalibrationTarget,
     views: Mapping[tuple[int, str], TargetObservation],
     poses: Mapping[tuple[int, str], np.ndarray],
     first: str,
@@ -108,7 +108,7 @@ def _relative(
                 float(
                     np.median(
                         reprojection(
-                            lenses[second], candidate @ poses[other, first], *_seen(board, views[other, second])
+                            intrinsics[second], candidate @ poses[other, first], *_seen(target, views[other, second])
                         )
                     )
                 ),

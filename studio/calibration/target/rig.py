@@ -14,7 +14,7 @@ from studio.calibration.report import IntrinsicsReport, TargetReport
 from studio.calibration.result import CalibrationResult, error_statistics, image_coverage, reprojection_report
 from studio.calibration.settings import CalibrateSettings
 from studio.calibration.target.bundle_adjustment import TargetRig
-from studio.calibration.target.intrinsics import lens_from_views
+from studio.calibration.target.intrinsics import intrinsics_from_views
 from studio.calibration.target.outlier_rejection import refine_without_outliers
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.calibration.target.pose_graph import chain_poses
@@ -43,7 +43,7 @@ def _estimates_principal_point(
 def detect_target(
     cameras: Mapping[str, Callable[[int], np.ndarray]],
     sync_frames: Mapping[str, Sequence[int]],
-    board: CalibrationTarget,
+    target: CalibrationTarget,
     progress: ProgressFn = no_progress,
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
     """Detect the target in every image.
@@ -51,7 +51,7 @@ def detect_target(
     Args:
         cameras: name to a function that reads the image (H, W, 3) uint8 RGB of a sync frame.
         sync_frames: name to the sync frames to read.
-        board: the target.
+        target: the target.
         progress: called per image.
 
     Returns:
@@ -79,7 +79,7 @@ def detect_target(
                     frame=sync_frame,
                     expected=list(sizes[name]),
                 )
-            view = board.detect(image)
+            view = target.detect(image)
             if view is not None:
                 views[sync_frame, name] = view
             done += 1
@@ -87,8 +87,8 @@ def detect_target(
     return views, sizes
 
 
-def calibrate_lenses(
-    board: CalibrationTarget,
+def calibrate_intrinsics(
+    target: CalibrationTarget,
     views: Mapping[str, Sequence[TargetObservation]],
     sizes: Mapping[str, tuple[int, int]],
     settings: CalibrateSettings | None = None,
@@ -107,8 +107,10 @@ def calibrate_lenses(
     cameras, figures = {}, {}
     for name, seen in views.items():
         principal_point = bool(seen) and _estimates_principal_point(settings, seen, sizes[name])
-        start = lens_from_views(name, sizes[name], board, seen, settings.camera_model, principal_point=principal_point)
-        state = chain_poses({name: start}, board, {(number, name): view for number, view in enumerate(seen)})
+        start = intrinsics_from_views(
+            name, sizes[name], target, seen, settings.camera_model, principal_point=principal_point
+        )
+        state = chain_poses({name: start}, target, {(number, name): view for number, view in enumerate(seen)})
         if not state.views:
             raise StudioError(
                 "target.no_fit",
@@ -118,15 +120,15 @@ def calibrate_lenses(
                 camera=name,
                 setting="calibrate.board",
             )
-        state, _ = _refine(state, board, settings, {}, principal_point, threads)
+        state, _ = _refine(state, target, settings, {}, principal_point, threads)
         cameras[name] = state.cameras[name]
-        errors = np.concatenate(list(state.errors(board).values()))
+        errors = np.concatenate(list(state.errors(target).values()))
         figures[name] = IntrinsicsReport(**error_statistics(errors).model_dump(), views=len(state.views))
     return cameras, figures
 
 
 def calibrate_from_target(
-    board: CalibrationTarget,
+    target: CalibrationTarget,
     views: Mapping[tuple[int, str], TargetObservation],
     sizes: Mapping[str, tuple[int, int]],
     *,
@@ -138,7 +140,7 @@ def calibrate_from_target(
     """Estimate intrinsics and poses of all cameras.
 
     Args:
-        board: the target.
+        target: the target.
         views: (sync frame, camera) to observation.
         sizes: camera name to (width, height) of its images, for all cameras to calibrate.
         known: cameras with fixed intrinsics; their poses are not used.
@@ -147,7 +149,7 @@ def calibrate_from_target(
         progress: called per step.
 
     Returns:
-        cameras in meters; the points are the corners of the target in all sync frames. The report contains `boards`.
+        cameras in meters; the points are the corners of the target in all sync frames. The report contains `target`.
 
     Raises:
         StudioError: the target is symmetric (target.symmetric), a camera never sees it (target.not_seen) or never in
@@ -156,16 +158,16 @@ def calibrate_from_target(
     """
     settings = settings or CalibrateSettings()
     known = dict(known or {})
-    if board.is_symmetric:
+    if target.is_symmetric:
         raise StudioError(
             "target.symmetric",
-            f"a chessboard of {board.columns} x {board.rows} squares looks the same upside down, so its orientation is "
-            "ambiguous",
-            value=[board.columns, board.rows],
+            f"a chessboard of {target.columns} x {target.rows} squares looks the same upside down, so its orientation "
+            "is ambiguous",
+            value=[target.columns, target.rows],
             fix="Use an even number of squares in one direction and an odd one in the other, or a ChArUco target.",
             setting="calibrate.board",
         )
-    lenses: dict[str, Camera] = {}
+    intrinsics: dict[str, Camera] = {}
     estimated: dict[str, bool] = {}
     for number, (name, size) in enumerate(sizes.items()):
         progress(number, 2 * len(sizes) + 3)
@@ -180,30 +182,30 @@ def calibrate_from_target(
             )
         if name in known:
             check_intrinsics_size(known[name], size)
-            lenses[name] = known[name]
+            intrinsics[name] = known[name]
         else:
             estimated[name] = _estimates_principal_point(settings, own, size)
-            lenses[name] = lens_from_views(
-                name, size, board, own, settings.camera_model, principal_point=estimated[name]
+            intrinsics[name] = intrinsics_from_views(
+                name, size, target, own, settings.camera_model, principal_point=estimated[name]
             )
     progress(len(sizes), 2 * len(sizes) + 3)
-    state = chain_poses(lenses, board, views)
+    state = chain_poses(intrinsics, target, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
-    state, dropped = _refine(state, board, settings, known, all(estimated.values()), threads)
+    state, dropped = _refine(state, target, settings, known, all(estimated.values()), threads)
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
-    result = _result(state, board, settings)
+    result = _result(state, target, settings)
     figures = TargetReport(
-        sync_frames=len(state.boards),
+        sync_frames=len(state.target_poses),
         views=len(state.views),
         corners=sum(len(view.ids) for view in state.views.values()),
         views_left_out=len(views) - len(state.views),
         corners_left_out=dropped,
         shared=shared_sync_frames(state),
     )
-    accuracy = scale_check(state, board)
+    accuracy = scale_check(state, target)
     if accuracy is not None:
         figures = figures.model_copy(update={"scale_bias": accuracy[0], "corner_error_mm": accuracy[1]})
-    update = {"boards": figures, "unregistered": {}, "metric": True}
+    update = {"target": figures, "unregistered": {}, "metric": True}
     result = replace(result, report=result.report.model_copy(update=update))
     progress(2 * len(sizes) + 3, 2 * len(sizes) + 3)
     return result
@@ -211,7 +213,7 @@ def calibrate_from_target(
 
 def _refine(
     state: TargetRig,
-    board: CalibrationTarget,
+    target: CalibrationTarget,
     settings: CalibrateSettings,
     known: Mapping[str, Camera],
     principal_point: bool,
@@ -219,7 +221,7 @@ def _refine(
 ) -> tuple[TargetRig, int]:
     return refine_without_outliers(
         state,
-        board,
+        target,
         settings.camera_model,
         _OUTLIER,
         known=known,
@@ -228,11 +230,11 @@ def _refine(
     )
 
 
-def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSettings) -> CalibrationResult:
+def _result(state: TargetRig, target: CalibrationTarget, settings: CalibrateSettings) -> CalibrationResult:
     """The result in world coordinates."""
-    order = {sync_frame: number for number, sync_frame in enumerate(state.boards)}
-    count = len(board.corners)
-    points = np.concatenate([board.corners @ p[:3, :3].T + p[:3, 3] for p in state.boards.values()])
+    order = {sync_frame: number for number, sync_frame in enumerate(state.target_poses)}
+    count = len(target.corners)
+    points = np.concatenate([target.corners @ p[:3, :3].T + p[:3, 3] for p in state.target_poses.values()])
     observations: dict[str, np.ndarray] = {}
     for name in state.cameras:
         seen_by = [
@@ -243,8 +245,8 @@ def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSetti
         observations[name] = np.concatenate(seen_by)
     rig = Rig(tuple(state.cameras.values()))
     if settings.board_origin is not None:
-        if settings.board_origin not in state.boards:
-            near = min(state.boards, key=lambda sync_frame: abs(sync_frame - int(settings.board_origin or 0)))
+        if settings.board_origin not in state.target_poses:
+            near = min(state.target_poses, key=lambda sync_frame: abs(sync_frame - int(settings.board_origin or 0)))
             raise StudioError(
                 "target.origin",
                 f"no camera sees the target in frame {settings.board_origin}, which defines the origin",
@@ -253,7 +255,7 @@ def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSetti
                 setting="calibrate.board_origin",
                 expected=near,
             )
-        world = target_world(board, state.boards[settings.board_origin], upright=settings.board_upright)
+        world = target_world(target, state.target_poses[settings.board_origin], upright=settings.board_upright)
     else:
         world = upright(rig, points, keep_scale=True)
     rig, points = world.rig(rig), world.points(points)
@@ -266,15 +268,15 @@ def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSetti
     return CalibrationResult(rig, points[seen], np.full((len(seen), 3), 255, np.uint8), report)
 
 
-def target_world(board: CalibrationTarget, place: np.ndarray, *, upright: bool) -> Similarity:
+def target_world(target: CalibrationTarget, pose: np.ndarray, *, upright: bool) -> Similarity:
     """The transform to world coordinates defined by a target: origin at its center, x along its rows, z up.
 
     Args:
-        board: the target.
-        place: (4, 4) transform from target to current coordinates.
+        target: the target.
+        pose: (4, 4) transform from target to current coordinates.
         upright: see `CalibrateSettings.board_upright`.
     """
-    x, y, z = place[:3, :3].T
+    x, y, z = pose[:3, :3].T
     rotation = np.stack([x, z, -y]) if upright else np.stack([x, -y, -z])
-    middle = place[:3, :3] @ board.middle + place[:3, 3]
+    middle = pose[:3, :3] @ target.middle + pose[:3, 3]
     return Similarity(1.0, rotation, -rotation @ middle)

@@ -25,7 +25,7 @@ def shared_sync_frames(state: TargetRig) -> dict[str, int]:
     }
 
 
-def scale_check(state: TargetRig, board: CalibrationTarget) -> tuple[float, float] | None:
+def scale_check(state: TargetRig, target: CalibrationTarget) -> tuple[float, float] | None:
     """Triangulate the corners with the calibrated cameras and compare them with the target.
 
     Returns:
@@ -33,7 +33,7 @@ def scale_check(state: TargetRig, board: CalibrationTarget) -> tuple[float, floa
         between the triangulated corners and the target fitted to them; None if no two cameras see the same corners.
     """
     scales, squares = [], []
-    for sync_frame in state.boards:
+    for sync_frame in state.target_poses:
         rays: dict[int, list[tuple[Camera, np.ndarray]]] = {}
         for name, camera in state.cameras.items():
             view = state.views.get((sync_frame, name))
@@ -45,8 +45,8 @@ def scale_check(state: TargetRig, board: CalibrationTarget) -> tuple[float, floa
             continue
         ids = sorted(several)
         measured = np.array([_triangulate(several[corner]) for corner in ids])
-        true = board.corners[ids]
-        if np.linalg.matrix_rank(true - true.mean(0), tol=0.1 * board.square) < 2:
+        true = target.corners[ids]
+        if np.linalg.matrix_rank(true - true.mean(0), tol=0.1 * target.square) < 2:
             continue
         fit = align_points(true, measured)
         scales.append(fit.scale)

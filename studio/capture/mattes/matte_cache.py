@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from pathlib import Path
 
 import numpy as np
+
+from studio.atomic_files import atomic_path
 
 
 class MatteCache:
@@ -40,11 +41,5 @@ class MatteCache:
         """Cache the (H, W) uint8 `matte` of an image. Raises OSError if the file cannot be written."""
         from PIL import Image
 
-        path = self._path(image)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.{os.getpid()}.partial.png")
-        try:
-            Image.fromarray(matte).save(partial, compress_level=1)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
+        with atomic_path(self._path(image)) as temporary:
+            Image.fromarray(matte).save(temporary, compress_level=1)

@@ -13,7 +13,6 @@ If a pixel is always covered, its background is marked as unknown.
 
 from __future__ import annotations
 
-import os
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from studio.atomic_files import atomic_path
 from studio.capture.mattes.clean_plate import difference_evidence
 from studio.capture.mattes.filters import color_table, guided_filter, look_up
 from studio.capture.settings import DifferenceSettings
@@ -244,10 +244,7 @@ def cached_background(folder: Path | None, key: str, make: Callable[[], Backgrou
     except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
         pass  # missing or truncated: recomputed
     made = make()
-    folder.mkdir(parents=True, exist_ok=True)
-    partial = folder / f".{path.name}.{os.getpid()}.tmp"
-    with partial.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         parts = {"plate": made.plate, "known": made.known, "doubtful": made.doubtful, "colors": made.colors}
         np.savez_compressed(file, allow_pickle=False, **{n: part for n, part in parts.items() if part is not None})
-    os.replace(partial, path)
     return made

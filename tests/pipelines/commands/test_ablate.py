@@ -69,7 +69,7 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     ]
     assert frames[0][0].read_bytes() == frames[1][0].read_bytes()
     assert frames[0][0].stat().st_mtime_ns == frames[1][0].stat().st_mtime_ns, "it was copied, not trained again"
-    assert read_about(frames[0][1])["key"] != read_about(frames[1][1])["key"]
+    assert read_about(frames[0][1]).key != read_about(frames[1][1]).key
     assert cv2.imread(str(out / "ablation.png")).shape[1] > 500
     page = (out / "ablation.html").read_text()
     assert "Held-out cameras cam4" in page

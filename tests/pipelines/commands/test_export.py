@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import torch
 
-from pipelines.takes.frame_files import write_frame
+from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import write_rig_json
 from studio.cameras import Rig
-from studio.export.camera_path import Key, look_at, path_to_json
+from studio.export.camera_path import Key, look_at, write_path_keys
 from studio.gaussians import Gaussians
 from studio.splat_files import read_splats
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
@@ -55,7 +55,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for group, (first, count, splats) in enumerate(((0, 3, 60), (3, 2, 75))):
         frames = [body(index, splats) for index in range(first, first + count)]
         for index, frame in enumerate(frames, first):
-            write_frame(take.trained_frame(group, index), frame, {})
+            write_frame(take.trained_frame(group, index), frame, FrameMetadata())
         entries.append(bake_group(frames, take.stream, group, first, settings))
     metadata = {"suggested_camera": RIG["side"].to_dict(), "up": [0.0, 0.0, 1.0], "background": [1.0, 0.0, 0.0]}
     write_manifest(take.stream, entries, 12.5, settings, metadata)
@@ -120,6 +120,21 @@ def test_viewer_axes(here, take, tmp_path):
     done = here("export", take / "stream", "--format", "spz", "--frames", "0:1", "--out", tmp_path / "a.spz")
     assert done.returncode == 0, done.stderr
     assert torch.allclose(read_splats(tmp_path / "a.spz").means[:, 1], world[:, 2], atol=1e-3)  # y up
+    assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
+    older = ("--spz-version", "3", "--frames", "0:1", "--out", tmp_path / "b.spz")
+    done = here("export", take / "stream", "--format", "spz", *older)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "b.spz").read_bytes()[:2] == b"\x1f\x8b"
+    assert torch.equal(read_splats(tmp_path / "b.spz").means, read_splats(tmp_path / "a.spz").means)
+
+
+@pytest.mark.parametrize("option", ["--group-size", "--train.group-size"])
+def test_import_groups_go_by_the_option_or_the_setting(here, take, tmp_path, option):
+    done = here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs")
+    assert done.returncode == 0, done.stderr
+    done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", option, "2")
+    assert done.returncode == 0, done.stderr
+    assert "back: 5 frames in 3 groups, " in done.stdout  # groups of 3 and 2 frames, the first of which is split
 
 
 def test_videogs_there_and_back(here, take, tmp_path):
@@ -167,7 +182,7 @@ def test_movies(here, take, tmp_path):
     assert frames[0][32, 48].min() > 100  # the body at the center
 
     keys = [Key(0, RIG["front"], 4.0), Key(1, RIG["side"], 0.0)]
-    (tmp_path / "path.json").write_text(json.dumps(path_to_json(keys)))
+    write_path_keys(keys, tmp_path / "path.json")
     done = here(
         "export", take / "stream", "--format", "camera-path", "--path", tmp_path / "path.json", "--size", "96x64",
         "--fps", "4", "--background", "0,1,0", "--out", tmp_path / "path.mp4",
@@ -198,7 +213,8 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
             [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"],
             "--background 'red' is",
         ),
-        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "only has the axes of the capture"),
+        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "supports only the axes of the capture"),
+        ([take, "--format", "ply", "--spz-version", "3", "--out", out], "has no --spz-version"),
         ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
     ]
     for arguments, message in cases:
@@ -211,7 +227,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     assert here("export", take, "--format", "obj", "--out", out).returncode == 2
     done = here("import", take, "--out", out)
     assert done.returncode == 1
-    assert "no .ply or .spz files" in done.stderr
+    assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
 
 
 def test_nothing_trained_yet(tmp_path):

@@ -19,35 +19,23 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-import torch
 import uvicorn
 from starlette.applications import Starlette
 
 from pipelines.commands.serve import build_app, find_streams, listen
 from pipelines.share.player_files import PlayerFiles
-from studio.gaussians import Gaussians
 from studio.playback import play_headless
-from studio.stream import BakeSettings, bake_group, write_manifest
+from studio.stream import BakeSettings
 from tests.support.errors import refuses
+from tests.support.streams import bake_numbered
 
 LENGTHS = (5,) * 8
 
 
 def bake(folder: Path) -> Path:
-    """40 frames at 20 fps in groups of 5; splat 0 of frame i is at x = i."""
+    """40 frames at 20 fps in groups of 5."""
     settings = BakeSettings(profile="planes", qp=0, preset="ultrafast")
-    entries, first = [], 0
-    for group, length in enumerate(LENGTHS):
-        frames = []
-        for index in range(first, first + length):
-            means = torch.zeros(30, 3)
-            means[:, 0] = index
-            quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(30, 1)
-            frames.append(Gaussians(means, quats, -3 * torch.ones(30, 3), torch.zeros(30), torch.zeros(30, 1, 3)))
-        entries.append(bake_group(frames, folder, group, first, settings))
-        first += length
-    write_manifest(folder, entries, 20.0, settings)
-    return folder
+    return bake_numbered(folder, LENGTHS, 20.0, 30, settings)
 
 
 @pytest.fixture(scope="module")

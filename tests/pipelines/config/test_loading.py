@@ -3,7 +3,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -15,6 +14,7 @@ from studio.errors import StudioError
 from studio.meshing.settings import InitializeSettings
 from studio.stream.settings import BakeSettings
 from studio.training.settings import TrainSettings
+from studio.yaml_text import dump_yaml
 from tests.support.errors import refuses
 
 
@@ -212,7 +212,7 @@ def test_missing_file_and_folder(tmp_path):
 
 
 def test_numbers_with_exponents_are_numbers(tmp_path):
-    """YAML 1.1, and therefore PyYAML by default, reads 1e-3 as text."""
+    """YAML 1.1 reads 1e-3 as text, YAML 1.2 as a number."""
     assert load_config(write(tmp_path, "train: {entropy_weight: 2e-3}")).train.entropy_weight == 2e-3
     assert parse_override("train.entropy-weight=1e-3") == ("train.entropy_weight", 1e-3)
 
@@ -245,7 +245,7 @@ def test_a_root_that_is_not_a_path(tmp_path: Path, root: str) -> None:
     st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.lists(st.integers())),
 )))  # fmt: skip
 def test_any_yaml_is_read_or_refused_with_a_sentence(tmp_path_factory, values):
-    path = write(tmp_path_factory.mktemp("any"), yaml.safe_dump(values))
+    path = write(tmp_path_factory.mktemp("any"), dump_yaml(values))
     message = None
     try:
         load_config(path)
@@ -273,7 +273,7 @@ def test_a_rule_over_several_settings_names_the_command_line_too(tmp_path: Path)
     [("2026-02-30", "date"), ("!!int abc", "number"), ("!!float x", "number"), ("!!bool 3", "Boolean")],
 )
 def test_values_that_yaml_cannot_make(tmp_path, value, kind):
-    """PyYAML raises ValueError or KeyError there, with Python's messages."""
+    """Python's own errors there become errors with a line."""
     (tmp_path / "a.yaml").write_text(f"train:\n  max_splats: {value}\n")
     with refuses("settings.not_yaml", file=tmp_path / "a.yaml", line=2) as caught:
         load_config(tmp_path / "a.yaml")

@@ -92,9 +92,7 @@ def test_events_are_found_among_what_libraries_print(line, event, text):
 
 def test_a_notice_carries_code_and_fields():
     error = StudioError("footage.no_frames", "no frames", file="/cam3", value=0, fix="Add some.", camera="cam3")
-    read = parse_event(
-        events.StageFailed(stage="train", **events.StageFailed.parts(events.as_message(error))).to_json()
-    )
+    read = parse_event(events.StageFailed.of(events.as_message(error), stage="train").to_json())
     assert isinstance(read, events.StageFailed)
     assert (read.code, read.file, read.value, read.fix) == ("footage.no_frames", "/cam3", 0, "Add some.")
     assert read.fields == {"camera": "cam3"}

@@ -8,15 +8,16 @@ import numpy as np
 
 from pipelines.reports.calibration import (
     calibration_figures,
-    calibration_lenses,
     calibration_warnings,
+    intrinsics_sentences,
     render_calibration,
 )
 from studio.calibration import reprojection_report
+from studio.calibration.report import CalibrationReport, SharedIntrinsicsReport
 from studio.cameras import Camera, Rig
 
 
-def report_with(error: float) -> dict:
+def report_with(error: float, **more: object) -> CalibrationReport:
     K = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
     cameras = []
     for name, x in (("left <1>", -0.5), ("right", 0.5)):
@@ -29,7 +30,14 @@ def report_with(error: float) -> dict:
     for camera in rig:
         pixels, _ = camera.project(points)
         seen[camera.name] = np.column_stack([np.arange(40), pixels + np.array([error, 0])])
-    return {**reprojection_report(rig, points, seen).to_dict(), "unregistered": {"lost": "only 3 features were found"}}
+    unregistered = {"lost": "only 3 features were found"}
+    return reprojection_report(rig, points, seen).model_copy(update={"unregistered": unregistered, **more})
+
+
+def with_camera(report: CalibrationReport, name: str, **changes: object) -> CalibrationReport:
+    """The report with other figures of one camera."""
+    camera = report.cameras[name].model_copy(update=changes)
+    return report.model_copy(update={"cameras": {**report.cameras, name: camera}})
 
 
 class Page(HTMLParser):
@@ -69,33 +77,28 @@ def test_warnings():
     high = calibration_warnings(report_with(1.5))[0]
     assert high.code == "calibration.reprojection_error"
     assert high.value == 1.5
-    report = report_with(0.3)
-    report["cameras"]["right"]["mean"] = 1.4
-    report["cameras"]["right"]["coverage"] = 0.2
-    said = calibration_warnings(report)
+    said = calibration_warnings(with_camera(report_with(0.3), "right", mean=1.4, coverage=0.2))
     assert [message.code for message in said[:2]] == ["calibration.poor_cameras", "calibration.low_coverage"]
     assert said[0].fields["cameras"] == said[1].fields["cameras"] == ["right"]
-    low = calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.45})[0]
+    low = calibration_warnings(report_with(0.3, match_inlier_ratio=0.45))[0]
     assert (low.code, low.value) == ("calibration.match_inlier_ratio", 0.45)
     assert "only 45% of the matches" in str(low)
-    fine = calibration_warnings({**report_with(0.3), "match_inlier_ratio": 0.78})
+    fine = calibration_warnings(report_with(0.3, match_inlier_ratio=0.78))
     assert "calibration.match_inlier_ratio" not in [message.code for message in fine]
 
 
 def test_a_focal_length_that_cannot_be():
-    report = report_with(0.3)
-    report["cameras"]["right"]["usual_focal"] = 50.0
-    found = calibration_warnings(report)[0]
+    found = calibration_warnings(with_camera(report_with(0.3), "right", usual_focal=50.0))[0]
     assert (found.code, found.value) == ("calibration.focal_length", 100)
     assert (found.fields["camera"], found.fields["expected"]) == ("right", 50)
 
 
-def test_lenses_in_common():
-    report = report_with(0.3)
-    assert calibration_lenses(report) == []
+def test_shared_intrinsics():
+    assert intrinsics_sentences(report_with(0.3)) == []
     cameras = ["left <1>", "right"]
-    report |= {"match_inlier_ratio": 0.8, "sharing": [{"images": cameras, "shared": True, "misfit": 3.4}]}
-    assert calibration_lenses(report)[0].startswith("Shared intrinsics for 2 cameras (left <1> to right)")
+    shared = SharedIntrinsicsReport(images=cameras, shared=True, misfit=3.4)
+    report = report_with(0.3, match_inlier_ratio=0.8, sharing=[shared])
+    assert intrinsics_sentences(report)[0].startswith("Shared intrinsics for 2 cameras (left <1> to right)")
     page = Page()
     page.feed(render_calibration(report, cameras))
     text = " ".join(" ".join(page.words).split())
@@ -103,13 +106,15 @@ def test_lenses_in_common():
         "80% of the matches between cameras agree with the camera poses (75% or more is normal). Shared intrinsics for"
         in text
     )
-    report["sharing"][0] |= {"shared": False, "misfit": 91.2}
-    assert "Separate intrinsics for 2 cameras" in calibration_lenses(report)[0]
-    assert "91 times" in calibration_lenses(report)[0]
+    separate = SharedIntrinsicsReport(images=cameras, shared=False, misfit=91.2)
+    report = report_with(0.3, match_inlier_ratio=0.8, sharing=[separate])
+    assert "Separate intrinsics for 2 cameras" in intrinsics_sentences(report)[0]
+    assert "91 times" in intrinsics_sentences(report)[0]
 
 
 def test_figures_of_the_event():
     figures = calibration_figures(report_with(0.3))
-    assert figures["reprojection_mean"] == 0.3
-    assert figures["cameras"] == {"left <1>": 0.3, "right": 0.3}
-    assert figures["unregistered"] == {"lost": "only 3 features were found"}
+    assert figures.reprojection_mean == 0.3
+    assert figures.cameras == {"left <1>": 0.3, "right": 0.3}
+    assert figures.unregistered == {"lost": "only 3 features were found"}
+    assert "match_inlier_ratio" not in figures.to_json()

@@ -47,7 +47,7 @@ def test_jobs_run_side_by_side_with_their_own_number_of_threads() -> None:
     assert torch.get_num_threads() == before
 
 
-def test_a_lane_keeps_its_threads_when_another_one_sets_its_own_later() -> None:
+def test_a_group_keeps_its_threads_when_another_one_sets_its_own_later() -> None:
     others, seen = threading.Event(), []
 
     def first() -> None:

@@ -116,16 +116,16 @@ def test_focal_lengths_from_exif(tmp_path: Path) -> None:
     ("settings", "expected"),
     [({}, [0]), ({"frames": 3}, [2, 6, 10]), ({"frames": 50}, list(range(12))), ({"frame": 7}, [7])],
 )
-def test_which_moments(tmp_path: Path, settings: dict, expected: list[int]) -> None:
+def test_which_frames(tmp_path: Path, settings: dict, expected: list[int]) -> None:
     assert CalibrateStage()._frames(context(tmp_path, filmed=12, **settings)) == expected
 
 
-def test_moments_that_contradict_each_other(tmp_path: Path) -> None:
+def test_frames_that_contradict_each_other(tmp_path: Path) -> None:
     with refuses("settings.conflict", setting="calibrate.frame", other="calibrate.frames"):
         CalibrateStage()._frames(context(tmp_path, filmed=3, frame=1, frames=2))
 
 
-def test_lenses_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
+def test_intrinsics_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
     """Images of 88 x 60 for footage of 80 x 60, which is cropped by four columns on each side."""
     from pipelines.stages.known_cameras import at_footage_size
 

@@ -24,10 +24,10 @@ def test_what_is_no_number_is_wrong_usage(here, tmp_path, option, value, said):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--square", "-5"), "--square -5: not between 0 and 10000 mm"),
-        (("--square", "0", "--kind", "chessboard"), "--square 0: not between 0 and 10000 mm"),
-        (("--marker", "70"), "--marker 70: not between 0 and the side of a square, 60 mm"),
-        (("--marker", "-1"), "--marker -1: not between 0"),
+        (("--square", "-5"), "--square -5 is not between 0 and 10000 mm"),
+        (("--square", "0", "--kind", "chessboard"), "--square 0 is not between 0 and 10000 mm"),
+        (("--marker", "70"), "--marker 70 is not between 0 and the side of a square, 60 mm"),
+        (("--marker", "-1"), "--marker -1 is not between 0"),
     ],
 )
 def test_a_boards_sizes_are_answered_in_millimeters(here, tmp_path, options, said):

@@ -96,6 +96,39 @@ def test_migration_keeps_results_and_says_the_same(root: Path) -> None:
     assert read_json(root / "calibrate" / "report.json") == {"match_inlier_ratio": 0.9, "geometry": {"neighbors": {}}}
 
 
+SETTINGS_OF_FORMAT_1 = """\
+# my take
+capture:
+  root: "/data"  # the disk in the rack
+
+# what starts each group
+initialise:
+  points: 45000 # enough
+
+train:
+  # tried both
+  density: gradient  # as in 3DGS
+  motion_neighbours: 8
+  group_size: 15
+
+calibrate:
+  keep_known: no
+"""
+
+
+def test_migration_keeps_the_comments_of_the_settings(root: Path) -> None:
+    (root / "config.yaml").write_text(SETTINGS_OF_FORMAT_1)
+    before = load_config(root / "config.yaml")
+    assert migration.migrate(Take.open(root))
+    assert (root / "config.yaml").read_text() == (
+        SETTINGS_OF_FORMAT_1.replace("initialise:", "initialize:")
+        .replace("density: gradient", "strategy: default")
+        .replace("motion_neighbours", "motion_neighbors")
+        .replace("keep_known: no", "fix_intrinsics: false")
+    )
+    assert load_config(root / "config.yaml") == before
+
+
 def test_a_migration_that_was_killed_anywhere_goes_on(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = seen(root)
     whole = root.with_name("whole")

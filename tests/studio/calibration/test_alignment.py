@@ -22,8 +22,8 @@ def turn(axis: list[float], angle: float) -> np.ndarray:
 
 
 def ring(count: int = 6, radius: float = 4.0, target: tuple[float, float, float] = (0, 0, 0)) -> Rig:
-    lens = {"focal": 500.0, "size": (640, 480), "distortion": (-0.1, 0.02, 0, 0)}
-    return rigs.ring(count, radius=radius, target=target, name="c{}", **lens)
+    intrinsics = {"focal": 500.0, "size": (640, 480), "distortion": (-0.1, 0.02, 0, 0)}
+    return rigs.ring(count, radius=radius, target=target, name="c{}", **intrinsics)
 
 
 MOVE = Similarity(2.5, turn([1, 2, 3], 1.1), np.array([3.0, -4.0, 5.0]))

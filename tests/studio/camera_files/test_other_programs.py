@@ -24,12 +24,12 @@ def looking_at_origin(angle: float, height: float) -> np.ndarray:
     return pose(on_circle(angle, 3.0, height))
 
 
-def rig_with(*lenses: list[float]) -> Rig:
+def rig_with(*distortions: list[float]) -> Rig:
     cameras = []
-    for index, lens in enumerate(lenses):
+    for index, distortion in enumerate(distortions):
         K = np.array([[510.0 + index, 0, 331.25], [0, 505.5, 177.75 - index], [0, 0, 1]])
         world_to_camera = looking_at_origin(0.4 + index * 1.3, 0.4 * index)
-        cameras.append(Camera(f"cam{index:02d}", 640, 360, K, world_to_camera, np.array(lens)))
+        cameras.append(Camera(f"cam{index:02d}", 640, 360, K, world_to_camera, np.array(distortion)))
     return Rig(tuple(cameras))
 
 
@@ -50,10 +50,10 @@ def assert_same_images(found: Rig, wanted: Rig, within: float = 1e-6) -> None:
 
 def easymocap(folder: Path) -> dict[str, np.ndarray]:
     """Files written with OpenCV's FileStorage, as in EasyMocap, and cv2.projectPoints's result in OpenCV's pixels."""
-    lens = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
+    intrinsics = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
     pose = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
     expected = {}
-    for storage in (lens, pose):
+    for storage in (intrinsics, pose):
         storage.startWriteStruct("names", cv2.FileNode_SEQ)
         for name in ("01", "cam_b"):
             storage.write("", name)
@@ -63,15 +63,15 @@ def easymocap(folder: Path) -> dict[str, np.ndarray]:
         distortion = np.array([[-0.2, 0.1, 0.001, 0.002, -0.03]]) * index
         world = looking_at_origin(1.0 + index, 0.3)
         vector = cv2.Rodrigues(world[:3, :3])[0]
-        lens.write(f"K_{name}", K)
-        lens.write(f"dist_{name}", distortion)
+        intrinsics.write(f"K_{name}", K)
+        intrinsics.write(f"dist_{name}", distortion)
         pose.write(f"R_{name}", vector)
         pose.write(f"Rot_{name}", world[:3, :3])
         pose.write(f"T_{name}", world[:3, 3:])
         expected[name] = cv2.projectPoints(POINTS, vector, world[:3, 3], K, distortion)[0].reshape(-1, 2) + 0.5
         (folder / "images" / name).mkdir(parents=True)
         Image.new("RGB", (640, 360)).save(folder / "images" / name / "000000.jpg")
-    lens.release()
+    intrinsics.release()
     pose.release()
     return expected
 
@@ -88,15 +88,15 @@ def test_easymocap_as_opencv_writes_it(tmp_path: Path) -> None:
 
 def test_what_we_write_opencv_reads(tmp_path: Path) -> None:
     write_rig(BENT, tmp_path / "intri.yml")
-    lens = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_READ)
+    intrinsics = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_READ)
     pose = cv2.FileStorage(str(tmp_path / "extri.yml"), cv2.FILE_STORAGE_READ)
     for camera in BENT:
         pixels, _ = cv2.projectPoints(
             POINTS,
             pose.getNode(f"R_{camera.name}").mat(),
             pose.getNode(f"T_{camera.name}").mat(),
-            lens.getNode(f"K_{camera.name}").mat(),
-            lens.getNode(f"dist_{camera.name}").mat(),
+            intrinsics.getNode(f"K_{camera.name}").mat(),
+            intrinsics.getNode(f"dist_{camera.name}").mat(),
         )
         np.testing.assert_allclose(pixels.reshape(-1, 2) + 0.5, camera.project(POINTS)[0], atol=1e-6)
 
@@ -302,12 +302,12 @@ def test_actorshq(tmp_path: Path) -> None:
 
 
 def rerf(folder: Path) -> dict[str, np.ndarray]:
-    poses, lenses, expected = "", "", {}
+    poses, intrinsics, expected = "", "", {}
     (folder / "image" / "0").mkdir(parents=True)
     for index in range(3):
         pose = np.linalg.inv(looking_at_origin(0.5 + index, 0.3))
         poses += " ".join(repr(float(v)) for v in (*pose[:3, 2], *pose[:3, 0], *pose[:3, 1], *pose[:3, 3])) + "\n"
-        lenses += f"{index}\n500.5 0 320.25\n0 510.5 178.5\n0 0 1\n\n"
+        intrinsics += f"{index}\n500.5 0 320.25\n0 510.5 178.5\n0 0 1\n\n"
         local = (POINTS - pose[:3, 3]) @ pose[:3, :3]
         pixels = np.column_stack(
             [500.5 * local[:, 0] / local[:, 2] + 320.25, 510.5 * local[:, 1] / local[:, 2] + 178.5]
@@ -315,7 +315,7 @@ def rerf(folder: Path) -> dict[str, np.ndarray]:
         expected[f"{index:04d}"] = pixels + 0.5
         Image.new("RGB", (640, 360)).save(folder / "image" / "0" / f"img_{index:04d}.png")
     (folder / "CamPose.inf").write_text(poses)
-    (folder / "Intrinsic.inf").write_text(lenses)
+    (folder / "Intrinsic.inf").write_text(intrinsics)
     return expected
 
 
@@ -341,7 +341,7 @@ def test_folders_of_frames_with_transforms(tmp_path: Path) -> None:
 def test_what_is_written_is_read_again(tmp_path: Path, name: str, rig: Rig) -> None:
     write_rig(rig, tmp_path / name)
     assert_same_images(read_rig(tmp_path / name), rig)
-    assert not [path for path in tmp_path.rglob("*") if ".tmp" in path.name]
+    assert not [path for path in tmp_path.rglob("*") if ".partial" in path.name]
 
 
 def test_actorshq_cannot_express_distortion(tmp_path: Path) -> None:
@@ -463,17 +463,17 @@ def test_broken_extrinsics_of_easymocap(tmp_path: Path) -> None:
 
 def test_broken_rerf(tmp_path: Path) -> None:
     rerf(tmp_path)
-    pose_file, lens_file = tmp_path / "CamPose.inf", tmp_path / "Intrinsic.inf"
-    poses, lenses = pose_file.read_text(), lens_file.read_text()
+    pose_file, intrinsics_file = tmp_path / "CamPose.inf", tmp_path / "Intrinsic.inf"
+    poses, intrinsics = pose_file.read_text(), intrinsics_file.read_text()
     pose_file.write_text(poses.replace(poses.split()[13], "nan", 1))
     with refuses("camera.not_finite", file=pose_file, camera="1", key="line 2", index="[1]"):
         read_rig(tmp_path)
     pose_file.write_text(poses.splitlines()[0])
-    with refuses("camera_file.camera_count", file=lens_file, value=3, expected=1):
+    with refuses("camera_file.camera_count", file=intrinsics_file, value=3, expected=1):
         read_rig(tmp_path)
     pose_file.write_text(poses)
-    lens_file.write_text(lenses.rsplit("0 0 1", 1)[0])
-    with refuses("camera_file.truncated", file=lens_file, value=6, expected=9):
+    intrinsics_file.write_text(intrinsics.rsplit("0 0 1", 1)[0])
+    with refuses("camera_file.truncated", file=intrinsics_file, value=6, expected=9):
         read_rig(tmp_path)
 
 

@@ -11,7 +11,7 @@ import torch
 
 from studio.cameras import Camera, Rig
 from studio.errors import Cancelled, StudioError
-from studio.export import CameraPath, Key, path_to_json, read_path_keys, render_movie, turntable
+from studio.export import CameraPath, Key, read_path_keys, render_movie, turntable, write_path_keys
 from studio.export.camera_path import look_at, subject_sphere
 from studio.rasterizer import rasterize
 from tests.support.errors import refuses
@@ -68,10 +68,18 @@ def test_another_size_of_the_same_shape():
         CameraPath(KEYS, 100, 100)
 
 
+def edited(path, edit):
+    """Write the path of `KEYS` with a change to its JSON."""
+    write_path_keys(KEYS, path)
+    values = json.loads(path.read_text())
+    edit(values)
+    path.write_text(json.dumps(values))
+
+
 def test_paths_files(tmp_path):
     path = tmp_path / "path.json"
     keys = [replace(key, frame=index * 2.0) for index, key in enumerate(KEYS)]
-    path.write_text(json.dumps(path_to_json(keys)))
+    write_path_keys(keys, path)
     found = read_path_keys(path, 9.0)
     assert [(key.time, key.frame) for key in found] == [(0.5, 0), (1.5, 2), (2.0, 4), (4.0, 6)]
     np.testing.assert_array_equal(found[1].camera.world_to_camera, KEYS[1].camera.world_to_camera)
@@ -99,18 +107,14 @@ def test_paths_files(tmp_path):
     ],
 )
 def test_damaged_paths(tmp_path, edit, code, fields):
-    values = path_to_json(KEYS)
-    edit(values)
     path = tmp_path / "path.json"
-    path.write_text(json.dumps(values))
+    edited(path, edit)
     with refuses(code, file=path, **fields):
         read_path_keys(path, 1.0)
 
 
 def test_a_camera_without_a_matrix(tmp_path):
-    values = path_to_json(KEYS)
-    del values["keys"][1]["camera"]["K"]
-    (tmp_path / "path.json").write_text(json.dumps(values))
+    edited(tmp_path / "path.json", lambda values: values["keys"][1]["camera"].pop("K"))
     with pytest.raises(StudioError) as caught:
         read_path_keys(tmp_path / "path.json", 1.0)
     assert "'K'" in str(caught.value)
@@ -124,9 +128,7 @@ def test_a_camera_without_a_matrix(tmp_path):
     ],
 )
 def test_keys_that_contradict_each_other(tmp_path, edit, code):
-    values = path_to_json(KEYS)
-    edit(values)
-    (tmp_path / "path.json").write_text(json.dumps(values))
+    edited(tmp_path / "path.json", edit)
     with refuses(code):
         CameraPath(read_path_keys(tmp_path / "path.json", 1.0), 120, 80)
 

@@ -93,7 +93,8 @@ def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
             for name, (values, levels) in expected.items():
                 array = values.double().numpy()
                 if array.size:
-                    step = (array.max(axis=0) - array.min(axis=0)) / levels
+                    least = 0 if name == "opacity" else array.min(axis=0)
+                    step = (array.max(axis=0) - least) / levels
                     assert (np.abs(found[name] - array) <= 0.5 * step + 1e-6).all(), name
             rotation = found["rotation"] / np.linalg.norm(found["rotation"], axis=1, keepdims=True)
             alike = np.abs((rotation * meant.unit_quats.double().numpy()).sum(axis=1))
@@ -150,6 +151,34 @@ def test_lossy_export_is_smaller_and_keeps_high_bytes(tmp_path, make_video):
     extent = np.ptp(video.read(1).means.numpy(), axis=0)
     a, b = (np.sort(points, axis=0) for points in (high[1]["position"], video.read(1).means.numpy()))
     assert (np.abs(a - b) < 256 / 65535 * extent + 1e-6).all()
+
+
+def opacities_of_pixels(folder, group: int, frame: int, index: int, attributes: int = 17) -> tuple[np.ndarray, int]:
+    """Opacity of each pixel of a frame as a player has it that draws padding, too, and the number of splats."""
+    file = cv2.VideoCapture(str(folder / f"group{group}" / f"{attributes - 8 + 3}.mp4"))
+    for _ in range(frame + 1):
+        good, picture = file.read()
+        assert good
+    entry = json.loads((folder / "viewer_min_max.json").read_text())[str(index)]
+    low, high = entry["info"][2 * (attributes - 8) : 2 * (attributes - 8) + 2]
+    return cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).ravel() / 255 * (high - low) + low, entry["num"]
+
+
+@pytest.mark.parametrize("qp", [0, 20, 28, 35])
+def test_padding_is_invisible_and_opacities_are_as_exact_as_the_codec_would_be(tmp_path, make_video, qp):
+    """Players draw nothing below 1/255. A codec's quantizer with the step s has an error of s / sqrt(12)."""
+    video = make_video((4,), splats=1900)  # of 48 x 48 pixels
+    export_videogs(video, tmp_path / "out", qp=qp)
+    for index in range(4):
+        values, count = opacities_of_pixels(tmp_path / "out", 0, index, index)
+        assert (len(values), count) == (48 * 48, 1900)
+        assert abs(values[count:]).max() < 1 / 255
+        # ordered, since the export orders splats: a lower bound of the error, and close to it where it is small
+        meant = np.sort(video.read(index).opacities.numpy())
+        error = np.sort(values[:count]) - meant
+        step = max(1, 2 ** ((qp - 4) / 6)) / 255 * meant.max()
+        assert np.sqrt((error**2).mean()) <= 1.1 * step / 12**0.5
+        assert abs(error).max() <= 0.55 * step
 
 
 def test_names_and_constant_channels(tmp_path, make_video):

@@ -5,10 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import torch
 
-from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, FolderSource, bake_group, write_manifest
+from studio.stream import FolderSource
+from tests.support.streams import bake_numbered
 
 FPS = 50.0
 
@@ -40,33 +39,16 @@ class GatedSource(FolderSource):
         return list(dict.fromkeys(path.split("/")[0] for path in self.reads if "/" in path))
 
 
-def bake_numbered(folder: Path, lengths: tuple[int, ...]) -> Path:
-    """A stream at 50 fps with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame."""
-    settings = BakeSettings(profile="planes", qp=0)
-    entries, first = [], 0
-    for group, length in enumerate(lengths):
-        frames = []
-        for index in range(first, first + length):
-            means = torch.zeros(40, 3)
-            means[:, 0] = index
-            quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(40, 1)
-            frames.append(Gaussians(means, quats, -3 * torch.ones(40, 3), torch.zeros(40), torch.zeros(40, 1, 3)))
-        entries.append(bake_group(frames, folder, group, first, settings))
-        first += length
-    write_manifest(folder, entries, FPS, settings)
-    return folder
-
-
 @pytest.fixture
 def stream(tmp_path: Path) -> Path:
     """Groups of 5, 4, 1 and 6 frames, see `bake_numbered`."""
-    return bake_numbered(tmp_path / "stream", (5, 4, 1, 6))
+    return bake_numbered(tmp_path / "stream", (5, 4, 1, 6), FPS)
 
 
 @pytest.fixture
 def long_stream(tmp_path: Path) -> Path:
     """Six groups of 14 frames."""
-    return bake_numbered(tmp_path / "long", (14,) * 6)
+    return bake_numbered(tmp_path / "long", (14,) * 6, FPS)
 
 
 @pytest.fixture

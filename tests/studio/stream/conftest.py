@@ -1,7 +1,5 @@
 """Fixtures: small moving splat sets and baked streams."""
 
-import hashlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, bake_group, write_manifest
+from tests.support import streams
 
 MakeFrames = Callable[..., list[Gaussians]]
 
@@ -67,21 +66,7 @@ def make_stream(tmp_path: Path, make_frames: MakeFrames) -> Callable[..., tuple[
 def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
     """`edit_manifest(folder, change)`: change the manifest's JSON, then update its size and checksum."""
 
-    def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-        path = folder / "manifest.json"
-        values = json.loads(path.read_bytes())
-        change(values)
-        values["manifest_sha256"] = "0" * 64
-        files = sum(group["bytes"] for group in values["groups"])
-        while True:
-            data = json.dumps(values).encode()
-            if values["total_bytes"] == files + len(data):
-                break
-            values["total_bytes"] = files + len(data)
-        digest = hashlib.sha256(data).hexdigest()
-        path.write_bytes(data.replace(b"0" * 64, digest.encode(), 1))
-
-    return edit
+    return streams.edit_manifest
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 from tests.support.errors import refuses
+from tests.support.players import settle
 from tests.support.waiting import wait_until
 
 
@@ -44,16 +45,6 @@ def player() -> Iterator[PlayerPresenter]:
     presenter = PlayerPresenter(flat)
     yield presenter
     assert presenter.close()
-
-
-def settle(player: PlayerPresenter, seconds: float = 60.0) -> None:
-    """Poll until the newest picture shows the current frame."""
-
-    def settled() -> bool:
-        player.poll()
-        return player.settled and player.poll() is None and player.settled
-
-    wait_until("settled", settled, seconds)
 
 
 def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, stream_folder: Path) -> None:

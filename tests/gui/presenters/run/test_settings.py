@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -87,14 +88,20 @@ def test_letters_beyond_ascii_are_shown_as_they_are() -> None:
     assert held_out.parsed(held_out.shown(config)) == ["caméra 1", "影"]
 
 
+def opened(open_window: Callable, take: Path, stage: str) -> Any:
+    """A window on the take, paused, with a finished stage selected."""
+    window = open_window(str(take))
+    window.wait_for("a take", lambda s: s["stages"][stage][0] == "done")
+    window.key("space")
+    window.wait_for("paused", lambda s: not s["playing"])
+    window.stage(stage)
+    return window
+
+
 def test_the_window_shows_that_nothing_is_chosen_and_lets_it_be_chosen_again(
     open_window: Callable, take_copy: Path, artifacts: Path
 ) -> None:
-    window = open_window(str(take_copy))
-    window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done")
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"])
-    window.stage("review")
+    window = opened(open_window, take_copy, "review")
     window.click("settings filter")
     window.enter_text("settings filter", "lpips")
     name = "setting evaluate.lpips"
@@ -124,11 +131,7 @@ def test_the_window_shows_that_nothing_is_chosen_and_lets_it_be_chosen_again(
 def test_a_setting_is_found_and_changed_through_the_filter(
     open_window: Callable, take_copy: Path, artifacts: Path
 ) -> None:
-    window = open_window(str(take_copy))
-    window.wait_for("a take", lambda s: s["stages"]["train"][0] == "done")
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"])
-    window.stage("train")
+    window = opened(open_window, take_copy, "train")
     window.click("settings filter")
     window.enter_text("settings filter", "rates opacity")
     state = window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == FOUND)

@@ -47,9 +47,9 @@ def marked(
 ) -> list[TiePoint]:
     """Points on the stage, with noisy marks."""
     rng = np.random.default_rng(7)
-    places = rng.uniform([-1, -1, 0], [1, 1, 0.01 if flat else 1.6], (count, 3))
+    points3d = rng.uniform([-1, -1, 0], [1, 1, 0.01 if flat else 1.6], (count, 3))
     points = []
-    for number, place in enumerate(places):
+    for number, place in enumerate(points3d):
         pixels = {}
         for camera in rig:
             xy, depth = camera.project(place[None])
@@ -68,7 +68,7 @@ def sizes(rig: Rig) -> dict[str, tuple[int, int]]:
     ("count", "points", "options"),
     [(4, 12, {}), (4, 20, {"flat": True}), (12, 24, {"seen": 0.5}), (4, 12, {"measured": 5})],
 )
-def test_cameras_far_apart_with_known_lenses(count: int, points: int, options: dict) -> None:
+def test_cameras_far_apart_with_known_intrinsics(count: int, points: int, options: dict) -> None:
     truth = ring(count)
     found = calibrate_from_tie_points(
         marked(truth, points, **options), sizes(truth), known={camera.name: camera for camera in truth}
@@ -80,14 +80,14 @@ def test_cameras_far_apart_with_known_lenses(count: int, points: int, options: d
     assert 0.2 < found.report.reprojection.mean < 0.7  # half a pixel of noise in both directions
     assert found.report.left_out == []
     assert found.report.metric == ("measured" in options)
-    assert found.report.known_lenses == list(truth.names)
+    assert found.report.known_intrinsics == list(truth.names)
     if "measured" in options:  # in world coordinates, without alignment
         for camera in truth:
             assert np.linalg.norm(found.rig[camera.name].center - camera.center) < 0.03
         assert 0 < found.report.tie_points["point 0"].off < 0.02
 
 
-def test_a_lens_that_is_not_known() -> None:
+def test_intrinsics_that_are_not_known() -> None:
     truth = ring(4, focal=1300.0)
     found = calibrate_from_tie_points(marked(truth, 24, 0.3), sizes(truth))
     assert found.rig.cameras[0].fx == found.rig.cameras[1].fx == pytest.approx(1300, rel=0.01)
@@ -127,8 +127,8 @@ def test_the_derivatives_are_the_differences() -> None:
     points = marked(truth, 9, measured=4)
     pixels = {c.name: np.array([p.pixels.get(c.name, (np.nan, np.nan)) for p in points]) for c in truth}
     world = np.array([p.world or (np.nan,) * 3 for p in points])
-    places = np.random.default_rng(1).uniform([-0.5, -0.5, 0], [0.5, 0.5, 1], (9, 3))
-    rig = TieRig({camera.name: camera for camera in truth}, places)
+    points3d = np.random.default_rng(1).uniform([-0.5, -0.5, 0], [0.5, 0.5, 1], (9, 3))
+    rig = TieRig({camera.name: camera for camera in truth}, points3d)
     problem = Problem(rig, Observations([], world, pixels), [["00", "02"], ["01"]], Accuracy(2.0, 0.05), True)
     start = problem.start() + 1e-3
     exact = problem.jacobian(start)
@@ -162,7 +162,7 @@ def test_what_is_missing_is_said() -> None:
         calibrate_from_tie_points(marked(truth, 9), sizes(truth), known=smaller)
 
 
-def test_how_surely_cameras_stand_is_known() -> None:
+def test_uncertainty_of_camera_positions() -> None:
     truth = ring(4)
     known = {camera.name: camera for camera in truth}
     for points in (marked(truth, 20), marked(truth, 8, measured=5), marked(truth, 20, flat=True)):
@@ -189,16 +189,16 @@ def test_points_on_a_line_are_refused(measured: int) -> None:
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_measured_places_of_a_mirrored_world_are_noticed(known: bool) -> None:
+def test_measured_positions_of_a_mirrored_world_are_noticed(known: bool) -> None:
     truth = ring(4)
     points = [
         replace(point, world=None if point.world is None else (point.world[0], -point.world[1], point.world[2]))
         for point in marked(truth, 20, measured=5)
     ]
-    lenses = {camera.name: camera for camera in truth} if known else None
+    intrinsics = {camera.name: camera for camera in truth} if known else None
     try:
-        found = calibrate_from_tie_points(points, sizes(truth), known=lenses)
-        said = " ".join(map(str, calibration_warnings(found.report.to_dict())))
+        found = calibrate_from_tie_points(points, sizes(truth), known=intrinsics)
+        said = " ".join(map(str, calibration_warnings(found.report)))
     except StudioError as error:
         refused = error.code
         assert refused == "tie_points.contradiction"
@@ -215,10 +215,10 @@ def test_points_behind_the_cameras_are_no_solution() -> None:
         {c.name: np.array([point.pixels[c.name] for point in points]) for c in truth},
     )
     turned = {c.name: replace(c, world_to_camera=np.diag([-1.0, 1, -1, 1]) @ c.world_to_camera) for c in truth}
-    places = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 1.6], (8, 3))
+    points3d = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 1.6], (8, 3))
     with refuses("tie_points.behind"):
-        check_plausible(TieRig(turned, places), observations)
-    check_plausible(TieRig({c.name: c for c in truth}, places), observations)
+        check_plausible(TieRig(turned, points3d), observations)
+    check_plausible(TieRig({c.name: c for c in truth}, points3d), observations)
 
 
 def test_what_is_odd_is_warned_of() -> None:
@@ -227,14 +227,14 @@ def test_what_is_odd_is_warned_of() -> None:
 
     def warnings(points: list[TiePoint]) -> list[str]:
         report = calibrate_from_tie_points(points, sizes(truth), known=known).report
-        return [message.code for message in calibration_warnings(report.to_dict())]
+        return [message.code for message in calibration_warnings(report)]
 
     points = marked(truth, 20, measured=6)
     assert warnings(points) == []
     x, y, z = points[2].world or (0, 0, 0)
     off = [*points[:2], replace(points[2], world=(x + 0.4, y, z)), *points[3:]]
     report = calibrate_from_tie_points(off, sizes(truth), known=known).report
-    message = next(one for one in calibration_warnings(report.to_dict()) if one.code == "tie_points.world_error")
+    message = next(one for one in calibration_warnings(report) if one.code == "tie_points.world_error")
     assert message.fields["points"][0] == "point 2", "the worst one first"
     large = [replace(p, world=p.world and tuple(1000 * value for value in p.world)) for p in points]
     assert "tie_points.unit" in warnings(large)

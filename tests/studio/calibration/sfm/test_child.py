@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from studio.calibration.sfm.child import run_reporting
+from studio.calibration.sfm.child import WorkerProgress, run_reporting
 from studio.errors import Cancelled
 from tests.support.errors import refuses
 
@@ -36,10 +36,10 @@ def alive(pid: int) -> bool:
 
 
 def test_lines_arrive_and_noise_does_not(module: Any) -> None:
-    lines: list[dict[str, Any]] = []
+    lines: list[WorkerProgress | None] = []
     work = module('print(\'{"step": "a", "done": 1, "total": 2}\\nnoise\\n[1]\\n{"finished": true}\')')
     run_reporting(work, [], lines.append, what="The work")
-    assert [line for line in lines if line] == [{"step": "a", "done": 1, "total": 2}]
+    assert [line for line in lines if line] == [WorkerProgress("a", 1, 2)]
 
 
 def test_lines_arrive_although_native_code_prints_without_newlines(module: Any) -> None:
@@ -49,9 +49,9 @@ def test_lines_arrive_although_native_code_prints_without_newlines(module: Any) 
         "os.write(1, b'Warning: ')\nctypes.CDLL(None).printf(b'x' * 100000)\n"
         'print(\'{"step": "a"}\', flush=True)\nos.write(1, b"Warning: ")\nprint(\'{"finished": true}\')'
     )
-    lines: list[dict[str, Any]] = []
+    lines: list[WorkerProgress | None] = []
     run_reporting(work, [], lines.append, what="The work")
-    assert [line for line in lines if line] == [{"step": "a"}]
+    assert [line for line in lines if line] == [WorkerProgress("a")]
 
 
 def test_errors_are_reported(module: Any) -> None:
@@ -78,7 +78,7 @@ def test_stopped_at_once_though_the_child_prints_nothing(module: Any, tmp_path: 
     )
     pid_file = tmp_path / "pid"
 
-    def stop(line: dict[str, Any]) -> None:
+    def stop(line: WorkerProgress | None) -> None:
         if pid_file.exists() and pid_file.read_text():
             raise Cancelled
 
@@ -100,7 +100,7 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
          str(tmp_path / "job.json")],
         stdin=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )  # fmt: skip
-    (tmp_path / "job.json").write_text('{"names": [], "lenses": [], "lens_of": []}')
+    (tmp_path / "job.json").write_text('{"names": [], "intrinsics": [], "intrinsics_of": []}')
     assert child.stdin is not None
     time.sleep(1.0)
     child.stdin.close()

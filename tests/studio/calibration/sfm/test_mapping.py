@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from studio.calibration import compare_rigs
-from studio.calibration.sfm.features import _merge, count_rows, write_image, write_lenses
+from studio.calibration.sfm.features import _merge, count_rows, write_cameras, write_image
 from studio.calibration.sfm.job import SfmCamera, SfmJob, SfmSolution, neighbors
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
@@ -31,30 +31,30 @@ pycolmap = pytest.importorskip("pycolmap")
 
 
 def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", focal: float = 1280.0, **settings: Any) -> SfmJob:
-    lens = SfmCamera(model="SIMPLE_RADIAL", width=1024, height=768, params=(focal, 512.0, 384.0, 0.0), becomes=becomes)
+    own = SfmCamera(model="SIMPLE_RADIAL", width=1024, height=768, params=(focal, 512.0, 384.0, 0.0), becomes=becomes)
     values: dict[str, Any] = {
         "names": [str(number) for number in range(count)],
-        "lenses": [lens] * count,
-        "lens_of": list(range(count)),
+        "intrinsics": [own] * count,
+        "intrinsics_of": list(range(count)),
         "mapper": "incremental",
     }
     return SfmJob(**{**values, **settings})
 
 
-def synthesise(
-    folder: Path, count: int, points: int, zooms: Sequence[float] = (), lens: str = "", terms: Sequence[float] = ()
+def synthesize(
+    folder: Path, count: int, points: int, zooms: Sequence[float] = (), model: str = "", terms: Sequence[float] = ()
 ) -> Rig:
     """A database of a rig with 0.5 pixels of noise and 10 % wrong matches, and the true cameras, named by number.
 
-    `zooms`: factor of each camera's focal length. `lens`, `terms`: COLMAP model and parameters instead of the usual.
+    `zooms`: factor of each camera's focal length. `model`, `terms`: COLMAP model and parameters instead of the usual.
     """
     pycolmap.set_random_seed(1)
     database = pycolmap.Database.open(folder / "database.db")
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = count, 1, 1
     options.num_points3D, options.inlier_match_ratio = points, 0.9
-    if lens:
-        options.camera_model_id = getattr(pycolmap.CameraModelId, lens)
+    if model:
+        options.camera_model_id = getattr(pycolmap.CameraModelId, model)
         options.camera_params = list(terms)
     truth = pycolmap.synthesize_dataset(options, database)
     noise = pycolmap.SyntheticNoiseOptions()
@@ -75,10 +75,10 @@ def synthesise(
     cameras = []
     for key in sorted(truth.images):
         image = truth.images[key]
-        lens = truth.cameras[image.camera_id]
-        K, distortion = intrinsics(lens.model.name, list(lens.params))
+        own = truth.cameras[image.camera_id]
+        K, distortion = intrinsics(own.model.name, list(own.params))
         pose = np.asarray(image.cam_from_world().matrix())
-        cameras.append(Camera(str(key - 1), lens.width, lens.height, K, pose, distortion))
+        cameras.append(Camera(str(key - 1), own.width, own.height, K, pose, distortion))
     return Rig(tuple(cameras))
 
 
@@ -92,7 +92,7 @@ def solution(folder: Path) -> tuple[Rig, SfmSolution]:
 
 
 def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    truth = synthesise(tmp_path, 8, 800)
+    truth = synthesize(tmp_path, 8, 800)
     Worker(tmp_path, job_of(8)).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
     assert len(rig) == 8
@@ -112,7 +112,7 @@ def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str
 
 
 def test_shared_intrinsics_are_accepted(tmp_path: Path) -> None:
-    truth = synthesise(tmp_path, 8, 800)
+    truth = synthesize(tmp_path, 8, 800)
     Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
     (test,) = found.sharing
@@ -131,7 +131,7 @@ def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path) -> None:
     from studio.calibration.sfm import mapping
     from studio.calibration.sfm.shared_intrinsics import focal_spread
 
-    synthesise(tmp_path, 6, 500)
+    synthesize(tmp_path, 6, 500)
     path = tmp_path / "database.db"
     mapper = mapping.Mapper(tmp_path, path, job_of(6, find_shared=True))
     (model,) = mapper._incremental(False)
@@ -156,7 +156,7 @@ def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path) -> None:
 def test_intrinsics_that_differ_stay_separate(tmp_path: Path) -> None:
     """Focal lengths that differ by two percent; otherwise as above."""
     zooms = [1 + 0.02 * (number % 2) for number in range(8)]
-    truth = synthesise(tmp_path, 8, 800, zooms)
+    truth = synthesize(tmp_path, 8, 800, zooms)
     Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
     (test,) = found.sharing
@@ -165,10 +165,10 @@ def test_intrinsics_that_differ_stay_separate(tmp_path: Path) -> None:
     assert compare_rigs(rig, truth).center_percent < 0.4
 
 
-def test_lens_terms_are_estimated_last(tmp_path: Path) -> None:
+def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
     """Cameras are mapped with one radial term, then refined with all terms of OPENCV."""
     terms = [1300.0, 1280.0, 512.0, 384.0, -0.08, 0.03, 0.001, -0.002]
-    truth = synthesise(tmp_path, 6, 800, lens="OPENCV", terms=terms)
+    truth = synthesize(tmp_path, 6, 800, model="OPENCV", terms=terms)
     job = job_of(6, becomes="OPENCV", find_shared=True)
     Worker(tmp_path, job).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
@@ -196,13 +196,14 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     job = job_of(6, focal=2000.0)
     database = pycolmap.Database.open(tmp_path / "database.db")
-    lenses = write_lenses(database, job)
+    cameras_of = write_cameras(database, job)
     points = rng.uniform([-2, -1.5, 4], [2, 1.5, 9], (400, 3))
     for number in range(6):
         turn = cv2.Rodrigues(rng.normal(0, 0.1, 3))[0]
         local = (points - rng.uniform(-0.8, 0.8, 3)) @ turn.T
         pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384] + rng.normal(0, 0.3, (400, 2))
-        database.write_keypoints(write_image(database, f"{number:04d}.png", *lenses[number]), pixels.astype(np.float32))
+        image = write_image(database, f"{number:04d}.png", *cameras_of[number])
+        database.write_keypoints(image, pixels.astype(np.float32))
     for first, second in combinations(range(1, 7), 2):
         database.write_matches(first, second, np.repeat(np.arange(400)[:, None], 2, axis=1).astype(np.uint32))
     database.close()
@@ -219,7 +220,7 @@ def test_match_inlier_ratio(tmp_path: Path) -> None:
     from studio.calibration.sfm.mapping import Mapper
     from studio.calibration.sfm.verdict import match_inlier_ratio
 
-    synthesise(tmp_path, 4, 200)
+    synthesize(tmp_path, 4, 200)
     path = tmp_path / "database.db"
     (model,) = Mapper(tmp_path, path, job_of(4))._incremental(False)
     whole = match_inlier_ratio(model, path)
@@ -231,7 +232,7 @@ def test_match_inlier_ratio(tmp_path: Path) -> None:
 
 def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Poses that are a degree and a percent off are corrected; fixed poses do not change."""
-    truth = synthesise(tmp_path, 6, 600)
+    truth = synthesize(tmp_path, 6, 600)
     rng = np.random.default_rng(0)
     radius = np.linalg.norm(truth.centers - truth.centers.mean(0), axis=1).mean()
     before = []
@@ -261,15 +262,15 @@ def test_a_diverged_focal_length_is_mapped_again(tmp_path: Path) -> None:
     """A focal length of four million is not accepted."""
     from studio.calibration.sfm.mapping import Mapper
 
-    synthesise(tmp_path, 4, 300)
+    synthesize(tmp_path, 4, 300)
     mapper = Mapper(tmp_path, tmp_path / "database.db", job_of(4))
     (model,) = mapper._incremental(False)
-    assert mapper._broken_lenses(model) == set()
+    assert mapper._broken_intrinsics(model) == set()
     model.cameras[2].params = [4e6, 512.0, 384.0, 0.0]
-    assert mapper._broken_lenses(model) == {1}
+    assert mapper._broken_intrinsics(model) == {1}
     assert mapper._rank(model)[0] == 3
     (repeated,) = mapper._with_fixed_focal_lengths([model], {1}, "incremental")
-    assert mapper._broken_lenses(repeated) == set()
+    assert mapper._broken_intrinsics(repeated) == set()
     assert repeated.cameras[2].mean_focal_length() == pytest.approx(1280, rel=0.02)
 
 
@@ -278,7 +279,7 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     job = job_of(2, sync_frames=2)
     each = pycolmap.Database.open(tmp_path / "sync_frames.db")
-    lenses = write_lenses(each, job)
+    cameras_of = write_cameras(each, job)
     # points in front of two cameras side by side
     points = rng.uniform([-1, -1, 4], [1, 1, 8], (80, 3))
     keypoints = {}
@@ -286,7 +287,7 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
         local = points - [0.8 * number, 0, 0]
         pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384]
         for sync_frame in range(2):
-            image = write_image(each, f"{number}_{sync_frame}", *lenses[number])
+            image = write_image(each, f"{number}_{sync_frame}", *cameras_of[number])
             part = pixels[:30] if sync_frame == 0 else pixels[30:]
             keypoints[number, sync_frame] = part
             each.write_keypoints(image, part.astype(np.float32))
@@ -355,7 +356,7 @@ def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(
     from studio.calibration.sfm.focal_lengths import is_any_unknown
     from studio.calibration.sfm.mapping import Mapper
 
-    synthesise(tmp_path, 8, 500)
+    synthesize(tmp_path, 8, 500)
     database, asked = tmp_path / "database.db", []
     calibrate = pycolmap.calibrate_view_graph
 

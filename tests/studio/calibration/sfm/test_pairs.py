@@ -39,11 +39,11 @@ def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatc
         for number in range(3):
             name = file_name(3 * wall + number, 0)
             cv2.imwrite(str(tmp_path / "images" / name), picture(scene, 12 * number))
-    lens = SfmCamera(model="SIMPLE_RADIAL", width=400, height=300, params=(480.0, 200.0, 150.0, 0.0))
+    one = SfmCamera(model="SIMPLE_RADIAL", width=400, height=300, params=(480.0, 200.0, 150.0, 0.0))
     job = SfmJob(
         names=tuple(str(number) for number in range(6)),
-        lenses=(lens,) * 6,
-        lens_of=tuple(range(6)),
+        intrinsics=(one,) * 6,
+        intrinsics_of=tuple(range(6)),
         max_features=800,
         max_image_size=400,
     )

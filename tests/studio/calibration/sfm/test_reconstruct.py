@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -107,7 +106,7 @@ def test_cameras_are_found(scene: tuple[dict[str, np.ndarray], Rig], solved: Any
         assert (camera.width, camera.height) == SIZE
     assert result.report.unregistered == {}
     assert result.report.reprojection.mean < 0.5
-    assert CalibrationReport.model_validate_json(json.dumps(result.report.to_dict())) == result.report
+    assert CalibrationReport.model_validate_json(result.report.model_dump_json(exclude_unset=True)) == result.report
 
 
 def test_points_are_in_the_cameras_world(scene: tuple[dict[str, np.ndarray], Rig], solved: Any) -> None:
@@ -131,7 +130,7 @@ def test_progress_rises_to_the_end(solved: Any) -> None:
     assert len(set(done)) > 8
 
 
-def test_same_seed_same_result_and_known_lenses(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_same_seed_same_result_and_known_intrinsics(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     """Known intrinsics give a better result and do not change; it can be aligned and is bitwise reproducible."""
     images, truth = scene
     known = {camera.name: camera for camera in truth}
@@ -146,7 +145,7 @@ def test_same_seed_same_result_and_known_lenses(scene: tuple[dict[str, np.ndarra
     assert compare_rigs(first.rig, truth).center_percent < 0.6
 
 
-def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_several_sync_frames_and_an_older_solution(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     """Two noisy sync frames, read on demand; a camera that has moved since the earlier solution is reported."""
     from dataclasses import replace
 
@@ -191,7 +190,7 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
         CalibrateSettings(intrinsics_groups=((),))
 
 
-def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_a_camera_without_a_pose(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
     images = dict(list(scene[0].items())[:4])
     images["wall"] = np.full((*SIZE[::-1], 3), 90, np.uint8)
     settings = FAST.replace(mapper="incremental")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import zlib
 from dataclasses import replace
@@ -17,7 +16,7 @@ from studio.calibration import (
     CalibrationTarget,
     TargetObservation,
     calibrate_from_target,
-    calibrate_lenses,
+    calibrate_intrinsics,
     detect_target,
     write_target_pdf,
 )
@@ -35,12 +34,12 @@ CHESS = CalibrationTarget(kind="chessboard", columns=8, rows=5, square=0.05)
 SIZE = (640, 480)
 
 
-def turned(x: float, y: float, z: float, middle: np.ndarray, board: CalibrationTarget) -> np.ndarray:
-    """Board to world: the board's center at a position, rotated by a rotation vector from facing -y."""
+def turned(x: float, y: float, z: float, middle: np.ndarray, target: CalibrationTarget) -> np.ndarray:
+    """Target to world: the target's center at a position, rotated by a rotation vector from facing -y."""
     base = np.stack([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]], axis=1)  # columns: board's x, y (down), z (into it)
     placed = np.eye(4)
     placed[:3, :3] = cv2.Rodrigues(np.array([x, y, z]))[0] @ base
-    placed[:3, 3] = middle - placed[:3, :3] @ board.middle
+    placed[:3, 3] = middle - placed[:3, :3] @ target.middle
     return placed
 
 
@@ -52,61 +51,61 @@ def rig_of(count: int) -> Rig:
         center = np.array([1.2 * np.cos(angle), 1.2 * np.sin(angle), 0.1 * (index % 2)])
         focal = 600.0 + 15 * index
         K = np.array([[focal, 0, 318.0 + 3 * index], [0, focal, 243.0 - 2 * index], [0, 0, 1]])
-        lens = np.array([-0.1 + 0.03 * index, 0.04, 0.0, 0.0])
-        cameras.append(Camera(f"cam{index}", *SIZE, K, pose(center), lens))
+        distortion = np.array([-0.1 + 0.03 * index, 0.04, 0.0, 0.0])
+        cameras.append(Camera(f"cam{index}", *SIZE, K, pose(center), distortion))
     return Rig(tuple(cameras))
 
 
-def filmed(rig: Rig, board: CalibrationTarget, sync_frames: int, noise: float, seed: int = 0) -> tuple[dict, dict]:
+def filmed(rig: Rig, target: CalibrationTarget, sync_frames: int, noise: float, seed: int = 0) -> tuple[dict, dict]:
     """Observations of a moving board, and its true poses."""
     rng = np.random.default_rng(seed)
-    views, places = {}, {}
+    views, target_poses = {}, {}
     for sync_frame in range(sync_frames):
-        place = turned(*rng.uniform(-0.6, 0.6, 3), rng.uniform([-0.3, -0.2, -0.2], [0.3, 0.3, 0.2]), board)
-        places[sync_frame] = place
-        world = board.corners @ place[:3, :3].T + place[:3, 3]
+        target_pose = turned(*rng.uniform(-0.6, 0.6, 3), rng.uniform([-0.3, -0.2, -0.2], [0.3, 0.3, 0.2]), target)
+        target_poses[sync_frame] = target_pose
+        world = target.corners @ target_pose[:3, :3].T + target_pose[:3, 3]
         for camera in rig:
             pixels, _ = camera.project(world)
             pixels = pixels + rng.normal(0, noise, pixels.shape)
             inside = ((pixels > 2) & (pixels < np.array(SIZE) - 2)).all(1)
             if inside.sum() >= 12:
                 views[sync_frame, camera.name] = TargetObservation(np.flatnonzero(inside), pixels[inside])
-    return views, places
+    return views, target_poses
 
 
-def picture(board: CalibrationTarget, camera: Camera, place: np.ndarray) -> np.ndarray:
+def picture(target: CalibrationTarget, camera: Camera, target_pose: np.ndarray) -> np.ndarray:
     """Image of a board from a camera without distortion, drawn from our list of dark areas at four times the size."""
     fine = 4
     image = np.full((camera.height * fine, camera.width * fine), 225, np.uint8)
     ink = 25
-    s = board.square
+    s = target.square
 
     def draw(rectangle: tuple[float, float, float, float], value: int) -> None:
         x, y, w, h = rectangle
         corners = np.array([[x, y, 0], [x + w, y, 0], [x + w, y + h, 0], [x, y + h, 0]])
-        pixels, _ = camera.project(corners @ place[:3, :3].T + place[:3, 3])
+        pixels, _ = camera.project(corners @ target_pose[:3, :3].T + target_pose[:3, 3])
         # cv2 fills up to pixel centers: subtract half a fine pixel, with 8 fractional bits
         cv2.fillPoly(image, [np.round((pixels * fine - 0.5) * 256).astype(np.int32)], value, cv2.LINE_8, 8)
 
-    if board.inverted:
-        draw((-s, -s, (board.columns + 2) * s, (board.rows + 2) * s), ink)
-    for rectangle in dark(board):
-        draw(rectangle, 225 if board.inverted else ink)
+    if target.inverted:
+        draw((-s, -s, (target.columns + 2) * s, (target.rows + 2) * s), ink)
+    for rectangle in dark(target):
+        draw(rectangle, 225 if target.inverted else ink)
     return cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA)
 
 
 @pytest.mark.parametrize(
-    "board", [CHARUCO, CHARUCO.replace(inverted=True), CHARUCO.replace(rows=6, legacy=True), CHESS]
+    "target", [CHARUCO, CHARUCO.replace(inverted=True), CHARUCO.replace(rows=6, legacy=True), CHESS]
 )
 @pytest.mark.parametrize("turn", [0.2, 2.0, -2.9])
-def test_corners_are_where_the_camera_puts_them(board: CalibrationTarget, turn: float) -> None:
+def test_corners_are_where_the_camera_puts_them(target: CalibrationTarget, turn: float) -> None:
     """Also with the target on its side and upside down; the pixel origin is the image corner."""
     camera = replace(rig_of(1)["cam0"], distortion=np.zeros(0))
-    place = turned(0.25, turn, 0.15, np.zeros(3), board)
-    view = board.detect(picture(board, camera, place))
+    target_pose = turned(0.25, turn, 0.15, np.zeros(3), target)
+    view = target.detect(picture(target, camera, target_pose))
     assert view is not None
-    assert len(view.ids) > 0.9 * len(board.corners)
-    exact, _ = camera.project(board.corners[view.ids] @ place[:3, :3].T + place[:3, 3])
+    assert len(view.ids) > 0.9 * len(target.corners)
+    exact, _ = camera.project(target.corners[view.ids] @ target_pose[:3, :3].T + target_pose[:3, 3])
     off = view.pixels - exact
     assert np.abs(off.mean(0)).max() < 0.06
     assert np.median(np.linalg.norm(off, axis=1)) < 0.2
@@ -119,15 +118,15 @@ def test_no_target_no_observation() -> None:
     assert CHESS.detect(noise) is None
 
 
-@pytest.mark.parametrize("board", [CHARUCO, CHARUCO.replace(rows=6, legacy=True, dictionary="DICT_5X5_100")])
-def test_the_pattern_is_opencvs(board: CalibrationTarget) -> None:
-    cells = 6 if "4X4" in board.dictionary else 7
+@pytest.mark.parametrize("target", [CHARUCO, CHARUCO.replace(rows=6, legacy=True, dictionary="DICT_5X5_100")])
+def test_the_pattern_is_opencvs(target: CalibrationTarget) -> None:
+    cells = 6 if "4X4" in target.dictionary else 7
     side = 10 * cells * 4
-    board = board.replace(marker=board.square * 0.75)
-    theirs = board.charuco.generateImage((board.columns * side, board.rows * side))
+    target = target.replace(marker=target.square * 0.75)
+    theirs = target.charuco.generateImage((target.columns * side, target.rows * side))
     ours = np.full_like(theirs, 255)
-    for x, y, w, h in dark(board):
-        x0, y0, x1, y1 = (round(value / board.square * side) for value in (x, y, x + w, y + h))
+    for x, y, w, h in dark(target):
+        x0, y0, x1, y1 = (round(value / target.square * side) for value in (x, y, x + w, y + h))
         ours[y0:y1, x0:x1] = 0
     assert (ours != theirs).mean() < 1e-3
 
@@ -151,8 +150,8 @@ def polygons(pdf: bytes) -> tuple[tuple[float, float], list[np.ndarray]]:
 
 def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
     """OpenCV detects a board in the file's rectangles, drawn at 4 pixels per millimeter, at the correct position."""
-    board = CalibrationTarget(columns=5, rows=4, square=0.03, marker=0.02)
-    width, height = write_target_pdf(board, tmp_path / "board.pdf", paper="a4")
+    target = CalibrationTarget(columns=5, rows=4, square=0.03, marker=0.02)
+    width, height = write_target_pdf(target, tmp_path / "board.pdf", paper="a4")
     (page_width, page_height), shapes = polygons((tmp_path / "board.pdf").read_bytes())
     assert (width, height) == (297, 210)
     assert (page_width, page_height) == pytest.approx((297, 210), abs=0.01)
@@ -161,20 +160,20 @@ def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
     for shape in shapes:
         corners = np.column_stack([shape[:, 0], page_height - shape[:, 1]]) * 4 - 0.5
         cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], 0, cv2.LINE_8, 4)
-    view = board.detect(image)
+    view = target.detect(image)
     assert view is not None
     found = view.pixels[np.argsort(view.ids)].reshape(3, 4, 2) / 4
     np.testing.assert_allclose(np.diff(found[:, :, 0], axis=1), 30.0, atol=0.1)
     np.testing.assert_allclose(np.diff(found[:, :, 1], axis=0), 30.0, atol=0.1)
     again = tmp_path / "again.pdf"
-    write_target_pdf(board, again, paper="a4")
+    write_target_pdf(target, again, paper="a4")
     assert again.read_bytes() == (tmp_path / "board.pdf").read_bytes()
 
 
-def test_rig_from_a_board() -> None:
+def test_rig_from_a_target() -> None:
     """With 0.2 pixels of noise the cameras are within 6 mm, in meters, relative to the requested origin."""
     rig = rig_of(4)
-    views, places = filmed(rig, CHARUCO, 30, noise=0.2)
+    views, target_poses = filmed(rig, CHARUCO, 30, noise=0.2)
     said: list[int] = []
     result = calibrate_from_target(
         CHARUCO,
@@ -185,10 +184,10 @@ def test_rig_from_a_board() -> None:
         progress=lambda done, total, **figures: said.append(done),
     )
     assert result.rig.names == rig.names
-    # the world defined by the board of frame 3: x from column to column, z up the columns, y away from the viewer
-    place = places[3]
-    middle = place[:3, :3] @ CHARUCO.middle + place[:3, 3]
-    axes = np.stack([place[:3, 0], place[:3, 2], -place[:3, 1]])
+    # the world defined by the target of frame 3: x from column to column, z up the columns, y away from the viewer
+    target_pose = target_poses[3]
+    middle = target_pose[:3, :3] @ CHARUCO.middle + target_pose[:3, 3]
+    axes = np.stack([target_pose[:3, 0], target_pose[:3, 2], -target_pose[:3, 1]])
     for camera in rig:
         found = result.rig[camera.name]
         assert np.linalg.norm(found.center - axes @ (camera.center - middle)) < 0.006
@@ -199,29 +198,29 @@ def test_rig_from_a_board() -> None:
     assert 0.15 < result.report.reprojection.mean < 0.3  # the noise only
     assert result.report.quality == "excellent"
     assert result.report.metric is True
-    figures = result.report.boards
+    figures = result.report.target
     assert figures is not None
     assert abs(figures.scale_bias) < 0.002
     assert figures.corner_error_mm < 1
     assert said == sorted(said)
-    assert CalibrationReport.model_validate_json(json.dumps(result.report.to_dict())) == result.report
+    assert CalibrationReport.model_validate_json(result.report.model_dump_json(exclude_unset=True)) == result.report
 
 
 def test_observations_out_of_sync_are_rejected() -> None:
     """One camera is late in every third sync frame, so it sees the target elsewhere: the rig remains accurate."""
     rig = rig_of(3)
-    views, places = filmed(rig, CHARUCO, 24, noise=0.1)
+    views, target_poses = filmed(rig, CHARUCO, 24, noise=0.1)
     camera = rig["cam1"]
     for sync_frame in range(0, 24, 3):
         if (sync_frame, "cam1") in views:
-            later = places[sync_frame].copy()
+            later = target_poses[sync_frame].copy()
             later[:3, 3] += [0.012, 0, 0.006]
             ids = views[sync_frame, "cam1"].ids
             views[sync_frame, "cam1"] = TargetObservation(
                 ids, camera.project(CHARUCO.corners[ids] @ later[:3, :3].T + later[:3, 3])[0]
             )
     result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=RADIAL, threads=1)
-    assert result.report.boards.views_left_out == pytest.approx(8, abs=1)
+    assert result.report.target.views_left_out == pytest.approx(8, abs=1)
     from studio.calibration import compare_rigs
 
     assert compare_rigs(result.rig, rig).rotation_degrees < 0.4
@@ -244,7 +243,7 @@ def test_known_intrinsics_are_kept_and_chains_reach_all_cameras() -> None:
         np.testing.assert_allclose(result.rig[camera.name].K, camera.K, atol=1e-9)
     distance = np.linalg.norm(result.rig["cam0"].center - result.rig["cam2"].center)
     assert distance == pytest.approx(np.linalg.norm(rig["cam0"].center - rig["cam2"].center), abs=0.002)
-    assert "cam0 cam2" not in result.report.boards.shared
+    assert "cam0 cam2" not in result.report.target.shared
     apart = {key: view for key, view in views.items() if key[1] != "cam1"}
     with refuses("target.not_connected", camera="cam2", cameras=["cam2"]):
         calibrate_from_target(CHARUCO, apart, {"cam0": SIZE, "cam2": SIZE}, known=known)
@@ -255,7 +254,7 @@ def test_intrinsics_alone_agree_with_opencv() -> None:
     rig = rig_of(1)
     views, _ = filmed(rig, CHESS, 15, noise=0.1)
     seen = list(views.values())
-    lenses, figures = calibrate_lenses(
+    intrinsics, figures = calibrate_intrinsics(
         CHESS,
         {"cam0": seen},
         {"cam0": SIZE},
@@ -264,10 +263,10 @@ def test_intrinsics_alone_agree_with_opencv() -> None:
     )
     world = [CHESS.corners[view.ids].astype(np.float32) for view in seen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in seen]
-    _, K, lens, _, _ = cv2.calibrateCamera(world, pixels, SIZE, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3)
-    found = lenses["cam0"]
+    _, K, distortion, _, _ = cv2.calibrateCamera(world, pixels, SIZE, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3)
+    found = intrinsics["cam0"]
     np.testing.assert_allclose(found.cv2_K, K, atol=0.3)
-    np.testing.assert_allclose(found.distortion, np.ravel(lens)[:4], atol=3e-3)
+    np.testing.assert_allclose(found.distortion, np.ravel(distortion)[:4], atol=3e-3)
     assert figures["cam0"].views == 15
     assert figures["cam0"].mean < 0.2
 

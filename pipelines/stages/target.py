@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from studio.capture import Footage
 
 
-def board_digest(context: Context) -> list[str]:
+def target_digest(context: Context) -> list[str]:
     """Digests of the files with the calibration target."""
     section = context.config.calibrate
     return [
@@ -26,7 +26,7 @@ def board_digest(context: Context) -> list[str]:
     ]
 
 
-def calibrate_with_boards(context: Context, reporter: StageReporter) -> CalibrationResult:
+def calibrate_with_target(context: Context, reporter: StageReporter) -> CalibrationResult:
     """Calibrate the cameras from `calibrate.board_images`, and their intrinsics from `calibrate.intrinsics_images` too.
 
     Raises:
@@ -62,9 +62,9 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
         threads=context.config.run.threads,
         progress=reporter.part("solving", 0.8, 1.0),
     )
-    boards = result.report.boards
-    assert boards is not None
-    left_out, used = boards.views_left_out, boards.views
+    target = result.report.target
+    assert target is not None
+    left_out, used = target.views_left_out, target.views
     if left_out > 0.2 * (left_out + used):
         reporter.warn(
             Message(
@@ -79,7 +79,7 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
     return result
 
 
-def lenses_from_boards(
+def intrinsics_from_target(
     context: Context, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
     """Calibrate intrinsics from `calibrate.intrinsics_images`.
@@ -90,12 +90,12 @@ def lenses_from_boards(
     Raises:
         StudioError: a camera has no footage of the target, or too few observations.
     """
-    from studio.calibration import calibrate_lenses
+    from studio.calibration import calibrate_intrinsics
 
     section = context.config.calibrate
     views, sizes = _views(context, section.intrinsics_images, reporter, start, stop)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
-    return calibrate_lenses(section.board, own, sizes, section, context.config.run.threads)
+    return calibrate_intrinsics(section.board, own, sizes, section, context.config.run.threads)
 
 
 def _open(context: Context, pattern: str) -> Footage:

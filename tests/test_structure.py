@@ -1,4 +1,4 @@
-"""The house keeps its shape: imports run downwards, help is quick, dependencies say why, no machine's paths."""
+"""The structure holds: imports run downwards, help is quick, dependencies say why, no machine's paths."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FLOORS = ("v3studio", "gui", "pipelines", "v3web", "studio")  # each may import the ones after it
+PACKAGES = ("v3studio", "gui", "pipelines", "v3web", "studio")  # each may import the ones after it
 HEAVY = ("torch", "open3d", "pycolmap", "pymeshlab", "cv2", "av", "matplotlib", "onnxruntime")
 
 
@@ -48,10 +48,10 @@ def tracked_files() -> list[Path]:
     return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
 
 
-@pytest.mark.parametrize("floor", FLOORS)
-def test_imports_run_downwards(floor: str) -> None:
-    above = FLOORS[: FLOORS.index(floor)]
-    files = sorted((ROOT / floor).rglob("*.py"))
+@pytest.mark.parametrize("package", PACKAGES)
+def test_imports_run_downwards(package: str) -> None:
+    above = PACKAGES[: PACKAGES.index(package)]
+    files = sorted((ROOT / package).rglob("*.py"))
     assert files
     wrong = [
         f"{path.relative_to(ROOT)}:{line} imports {name}"
@@ -62,23 +62,35 @@ def test_imports_run_downwards(floor: str) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-ROOMS = ("cli", "commands", "ablation", "share", "runs", "stages", "reports", "takes", "events", "config", "version")
+PIPELINES = (
+    "cli",
+    "commands",
+    "ablation",
+    "share",
+    "runs",
+    "stages",
+    "reports",
+    "takes",
+    "events",
+    "config",
+    "version",
+)
 """Of `pipelines`, top down: each may import the ones after it, and nothing before or beside it."""
 
 
-def test_rooms_of_pipelines_import_downwards() -> None:
-    level = {name: n for n, rooms in enumerate(ROOMS) for name in ((rooms,) if isinstance(rooms, str) else rooms)}
+def test_packages_of_pipelines_import_downwards() -> None:
+    level = {name: n for n, names in enumerate(PIPELINES) for name in ((names,) if isinstance(names, str) else names)}
     wrong, seen = [], set()
     for path in sorted((ROOT / "pipelines").rglob("*.py")):
-        room = path.relative_to(ROOT / "pipelines").parts[0].removesuffix(".py")
-        if room == "__init__":
+        part = path.relative_to(ROOT / "pipelines").parts[0].removesuffix(".py")
+        if part == "__init__":
             continue
-        seen.add(room)
+        seen.add(part)
         for line, name in imported_names(path):
             parts = name.split(".")
-            if parts[0] != "pipelines" or (len(parts) > 1 and parts[1] == room):
+            if parts[0] != "pipelines" or (len(parts) > 1 and parts[1] == part):
                 continue
-            if len(parts) == 1 or level[parts[1]] <= level[room]:
+            if len(parts) == 1 or level[parts[1]] <= level[part]:
                 wrong.append(f"{path.relative_to(ROOT)}:{line} imports {name}")
     assert seen == set(level)
     assert not wrong, "\n".join(wrong)
@@ -121,8 +133,8 @@ def module_edges() -> dict[str, set[str]]:
     """Module to the modules that it imports, inside functions and for types too. A name of a package counts as the
     submodule of that name where there is one, else as the package itself."""
     modules = {}
-    for floor in FLOORS:
-        for path in (ROOT / floor).rglob("*.py"):
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
             modules[".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")] = path
     edges: dict[str, set[str]] = {}
     for module, path in modules.items():
@@ -193,7 +205,7 @@ def test_each_dependency_says_why() -> None:
 
 
 # Where the import's name is not the package's. torch, numpy and so on are the same.
-MODULES = {"opencv-contrib-python-headless": "cv2", "pyyaml": "yaml", "pillow": "PIL", "ruamel.yaml": "ruamel"}
+MODULES = {"opencv-contrib-python-headless": "cv2", "pillow": "PIL", "ruamel.yaml": "ruamel"}
 NEVER_IMPORTED = {"packaging"}  # extra cuda: gsplat imports it
 
 
@@ -207,11 +219,11 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
     declared = {MODULES.get(name, name) for name in names}
     imported = {
         name.split(".")[0]
-        for floor in FLOORS
-        for path in (ROOT / floor).rglob("*.py")
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
         for _, name in imported_names(path)
     }
-    foreign = {name for name in imported if name not in sys.stdlib_module_names and name not in FLOORS}
+    foreign = {name for name in imported if name not in sys.stdlib_module_names and name not in PACKAGES}
     assert foreign - declared == set(), "imported, but not among pyproject's dependencies"
     assert declared - foreign == set(), "among pyproject's dependencies, but never imported"
 
@@ -221,7 +233,7 @@ def test_the_lock_pins_every_dependency_within_its_range() -> None:
     from packaging.utils import canonicalize_name
 
     pinned = {}
-    for lock in ("requirements.lock", "requirements-dev.lock"):
+    for lock in ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock"):
         for line in (ROOT / lock).read_text(encoding="utf-8").splitlines():
             if line and not line.startswith("#"):
                 name, _, version = line.partition("==")
@@ -230,7 +242,7 @@ def test_the_lock_pins_every_dependency_within_its_range() -> None:
                 pinned[canonicalize_name(name)] = version
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    for text in [*project["dependencies"], *extras["build"], *extras["dev"]]:
+    for text in [*project["dependencies"], *extras["build"], *extras["dev"], *extras["docs"]]:
         requirement = Requirement(text)
         version = pinned.get(canonicalize_name(requirement.name))
         assert version is not None, f"{requirement.name} is in no lock"
@@ -267,8 +279,8 @@ def test_no_file_names_a_machines_folders() -> None:
 def test_every_error_has_a_code() -> None:
     """`StudioError("area.what", "problem", ...)`: programs and tests act on the code."""
     wrong, found = [], 0
-    for floor in FLOORS:
-        for path in sorted((ROOT / floor).rglob("*.py")):
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if not (isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "StudioError"):
                     continue

@@ -1,0 +1,96 @@
+"""Failing callbacks: what they raise is reported, and the window stays alive or is closed in order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from gui.app import MOST_FAILURES, run_ticks
+
+
+class Ticks:
+    """A toolkit whose ticks do as told: "ok", "tick" (the window's own tick raises), "event" (another callback raises
+    and the window's tick follows), "closed"."""
+
+    def __init__(self, *steps: str) -> None:
+        self.steps: Iterator[str] = iter(steps)
+        self.completed = 0
+        self.reported: list[str] = []
+
+    def tick(self) -> bool:
+        step = next(self.steps)
+        if step in ("ok", "event"):
+            self.completed += 1
+        if step in ("tick", "event"):
+            raise RuntimeError(step)
+        return step != "closed"
+
+    def run(self, report: Callable[[Exception], None] | None = None) -> bool:
+        return run_ticks(self.tick, lambda: self.completed, report or (lambda error: self.reported.append(str(error))))
+
+
+def test_without_failures_it_ends_when_the_window_is_closed() -> None:
+    assert Ticks("ok", "ok", "closed").run()
+
+
+def test_a_failure_is_reported_and_the_window_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+    ticks = Ticks("ok", "event", *["ok", "tick"] * (2 * MOST_FAILURES), "closed")
+    assert ticks.run()
+    assert ticks.reported == ["event", *["tick"] * (2 * MOST_FAILURES)]
+    assert "RuntimeError: event" in capsys.readouterr().err
+
+
+def test_a_window_that_only_fails_is_given_up() -> None:
+    ticks = Ticks("ok", *["tick"] * MOST_FAILURES)
+    assert not ticks.run()
+    assert len(ticks.reported) == MOST_FAILURES - 1
+
+
+def test_a_report_that_fails_too_is_no_end() -> None:
+    def report(error: Exception) -> None:
+        raise OSError("no font")
+
+    assert Ticks("tick", "ok", "closed").run(report)
+
+
+FAILING = """
+import sys
+from gui.presenters.playback.transport import Transport
+
+def toggle(self):
+    raise RuntimeError("the space bar is stuck")
+
+Transport.toggle = toggle
+from gui.app import main
+sys.exit(main())
+"""
+
+FAILING_TICK = """
+import sys
+from gui.window import MainWindow
+
+def update(self):
+    raise RuntimeError("the panels are stuck")
+
+MainWindow._update_panels = update
+from gui.app import main
+sys.exit(main())
+"""
+
+
+def test_a_window_survives_a_callback_that_fails(open_window: Callable) -> None:
+    window = open_window(program=("-c", FAILING))
+    window.wait_for("a window", lambda s: s["pictures"] >= 0)
+    window.key("space")
+    window.wait_for("the message", lambda s: s["dialog"] == "message")
+    window.click("dialog close")
+    window.wait_for("no message", lambda s: not s["dialog"])
+    assert "RuntimeError: the space bar is stuck" in window.stderr.read_text()
+    assert window.close() == 0, window.stderr.read_text()[-2000:]
+
+
+def test_a_window_that_cannot_tick_is_closed_with_a_message(open_window: Callable) -> None:
+    window = open_window(program=("-c", FAILING_TICK))
+    assert window.process.wait(120) == 1
+    assert "keeps failing and is closed" in window.stderr.read_text()

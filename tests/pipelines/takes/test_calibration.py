@@ -1,0 +1,67 @@
+"""calibrate/report.json: written and read by the same models, with the keys of earlier versions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines.takes.atomic_files import read_json, write_json, write_model
+from pipelines.takes.calibration import CamerasFromFile, read_cameras_report
+from pipelines.takes.take import Take
+from studio.calibration import reprojection_report
+from studio.calibration.report import CalibrationReport, ErrorStatistics, IntrinsicsReport, TargetReport
+from tests.support.errors import refuses
+from tests.support.rigs import ring
+
+
+@pytest.fixture
+def take(tmp_path: Path) -> Take:
+    return Take.create(tmp_path / "take")
+
+
+def solved() -> CalibrationReport:
+    rig = ring(3)
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
+    seen = {camera.name: np.column_stack([np.arange(20), camera.project(points)[0]]) for camera in rig}
+    target = TargetReport(
+        sync_frames=4, views=8, corners=100, views_left_out=0, corners_left_out=1, shared={"cam0 cam1": 4}
+    )
+    intrinsics = {"cam0": IntrinsicsReport(mean=0.1, median=0.1, p95=0.2, views=5)}
+    update = {"target": target, "intrinsics": intrinsics, "known_intrinsics": ["cam0"], "match_inlier_ratio": 0.9}
+    return reprojection_report(rig, points, seen).model_copy(update={**update, "sync_frames": 4, "source": "board"})
+
+
+def test_what_is_written_is_read(take: Take) -> None:
+    assert read_cameras_report(take) is None
+    for report in (solved(), CamerasFromFile(source="file", file="rig.json")):
+        write_model(take.calibration_report, report)
+        assert read_cameras_report(take) == report
+    assert read_json(take.calibration_report) == {"source": "file", "file": "rig.json"}
+
+
+def test_keys_of_earlier_versions(take: Take) -> None:
+    values = json.loads(solved().model_dump_json(exclude_unset=True))
+    values["explained"] = values.pop("match_inlier_ratio")
+    values["moments"] = values.pop("sync_frames")
+    values["known_lenses"], values["lenses"] = values.pop("known_intrinsics"), values.pop("intrinsics")
+    values["boards"] = values.pop("target")
+    values["boards"]["moments"] = values["boards"].pop("sync_frames")
+    values["geometry"]["neighbours"] = values["geometry"].pop("neighbors")
+    write_json(take.calibration_report, values)
+    assert read_cameras_report(take) == solved()
+
+
+def test_a_camera_may_be_called_like_an_old_key(take: Take) -> None:
+    report = solved()
+    named = report.model_copy(update={"cameras": {"lenses": report.cameras["cam0"]}, "features": {"boards": 3}})
+    write_model(take.calibration_report, named)
+    assert read_cameras_report(take) == named
+
+
+def test_a_damaged_report(take: Take) -> None:
+    write_json(take.calibration_report, {"reprojection": ErrorStatistics(mean=1, median=1, p95=1).model_dump()})
+    with refuses("take.damaged", file=take.calibration_report):
+        read_cameras_report(take)

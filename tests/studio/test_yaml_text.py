@@ -1,0 +1,124 @@
+"""YAML: what plain values mean, errors with their line, and that what is written is read as the same."""
+
+from __future__ import annotations
+
+import datetime
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from studio.yaml_text import (
+    DuplicateKey,
+    YamlError,
+    dump_with_comments,
+    dump_yaml,
+    inline_yaml,
+    parse_with_comments,
+    parse_yaml,
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        # YAML 1.1, https://yaml.org/type/
+        ("yes", True), ("No", False), ("ON", True), ("off", False), ("true", True),
+        ("y", "y"), ("n", "n"), ("yEs", "yEs"),
+        ("010", 8), ("-010", -8), ("08", "08"), ("0o10", "0o10"), ("0x1F", 31), ("0b101", 5), ("1_000", 1000),
+        ("1:30", 90), ("1:30.5", 90.5), ("685_230.15", 685230.15), (".5", 0.5), (".inf", math.inf),
+        ("-.INF", -math.inf),
+        ("~", None), ("Null", None), ("", None), ("none", "none"),
+        ("2026-01-02", datetime.date(2026, 1, 2)), ("2026-1-2", "2026-1-2"),
+        # YAML 1.2
+        ("1e3", 1000.0), ("1e-3", 0.001), ("+1E5", 1e5), ("1.5e3", 1500.0), ("2.e2", 200.0), ("1e", "1e"),
+        ("5.0e-4", 5e-4), ("-3", -3), ("+4", 4), ("cam01", "cam01"), ("'010'", "010"), ('"yes"', "yes"),
+    ],
+)  # fmt: skip
+def test_what_plain_values_mean(text: str, value: object) -> None:
+    for found in (parse_yaml(text), (parse_yaml(f"a: {text}") or {})["a"], parse_yaml(f"[{text or '~'}]")[0]):
+        assert found == value
+        assert type(found) is type(value)
+
+
+def test_a_version_in_the_file_changes_nothing() -> None:
+    assert parse_yaml("%YAML 1.2\n---\na: yes\nb: 010\n") == {"a": True, "b": 8}
+
+
+def test_not_a_number() -> None:
+    assert math.isnan(parse_yaml(".nan"))
+
+
+def test_anchors_and_merges() -> None:
+    assert parse_yaml("a: &x {b: 1, c: 2}\nd: {<<: *x, c: 3}") == {"a": {"b": 1, "c": 2}, "d": {"b": 1, "c": 3}}
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "problem"),
+    [
+        ("a: 1\nb: [1\n", 3, "expected ',' or ']', but got '<stream end>'"),
+        ("a:\n b: 1\n  c: 2\n", 3, "mapping values are not allowed here"),
+        ("a: *x\n", 1, "found undefined alias 'x'"),
+        ("a: 1\n---\nb: 2\n", 2, "but found another document"),
+        ("a: 1\nb: 2026-02-30\n", 2, "'2026-02-30' is not a valid date"),
+        ("\n\na: !!int x\n", 3, "'x' is not a valid number"),
+        ("a: !!bool 3\n", 1, "'3' is not a valid Boolean"),
+        ("a: !thing 3\n", 1, "could not determine a constructor for the tag '!thing'"),
+        ("a: 1\nb: {c: 1, c: 2}\n", 2, "duplicate key 'c'"),
+        ("a: \x07\n", None, "special characters are not allowed"),
+    ],
+)
+def test_errors_name_the_line(text: str, line: int | None, problem: str) -> None:
+    with pytest.raises(YamlError) as caught:
+        parse_yaml(text)
+    assert caught.value.line == line
+    assert problem in caught.value.problem
+
+
+def test_nested_too_deeply() -> None:
+    with pytest.raises(YamlError):
+        parse_yaml("[" * 100_000)
+
+
+def test_every_value_as_text() -> None:
+    assert parse_yaml("01: {a: yes, b: [1.50, ~]}", plain=True) == {"01": {"a": "yes", "b": ["1.50", "~"]}}
+    with pytest.raises(DuplicateKey) as caught:
+        parse_yaml("points:\n  a: 1\n  b: 2\n  a: 3\n", plain=True)
+    assert (caught.value.key, caught.value.line, caught.value.mapping_line) == ("a", 4, 2)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False)
+    | st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]))
+    | st.sampled_from(["yes", "n", "on", "010", "1:30", "1e3", "~", "", "2026-01-02", "=", "<<", "a: b", "- x", "? x"]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text("abyn1:é ", max_size=4), inner, max_size=3),
+    max_leaves=8,
+)  # fmt: skip
+
+
+@given(JSON, st.sampled_from([False, True, None]))
+def test_what_is_written_is_read_as_the_same(value: object, flow: bool | None) -> None:
+    assert parse_yaml(dump_yaml(value, flow=flow)) == value
+
+
+def test_how_it_is_written() -> None:
+    values = {"train": {"qp": 22, "rate": 1e-05, "names": ["no", "cam 1", None], "empty": [], "text": ""}}
+    assert dump_yaml(values) == (
+        "train:\n  qp: 22\n  rate: 1.0e-05\n  names:\n  - 'no'\n  - cam 1\n  - null\n  empty: []\n  text: ''\n"
+    )
+    assert inline_yaml(values["train"]["names"]) == "['no', cam 1, null]"
+    assert inline_yaml(5) == "5"
+    assert inline_yaml("影") == "影"
+
+
+def test_comments_and_quotes_stay() -> None:
+    text = "# head\na: 'x'  # why\nb: [1, 2]\n\nc:\n  d: 010 # octal\n  e: on\n"
+    tree = parse_with_comments(text)
+    tree["a"] = "off"
+    tree["b"][0] = 7
+    found = dump_with_comments(tree)
+    assert parse_yaml(found) == {"a": "off", "b": [7, 2], "c": {"d": 8, "e": True}}
+    assert "# head" in found
+    assert "# why" in found
+    assert "# octal" in found
