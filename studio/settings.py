@@ -1,7 +1,7 @@
 """The base of all settings models, and the metadata of their fields.
 
-Each package of the library declares its settings once, as fields of a frozen pydantic model in its `settings.py`. A field
-has a default, bounds, its documentation (the string below it) and, in `Annotated`, what its change invalidates
+Each package of the library declares its settings once, as fields of a frozen pydantic model in its `settings.py`. A
+field has a default, bounds, its documentation (the string below it) and, in `Annotated`, what its change invalidates
 (`Affects`) and the heading it is listed under (`Heading`). The settings file, `v3studio config`, the window and the
 staleness check all read these models; nothing is declared twice.
 """

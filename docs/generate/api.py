@@ -33,9 +33,9 @@ OpenCV camera axes (x right, y down, z forward), pixel coordinates from the oute
 quaternions with w first, images as (H, W, C).
 
 """
-PROMISE_PUBLIC = """The package `v3studio` is the public interface for scripts: it is versioned, and the changelog lists every
-change. The packages under `studio` are the library behind it. Use them if you need more, but they may change between
-versions."""
+PROMISE_PUBLIC = """The package `v3studio` is the public interface for scripts: it is versioned, and the changelog lists
+every change. The packages under `studio` are the library behind it. Use them if you need more, but they may change
+between versions."""
 PROMISE_LIBRARY = "The packages under `studio` are the library. They may change between versions."
 
 

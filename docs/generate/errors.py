@@ -13,8 +13,8 @@ from generate.markdown import code, escaped, table
 
 INTRODUCTION = """# Error codes
 
-Every error and warning of V3 Studio has a stable code. The meaning of a code never changes; its text may. Programs should
-rely on the code and its fields, not on the text.
+Every error and warning of V3 Studio has a stable code. The meaning of a code never changes; its text may. Programs
+should rely on the code and its fields, not on the text.
 
 In Python, an error is a `studio.errors.StudioError` with the attributes `code`, `problem`, `file`, `value`, `fix` and
 `fields`. With `--json`, the event that the command prints has the same fields.

@@ -83,8 +83,9 @@ def test_headings_and_what_a_change_makes_stale_are_on_the_page(generator: Load)
 
     page = "\n".join(generator("settings")._section("outer", Outer()))
     assert "### Size { #outer-size }" in page
-    assert '| <a id="outer.width"></a>`width` | `3` | How wide.<br>A change makes these results stale: later frames. |' in page
-    assert "How high.<br>A change makes these results stale: evaluation. |" in page
+    stale = "<br>A change makes these results stale: "
+    assert f'| <a id="outer.width"></a>`width` | `3` | How wide.{stale}later frames. |' in page
+    assert f"How high.{stale}evaluation. |" in page
     assert "| Which color. |" in page, "a change of it affects nothing, whatever its model affects"
     assert "How deep.<br>*At least 0.*<br>A change makes these results stale: keyframe, videos." in page
 
