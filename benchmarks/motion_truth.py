@@ -1,15 +1,16 @@
-"""Is the motion real? Compares where the motion stage moves splats with where their surface points truly went.
+"""Accuracy of the estimated motion: compares the translation of splats with that of the true surface.
 
     python benchmarks/motion_truth.py TAKE MESHES [--every N] [--json FILE]
 
-TAKE is a trained take of a capture whose surface is known: MESHES/000000.ply, 000001.ply ..., one a frame, the same
-vertices in the same order in each. For each frame but the groups' keyframes the motion stage runs again from the
-trained frame before it (the same settings and seed as in the take), each splat is tied to the nearest point of the
-surface at that moment, and its translation is compared with that of this point:
+TAKE is a trained take of a capture whose surface is known: MESHES/000000.ply, 000001.ply, ..., one mesh per frame, all
+with the same vertices in the same order. For each frame except keyframes, the motion stage is run again from the
+previous trained frame, with the take's settings and seed. Each splat is associated with the nearest point of the
+surface in the previous frame, and the translations of both are compared:
 
-    error  mean of |moved by the motion stage - moved by the surface|, over the splats within 2 % of the performer's
-           size of the surface (`tied` tells which share that is)
-    moved  mean of |moved by the surface|, over the same splats
+    error  mean of |translation of the splat - translation of the surface| over all splats whose distance from the
+           surface is below 2 % of the performer's size
+    moved  mean of |translation of the surface| over the same splats
+    tied   fraction of the splats that are that close to the surface
 """
 
 from __future__ import annotations
@@ -31,15 +32,13 @@ _NEAR = 0.02
 
 
 def surface_motion(before: Path, after: Path, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 3) how the surface point nearest to each of (N, 3) points moves, and (N,) how far it is away."""
+    """(N, 3) translations of the surface points nearest to (N, 3) points, and (N,) distances to them."""
     import open3d as o3d
 
     first, second = (o3d.io.read_triangle_mesh(str(path)) for path in (before, after))
     triangles = np.asarray(first.triangles)
     if not np.array_equal(triangles, np.asarray(second.triangles)):
-        raise SystemExit(
-            f"{before.name} and {after.name} do not have the same triangles, so points cannot be followed."
-        )
+        raise SystemExit(f"{before.name} and {after.name} do not have the same triangles, so points cannot be tracked.")
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(first))
     found = scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
@@ -52,12 +51,12 @@ def surface_motion(before: Path, after: Path, points: np.ndarray) -> tuple[np.nd
 
 
 def main() -> int:
-    """Command line."""
+    """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path)
     parser.add_argument("meshes", type=Path)
     parser.add_argument("--every", type=int, default=1, help="measure every Nth frame (default %(default)s)")
-    parser.add_argument("--json", type=Path, help="write the figures here as well")
+    parser.add_argument("--json", type=Path, help="also write the results to this file")
     arguments = parser.parse_args()
 
     from pipelines.config import load_config
@@ -112,7 +111,7 @@ def main() -> int:
                 flush=True,
             )
     if not rows:
-        raise SystemExit("The take has no frame that is not a keyframe.")
+        raise SystemExit("The take contains only keyframes.")
     error, moved = (sum(row[name] for row in rows) / len(rows) for name in ("error", "moved"))
     print(f"mean over {len(rows)} frames: error {error:.5f}, moved {moved:.5f}, ratio {error / moved:.3f}")
     if arguments.json:

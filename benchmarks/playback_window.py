@@ -1,10 +1,10 @@
-"""How smoothly the window plays: pictures a second while the view turns, decoded from disk.
+"""Frame rate of the window while it plays a stream from disk and the view rotates.
 
     python benchmarks/playback_window.py TAKE [--splats 60000] [--seconds 10]
 
-Bakes the take's trained frames, enlarged to so many splats, into a temporary stream (a stream's folder is played as it
-is), opens the real window on it and turns the view at each tick. Nothing is kept from one round of the stream to the
-next, so every frame is decoded. Needs a display: `xvfb-run -s "-screen 0 1400x900x24"` where there is none.
+Bakes the take's trained frames, with splats duplicated to the given number, to a temporary stream (if a stream's folder
+is given, it is played unchanged). Opens the real window and rotates the view at each tick. Frames are not cached
+between loops, so every frame is decoded. Needs a display; without one, use `xvfb-run -s "-screen 0 1400x900x24"`.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from gui.app import check_display
 from studio.errors import StudioError
 
 TURN = 6.0
-"""Pixels of an orbiting drag at each tick."""
+"""Drag in pixels that rotates the view at each tick."""
 
 
 def bake(take: Path, splats: int, folder: Path) -> None:
-    """The take's first groups, enlarged, as a stream of 30 frames a second."""
+    """Bake the take's first groups, with duplicated splats, to a stream of 30 frames per second."""
     from rate_distortion import enlarged
 
     from pipelines.takes.frame_files import read_frame
@@ -42,12 +42,12 @@ def bake(take: Path, splats: int, folder: Path) -> None:
         entries.append(bake_group(frames, folder, group, first, settings))
         first += len(frames)
     if not entries:
-        raise StudioError(f"{take}: nothing is trained in this take.")
+        raise StudioError("benchmark.not_trained", "the take has no trained frames", file=take)
     write_manifest(folder, entries, 30.0, settings, {})
 
 
 def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> None:
-    """Open the window, play and turn, and print the rates."""
+    """Open the window, play and rotate the view, and print the frame rates."""
     from open3d.visualization import gui
 
     from gui.presenters.playback.frame_cache import FrameCache
@@ -62,11 +62,11 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     while window.player.picture is None:
         application.run_one_tick()
         if time.monotonic() > until:
-            raise StudioError(f"No picture after a minute: {window.player.message}")
+            raise StudioError("benchmark.no_picture", f"no picture after a minute: {window.player.message}")
     player = window.player
     source = player.opened.sources["decoded"] if player.opened else None
     assert isinstance(source, StreamSource)
-    source._cache = FrameCache(0)  # keeps the few frames ahead only
+    source._cache = FrameCache(0)  # only keeps a few frames ahead
     player.transport.play()
     frames: list[int] = []
     draws: list[float] = []
@@ -94,12 +94,12 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     backwards = int((steps > count - 6).sum())
     made = window.pictures - pictures
     print(f"{device}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; {shown.splats:,} splats, {count} frames,")
-    print(f"  picture {player.size[0]}x{player.size[1]} in a window of {size[0]}x{size[1]}, turning at each tick")
-    print(f"  handed over {made / elapsed:.1f} pictures/s; {backwards} of {len(steps)} steps between frames backwards")
+    print(f"  picture {player.size[0]}x{player.size[1]} in a window of {size[0]}x{size[1]}, rotating at each tick")
+    print(f"  delivered {made / elapsed:.1f} pictures/s; {backwards} of {len(steps)} frame steps backward")
     drawn = window.drawn.hits - drawn_before
     print(f"  window drawn {drawn / elapsed:.1f} times/s")
-    print(f"  decode {np.nanmedian(loads):.1f} ms, draw {1e3 * np.median(draws):.1f} ms (medians, by the clock)")
-    print(f"  CPU {cpu / elapsed:.2f} cores, {1e3 * cpu / max(made, 1):.0f} ms a picture; longest tick "
+    print(f"  decode {np.nanmedian(loads):.1f} ms, draw {1e3 * np.median(draws):.1f} ms (medians of wall-clock time)")
+    print(f"  CPU {cpu / elapsed:.2f} cores, {1e3 * cpu / max(made, 1):.0f} ms per picture; longest tick "
           f"{1e3 * max(ticks):.0f} ms, 95 % below {1e3 * np.percentile(ticks, 95):.0f} ms")  # fmt: skip
     window.close()
     while application.run_one_tick():
@@ -108,10 +108,10 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
 
 
 def main() -> int:
-    """Entry point."""
+    """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path, metavar="TAKE|STREAM")
-    parser.add_argument("--splats", type=int, default=60_000, help="of a take's enlarged frames (default %(default)s)")
+    parser.add_argument("--splats", type=int, default=60_000, help="splats per frame of a take (default %(default)s)")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--size", default="1280x800", metavar="WxH")
     options = parser.parse_args()

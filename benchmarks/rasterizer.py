@@ -1,15 +1,15 @@
-"""How fast the rasterizer is, against its goals and its peers. Anybody can run it:
+"""Speed of the rasterizer, compared with its goals and with other implementations.
 
     python benchmarks/rasterizer.py            # about two minutes on two cores
-    python benchmarks/rasterizer.py --quick    # a few repetitions only
+    python benchmarks/rasterizer.py --quick    # only a few repetitions
     python benchmarks/rasterizer.py --json results.json
 
-Times are medians of repetitions, wall clock unless they say CPU, from one run; ratios compare times of the same run.
-The one exception is the OpenSplat column: that program is not run here. Its times were measured once on another day,
-with one thread on two x86-64 cores with AVX2, best of many, and are written below as what they are.
+Times are medians over repetitions and wall-clock times unless labeled as CPU time. Ratios compare times of the same
+run, except for the OpenSplat column: that program is not run here. Its times were measured once on another day, with
+one thread on two x86-64 cores with AVX2 (best of many runs), and are constants below.
 
-The scene is a person-like surface: an ellipsoid of 0.6 x 1.7 x 0.4 m, filmed so that 2 m fill 90 % of the image's
-height, whose splats reach 2 to 4 pixels (where their alpha falls to 1/255), SH degree 3.
+The scene is a person-like surface: an ellipsoid of 0.6 x 1.7 x 0.4 m, seen so that 2 m fill 90 % of the image height.
+Its splats have a radius of 2 to 4 pixels (at which alpha falls to 1/255) and SH degree 3.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as studio sets it; torch reads it when it loads
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.environment; read when torch is imported
 
 import numpy as np
 import torch
@@ -44,16 +44,17 @@ from studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, Pin
 from studio.training.photometric import photometric_loss
 
 OPENSPLAT_MS = {(5_000, 480): 32.0, (30_000, 480): 156.0, (100_000, 480): 506.0, (100_000, 960): 782.0}
-"""(splats, image width): forward and backward of OpenSplat's CPU rasterizer, one thread, ms, not of this run."""
+"""(splats, image width) to time of forward and backward pass of OpenSplat's CPU rasterizer, one thread, in ms; not
+measured in this run."""
 
 FORWARD_FLOPS, BACKWARD_FLOPS = 35, 55
-"""Floating-point operations a blended pair of pixel and splat, counted in csrc/blend.h and csrc/backward.h."""
+"""Floating-point operations per blended (pixel, splat) pair, counted in csrc/blend.h and csrc/backward.h."""
 
 console = Console(width=112)
 
 
 def person(count: int, width: int, height: int, device: str = "cpu", seed: int = 0) -> tuple[Gaussians, Camera]:
-    """Splats on an ellipsoid and a camera that sees all of it."""
+    """Splats on an ellipsoid, and a camera that sees all of it."""
     generator = torch.Generator().manual_seed(seed)
 
     def normal(*shape: int) -> torch.Tensor:
@@ -62,7 +63,7 @@ def person(count: int, width: int, height: int, device: str = "cpu", seed: int =
     direction = torch.nn.functional.normalize(normal(count, 3), dim=-1)
     focal = 1.1 * width
     distance = focal * 2.0 / (0.9 * height)
-    sigma = 0.72 * distance / focal  # about 3 px to where alpha is 1/255, the dilation and the opacity included
+    sigma = 0.72 * distance / focal  # alpha falls to 1/255 at about 3 px, including dilation and opacity
     splats = Gaussians(
         means=direction * torch.tensor([0.3, 0.85, 0.2]),
         quats=normal(count, 4),
@@ -81,7 +82,7 @@ def leaves(splats: Gaussians) -> Gaussians:
 
 
 def time_it(function: Callable[[], Any], repeat: int, device: str = "cpu") -> tuple[float, float]:
-    """Medians in milliseconds: wall clock, and this thread's CPU time (which other programs disturb less)."""
+    """Medians in milliseconds: wall-clock time, and CPU time of this thread (less affected by other programs)."""
     wait = torch.cuda.synchronize if device == "cuda" else lambda: None
     for _ in range(3):
         function()
@@ -164,14 +165,14 @@ def speed_table(repeat: int, results: dict[str, Any]) -> None:
                 )  # fmt: skip
     console.print(table)
     console.print(
-        "* OpenSplat's CPU rasterizer, one thread, best of many: measured once, on another day, not of this run. The "
-        "ratio is to the CPU time of one thread."
+        "* OpenSplat's CPU rasterizer, one thread, best of many runs, measured once on another day, not in this run. "
+        "The ratio is relative to the CPU time of one thread."
     )
 
 
 def goals_table(repeat: int, results: dict[str, Any]) -> None:
     torch.set_num_threads(2)
-    table = Table(title="Goals for the viewport and for a thread, milliseconds (median)")
+    table = Table(title="Goals for the viewport and for a single thread, milliseconds (median)")
     for name in ("what", "threads", "wall", "reached"):
         table.add_column(name)
     results["goals"] = []
@@ -191,8 +192,8 @@ def goals_table(repeat: int, results: dict[str, Any]) -> None:
 
 
 def iteration_table(repeat: int, results: dict[str, Any], device: str, count: int, width: int, height: int) -> None:
-    table = Table(title=f"A training iteration on {device}: {count} splats, SH degree 3, {width}x{height} (median ms)")
-    for name in ("threads", "render", "L1 + D-SSIM", "backward", "Adam", "whole", "a second", "the most costly part"):
+    table = Table(title=f"Training iteration on {device}: {count} splats, SH degree 3, {width}x{height} (median ms)")
+    for name in ("threads", "render", "L1 + D-SSIM", "backward", "Adam", "total", "per second", "slowest part"):
         table.add_column(name, justify="right")
     results[f"iteration_{device}"] = []
     for threads in (1, 2) if device == "cpu" else (torch.get_num_threads(),):
@@ -239,7 +240,7 @@ def iteration_table(repeat: int, results: dict[str, Any], device: str, count: in
 
 
 def blended_pairs(splats: Gaussians, camera: Camera) -> int:
-    """How many (pixel, splat) pairs add to the image, counted with the reference's formulas."""
+    """Number of (pixel, splat) pairs that contribute to the image, counted with the formulas of the reference."""
     pinhole = Pinhole.of(camera)
     half, depths = visible_radii(splats, pinhole, None, 0.01)
     index = torch.nonzero(half[:, 0] > 0)[:, 0]
@@ -271,8 +272,8 @@ def limits_table(repeat: int, results: dict[str, Any]) -> None:
     a, b = torch.randn(size, size), torch.randn(size, size)
     _, cpu = time_it(lambda: a @ b, max(5, repeat // 3))
     peak = 2 * size**3 / (cpu * 1e-3)
-    table = Table(title=f"How far from the machine's limit: one thread, sgemm reaches {peak / 1e9:.0f} GFLOP/s")
-    for name in ("pass", "blended pairs", "CPU ms", "pairs a second", "GFLOP/s in pairs", "of the peak"):
+    table = Table(title=f"Fraction of the machine's peak: one thread, sgemm reaches {peak / 1e9:.0f} GFLOP/s")
+    for name in ("pass", "blended pairs", "CPU ms", "pairs per second", "GFLOP/s in pairs", "of the peak"):
         table.add_column(name, justify="right")
     splats, camera = person(30_000, 480, 270)
     pairs = blended_pairs(splats, camera)
@@ -291,15 +292,15 @@ def limits_table(repeat: int, results: dict[str, Any]) -> None:
         results["limit"][name] = {"pairs_a_second": rate, "share_of_peak": rate * flops / peak}
     console.print(table)
     console.print(
-        "Pairs are those that add to the image; projection, harmonics, sorting and pairs that turn out to be too faint "
-        "or hidden are in the time and not in the count."
+        "Only pairs that contribute to the image are counted. The time also includes projection, spherical harmonics, "
+        "sorting, and pairs that turn out to be too transparent or occluded."
     )
 
 
 def reference_table(repeat: int, results: dict[str, Any]) -> None:
     torch.set_num_threads(1)
     splats, camera = person(5_000, 480, 270)
-    table = Table(title="Against the torch reference: 5k splats, 480x270, one thread, CPU ms (median, same run)")
+    table = Table(title="Compared with the torch reference: 5k splats, 480x270, one thread, CPU ms (median, same run)")
     for name in ("pass", "reference", "cpu kernels", "ratio"):
         table.add_column(name, justify="right")
     results["reference"] = {}
@@ -312,15 +313,15 @@ def reference_table(repeat: int, results: dict[str, Any]) -> None:
 
 
 def peak_mib() -> float:
-    """The most memory that this process has held so far."""
+    """Peak memory of this process so far in MiB."""
     status = Path("/proc/self/status")
-    if status.exists():  # getrusage would count the process that started this one
+    if status.exists():  # getrusage would include the process that started this one
         return int(status.read_text().split("VmHWM:")[1].split()[0]) / 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def memory_of_this_process() -> None:
-    """Print peak resident MiB before and after drawing 100k splats at 1280x720 forward and backward."""
+    """Print the peak resident memory in MiB before and after a forward and backward pass, 100k splats at 1280x720."""
     torch.set_num_threads(2)
     splats, camera = person(100_000, 1280, 720)
     forward_function(*person(10, 64, 64))()  # load the kernels
@@ -338,13 +339,13 @@ def memory_table(results: dict[str, Any]) -> None:
     before, after = json.loads(out)
     console.print(
         f"Memory, 100k splats at 1280x720, forward and backward: peak {after:.0f} MiB of the whole process, of which "
-        f"{before:.0f} MiB before the first drawing (Python, torch, the splats). Reached: {mark(after, 1536)}"
+        f"{before:.0f} MiB before the first pass (Python, torch, the splats). Goal reached: {mark(after, 1536)}"
     )
     results["memory_mib"] = {"before": before, "peak": after}
 
 
 def gpu_tables(repeat: int, results: dict[str, Any]) -> None:
-    """100k splats at 1920x1080: keyframe iterations a second, and seconds for a frame after the keyframe."""
+    """100k splats at 1920x1080: keyframe iterations per second, and seconds for a frame after the keyframe."""
     from studio.training import TrainingView, TrainSettings, train_interframe
 
     iteration_table(repeat, results, "cuda", 100_000, 1920, 1080)
@@ -362,7 +363,7 @@ def gpu_tables(repeat: int, results: dict[str, Any]) -> None:
     seconds = time.perf_counter() - start
     console.print(
         f"Inter-frame training with default settings ({settings.motion_iterations} iterations of motion, "
-        f"{settings.finetune_iterations} of fine-tuning): {seconds:.1f} s a frame"
+        f"{settings.finetune_iterations} of fine-tuning): {seconds:.1f} s per frame"
     )
     results["interframe_seconds"] = seconds
 
@@ -376,10 +377,10 @@ def processor() -> str:
 
 
 def main() -> None:
-    """Run all parts and print their tables."""
+    """Run all benchmarks and print their tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="5 repetitions instead of 31")
-    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    parser.add_argument("--json", type=Path, help="also write the results to this file")
     parser.add_argument("--memory-of-this-process", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.memory_of_this_process:
@@ -394,7 +395,7 @@ def main() -> None:
         f"{', '.join(available_backends())}"
     )
     if load > 0.5:
-        console.print("[yellow]Other programs are running: wall times and the gain of two threads suffer.[/]")
+        console.print("[yellow]Other programs are running: wall-clock times and two-thread speedups are affected.[/]")
     results: dict[str, Any] = {"processor": processor(), "load": load, "instruction_set": kernels.instruction_set()}
     speed_table(repeat, results)
     goals_table(repeat, results)
@@ -405,7 +406,7 @@ def main() -> None:
     if "cuda" in available_backends():
         gpu_tables(repeat, results)
     else:
-        console.print("No GPU (or no gsplat) here: nothing was measured on CUDA.")
+        console.print("CUDA was not measured: there is no GPU, or gsplat is not installed.")
     if options.json is not None:
         options.json.write_text(json.dumps(results, indent=2))
 

@@ -1,18 +1,19 @@
-"""What a stream costs and what it looks like: our two profiles against the paper's released bake, on a trained take.
+"""Rate and distortion of a stream: our two profiles compared with the paper's released bake, on a trained take.
 
-    python benchmarks/rate_distortion.py TAKE                          # all groups, some minutes on two cores
+    python benchmarks/rate_distortion.py TAKE                          # all groups, several minutes on two cores
     python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/measurements/stream.md --title quickstart
     python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at 60,000 and 100,000 splats
 
-Everything is drawn from the take's held-out cameras, or from its training cameras where none is held out, and compared
-in the box of the performer's matte: with the footage, and with the trained splats before baking. PSNR is of the mean
-squared error over all views. Bytes are all files of all groups, without the manifest or the released layout's JSON.
+Frames are rendered from the take's held-out cameras (or from its training cameras if none is held out) and compared,
+within the bounding box of the performer's matte, with the footage and with the trained splats before baking. PSNR is
+computed from the mean squared error over all views. Bytes include all files of all groups, but not the manifest or the
+JSON files of the released layout.
 
-`released` is written again here from what the released code is known to do: no Morton order, ranges of each frame's
-own, activated values, truncation instead of rounding, one video a channel and three of normals, QP of color, scale
-and rotation held at 22, high bytes lossless. It is tried with B frames, as x264 writes where nobody says otherwise, and
-with I and P frames only; the one with the better BD-rate counts.
+`released` is a reimplementation of the released code's behavior: no Morton order, ranges per frame, activated values,
+truncation instead of rounding, one video per channel including three for normals, a QP of at most 22 for color, scale
+and rotation, and lossless high bytes. It is tested with B frames (x264's default) and with I and P frames only; the one
+with the better BD-rate is used.
 """
 
 from __future__ import annotations
@@ -57,20 +58,20 @@ console = Console(width=120)
 
 @dataclass
 class Point:
-    """One bake: what it costs, what it looks like."""
+    """Rate, distortion and times of one bake."""
 
     name: str
     qp: int
-    kilobytes: float  # a frame, 1000 bytes
+    kilobytes: float  # per frame, units of 1000 bytes
     footage_psnr: float
     own_psnr: float
-    encode_ms: float  # a frame
+    encode_ms: float  # per frame
     decode_ms: float
 
 
 @dataclass
 class Views:
-    """Held-out pictures of some frames: the footage's and the trained splats'."""
+    """Held-out images of some frames: footage and renders of the trained splats."""
 
     context: Context
     cameras: tuple[str, ...]
@@ -85,7 +86,7 @@ class Views:
         return cls(context, footage.held_out_cameras or footage.train_cameras, bool(footage.held_out_cameras))
 
     def add(self, index: int, gaussians: Gaussians) -> None:
-        """Note frame `index` of the take."""
+        """Add frame `index` of the take."""
         footage, settings = self.context.footage.calibrated, self.context.config
         for camera in self.cameras:
             matte = footage.evaluation_matte(camera, footage.frames[index])
@@ -105,7 +106,7 @@ class Views:
         return draw(gaussians, lens, context.config.capture.background, context.device)[self.boxes[index, camera]]
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
-        """PSNR against the footage and against the trained splats, over all views of `frames`."""
+        """PSNR in dB relative to the footage and to the trained splats, over all views of `frames`."""
         errors = [
             (
                 float(np.square(image - self.truth[key]).mean()),
@@ -137,7 +138,7 @@ class TakeGroup:
 
 
 def released_channels(frames: Sequence[Gaussians]) -> list[np.ndarray]:
-    """(A, N) a frame: activated values in PLY order, normals among them."""
+    """(A, N) per frame: activated values in PLY order, including normals."""
     result = []
     for frame in frames:
         quats = frame.unit_quats.numpy().T
@@ -183,7 +184,7 @@ def decode_released(path: Path, side: int) -> list[np.ndarray]:
 def bake_released(
     frames: Sequence[Gaussians], folder: Path, qp: int, b_frames: bool, pool: ThreadPoolExecutor
 ) -> tuple[int, list[Gaussians], float, float]:
-    """Bytes, decoded frames, seconds to bake and to decode."""
+    """Bytes, decoded frames, and the times to bake and to decode in seconds."""
     began = time.perf_counter()
     values = released_channels(frames)
     count = len(frames[0])
@@ -191,7 +192,7 @@ def bake_released(
     lows = [v.min(axis=1, keepdims=True) for v in values]
     highs = [v.max(axis=1, keepdims=True) for v in values]
     levels = np.where(np.arange(channels) < 3, 65535, 255)[:, None]
-    # a constant channel divides by zero there; 0 is what it gives where it survives
+    # the released code divides by zero for a constant channel; if it does not crash, the result is 0
     codes = [
         np.floor((v - a) / np.where(b > a, b - a, 1) * levels).astype(np.int64)
         for v, a, b in zip(values, lows, highs, strict=True)
@@ -286,8 +287,8 @@ def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: b
 
 
 def bd_rate(anchor: list[Point], other: list[Point], measure: str) -> float | None:
-    """Bjøntegaard's difference of rate in per cent over the PSNR that both reach (PCHIP through log rate); None where
-    they reach none together."""
+    """Bjøntegaard delta rate in percent over the PSNR range that both curves cover (PCHIP interpolation of log rate);
+    None if there is no common range."""
 
     def curve(points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
         best: dict[float, float] = {}
@@ -295,7 +296,7 @@ def bd_rate(anchor: list[Point], other: list[Point], measure: str) -> float | No
             best[getattr(point, measure)] = min(point.kilobytes, best.get(getattr(point, measure), math.inf))
         psnr = np.array(sorted(best))
         rate = np.log([best[p] for p in psnr])
-        rising = np.flatnonzero(np.maximum.accumulate(rate) == rate)  # noise near saturation is no curve
+        rising = np.flatnonzero(np.maximum.accumulate(rate) == rate)  # excludes noise near saturation
         return psnr[rising], rate[rising]
 
     (a, ra), (b, rb) = curve(anchor), curve(other)
@@ -310,7 +311,7 @@ def bd_rate(anchor: list[Point], other: list[Point], measure: str) -> float | No
 
 
 def kilobytes_at(points: list[Point], psnr: float, measure: str) -> float | None:
-    """Rate at a PSNR between two points, interpolated in log rate."""
+    """Rate in kB per frame at a given PSNR, interpolated in log rate; None outside the range of the points."""
     ordered = sorted(points, key=lambda point: getattr(point, measure))
     values = [getattr(point, measure) for point in ordered]
     if not values[0] <= psnr <= values[-1]:
@@ -322,7 +323,7 @@ def kilobytes_at(points: list[Point], psnr: float, measure: str) -> float | None
 
 
 def enlarged(frames: list[Gaussians], count: int) -> list[Gaussians]:
-    """`count` splats: the take's, each repeated a little beside itself, moving alike."""
+    """Frames with `count` splats: those of the take, repeated with small offsets and the same motion."""
     generator = torch.Generator().manual_seed(0)
     index = torch.arange(count) % len(frames[0])
     shift = torch.zeros(count, 3)
@@ -337,7 +338,7 @@ def enlarged(frames: list[Gaussians], count: int) -> list[Gaussians]:
 
 
 def speed_rows(group: TakeGroup, work: Path) -> list[str]:
-    """Markdown rows: CPU time of all threads together, which other programs disturb little, and the clock's last."""
+    """Markdown rows: total CPU time of all threads, which other programs hardly affect, and a wall-clock rate last."""
     from studio.stream import fetch_group
 
     rows = []
@@ -442,7 +443,12 @@ def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGro
             continue
         files = [take.trained_frame(group.index, index) for index in group.indices]
         if not all(file.is_file() for file in files):
-            raise StudioError(f"{path}: group {group.index} is not trained; train it or choose others by --groups.")
+            raise StudioError(
+                "benchmark.not_trained",
+                f"group {group.index} is not trained",
+                file=path,
+                fix="Train it, or select other groups with --groups.",
+            )
         groups.append(TakeGroup(group.index, tuple(group.indices), [read_frame(file) for file in files]))
         for index, frame in zip(group.indices, groups[-1].frames, strict=True):
             views.add(index, frame)
@@ -450,11 +456,12 @@ def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGro
 
 
 def write_between(path: Path, marker: str, text: str) -> None:
-    """Replace what is between <!-- marker --> and <!-- /marker -->."""
+    """Replace the text between <!-- marker --> and <!-- /marker --> in a file."""
     document = path.read_text(encoding="utf-8")
     pattern = re.compile(rf"(<!-- {re.escape(marker)} -->\n).*?(<!-- /{re.escape(marker)} -->)", re.DOTALL)
     if not pattern.search(document):
-        raise StudioError(f"{path}: there are no markers <!-- {marker} --> and <!-- /{marker} --> to write between.")
+        problem = f"the markers <!-- {marker} --> and <!-- /{marker} --> were not found"
+        raise StudioError("benchmark.no_markers", problem, file=path)
     temporary = path.with_suffix(".partial")
     temporary.write_text(pattern.sub(lambda match: match[1] + text + "\n" + match[2], document), encoding="utf-8")
     os.replace(temporary, path)
@@ -463,11 +470,11 @@ def write_between(path: Path, marker: str, text: str) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description="Rate and distortion of baked streams.")
     parser.add_argument("take", type=Path, help="folder of a trained take")
-    parser.add_argument("--groups", help="which groups, as in 0,2 (all)")
+    parser.add_argument("--groups", help="indices of the groups, for example 0,2 (default: all)")
     parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
     parser.add_argument("--speed", action="store_true", help="measure times at 60,000 and 100,000 splats instead")
-    parser.add_argument("--write", type=Path, metavar="FILE", help="put the tables between this file's markers")
-    parser.add_argument("--title", default="", help="what the take is, for the table's first line")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="write the tables between the markers in this file")
+    parser.add_argument("--title", default="", help="description of the take for the first line")
     arguments = parser.parse_args()
     wanted = [int(number) for number in arguments.groups.split(",")] if arguments.groups else None
     views, groups = load_take(arguments.take, wanted)

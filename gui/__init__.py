@@ -1,1 +1,1 @@
-"""What an operator sees and touches. Widgets in `panels`, state in `presenters` (no Open3D there)."""
+"""The window. Widgets are in `panels`, state is in `presenters` (which do not use Open3D)."""

@@ -1,4 +1,4 @@
-"""`v3studio-gui [TAKE|STREAM]`: the window that opens a take or a stream and plays it."""
+"""`v3studio-gui [TAKE|STREAM]`: opens the window on a take or a stream."""
 
 from __future__ import annotations
 

@@ -17,17 +17,17 @@ from gui.presenters.stages.stage_views import StageViews
 from gui.viewport import Viewport
 
 NARROW = 60
-"""Width, in em, below which the right panel is hidden until the user shows it (I)."""
+"""Width in em below which the right panel is hidden until the user shows it (I)."""
 
 
 @dataclass(frozen=True)
 class Panels:
-    """The panels, and their window.
+    """The panels and their window.
 
     Attributes:
         window: Open3D's.
-        em: height of a letter, pixels.
-        views: decides which modes are offered.
+        em: font size, pixels.
+        views: determines which modes are offered.
     """
 
     window: gui.Window
@@ -66,19 +66,19 @@ class Layout:
 
     @property
     def shows_figures(self) -> bool:
-        """Whether the right side is shown."""
+        """Whether the right panel is shown."""
         if self.fullscreen:
             return False
         wide = self._panels.window.content_rect.width >= NARROW * self._panels.em
         return wide if self.figures is None else self.figures
 
     def toggle_figures(self) -> None:
-        """Show the right side, or hide it."""
+        """Show or hide the right panel."""
         self.figures = not self.shows_figures
         self._panels.window.set_needs_layout()
 
     def set_fullscreen(self, on: bool) -> None:
-        """The viewport alone, or with all panels."""
+        """Show the viewport alone, or with all panels."""
         panels = self._panels
         self.fullscreen = on
         panels.window.show_menu(not on)
@@ -91,7 +91,7 @@ class Layout:
         panels.window.set_needs_layout()
 
     def place(self, context: gui.LayoutContext) -> None:
-        """Place every panel."""
+        """Position every panel."""
         panels, em = self._panels, self._panels.em
         area = panels.window.content_rect
         x, y, width, height = area.x, area.y, area.width, area.height
@@ -135,7 +135,7 @@ class Layout:
     def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
         message = self._panels.message
         limits = gui.Widget.Constraints()
-        limits.width = int(0.85 * width)  # a longer sentence is broken into lines
+        limits.width = int(0.85 * width)  # longer text wraps
         preferred = message.calc_preferred_size(context, limits)
         wide = min(preferred.width, limits.width)
         message.frame = gui.Rect(x + (width - wide) // 2, y + (height - preferred.height) // 2, wide, preferred.height)

@@ -1,4 +1,4 @@
-"""Meshes drawn by casting rays on the CPU (Open3D with Embree): crisp and shaded, and no GPU is needed."""
+"""Shaded meshes rendered by ray casting on the CPU (Open3D with Embree); no GPU is needed."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from studio.errors import StudioError
 
 
 class MeshPicture:
-    """A triangle mesh, drawn from any camera.
+    """A triangle mesh that can be rendered from any camera.
 
     Args:
         path: PLY file.
 
     Raises:
-        StudioError: `mesh.unreadable`, missing, damaged or without triangles.
+        StudioError: the file is missing, damaged or has no triangles (`mesh.unreadable`).
     """
 
     def __init__(self, path: Path) -> None:

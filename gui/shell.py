@@ -55,7 +55,7 @@ class Shell(Protocol):
         """Run a stage, or check the footage."""
 
     def ask_close(self) -> None:
-        """Close, unless a job runs: then ask first."""
+        """Close the window; ask first if a job is running."""
 
     def apply_preferences(self) -> None:
         """Apply the preferences."""

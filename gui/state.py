@@ -20,30 +20,30 @@ class WindowState:
     """A line of `--log-state`.
 
     Attributes:
-        title, message: of the window; the text over the viewport.
-        opening: path or address being opened; "" if none.
+        title, message: title of the window; text over the viewport.
+        opening: path or URL being opened; "" if none.
         dialog: name of the open dialog; "" if none.
-        typing: the dialog's text field has the keyboard focus.
+        typing: whether the dialog's text field has the keyboard focus.
         stage, mode: the selected stage and the pressed buttons above the viewport.
-        fullscreen, figures: panels hidden; right panel visible.
-        stages: stage to [state, words, detail].
-        busy, error: whether a run works on the take; the message in the left panel.
-        error_setting: the setting that the button under this message goes to; "" if none.
-        frame, frames, playing, loop: of the transport.
-        left_out: messages on damaged groups that playback skipped.
+        fullscreen, figures: whether the panels are hidden; whether the right panel is visible.
+        stages: [state, words, detail] by stage.
+        busy, error: whether a run is in progress on the take; message in the left panel.
+        error_setting: the setting that the button under this message opens; "" if none.
+        frame, frames, playing, loop: state of the transport.
+        left_out: messages about damaged groups that playback skipped.
         what, compare, wipe: source on screen, comparison mode, position of the wipe, 0 to 1.
         camera: capture camera; "" for the free view.
         shown: frame of the newest picture; None if there is none.
-        settled: the newest picture shows what was last requested.
-        pictures: how many have been shown.
+        settled: whether the newest picture shows what was last requested.
+        pictures: number of pictures shown so far.
         handed_over: pictures per second.
-        exporting: progress of the export; "" if none runs.
-        marks: frame number, as text, to note.
+        exporting: progress of the export; "" if none is running.
+        marks: notes by frame number, as text.
         orbit: yaw, pitch, distance, target (x, y, z).
         background: name of the viewport's background.
         timeline_left: column of the timeline where frame 0 begins, pixels.
-        widgets: name to [x, y, width, height] in window pixels; visible widgets only.
-        texts: content of every visible text field, by widget name.
+        widgets: [x, y, width, height] in window pixels by name; visible widgets only.
+        texts: content of each visible text field, by widget name.
     """
 
     title: str
@@ -82,7 +82,7 @@ class WindowState:
 
     @classmethod
     def of(cls, window: Shell) -> WindowState:
-        """The state of a window now."""
+        """The current state of a window."""
         player, stages = window.player, window.stages
         widgets = {name: widget for name, widget in _widgets(window).items() if widget.visible or name == "viewport"}
         return cls(
@@ -146,8 +146,8 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
 class StateLog:
     """Appends a JSON line to a file whenever the state has changed.
 
-    Beside it, FILE.ticks holds the number of ticks so far: a program that drives the window waits for a few of them to
-    know that an input event has been processed.
+    FILE.ticks contains the number of ticks so far: a program that drives the window waits for a few of them to be sure
+    that an input event has been processed.
 
     Args:
         path: the file; None for no log.
@@ -170,7 +170,7 @@ class StateLog:
             self._last = state
             self._file.write(json.dumps({"time": time.time(), **asdict(state)}) + "\n")
             self._file.flush()
-        self._ticks += 1  # after the line: who has waited for a tick reads a state at least as new
+        self._ticks += 1  # after the line, so that after waiting for a tick one reads a state at least as new
         os.pwrite(self._ticks_file.fileno(), b"%12d" % self._ticks, 0)
 
     def close(self) -> None:

@@ -15,11 +15,11 @@ from open3d.visualization import gui
 from gui.panels.picture import PictureWidget
 
 MAX_PIXELS = 960 * 540
-"""Maximum pixels of a picture, which bounds the time to render it; it is stretched to the widget."""
+"""Maximum number of pixels of a picture, which bounds the time to render it; it is stretched to the widget."""
 
 
 def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[int, int]:
-    """Size in pixels of the picture for a widget: its own, or smaller with the same aspect to stay within `most`."""
+    """Size in pixels of the picture for a widget: its size, or smaller with the same aspect ratio and `most` pixels."""
     shrink = min(1.0, (most / max(width * height, 1.0)) ** 0.5)
     return max(int(width * shrink), 16), max(int(height * shrink), 16)
 
@@ -48,11 +48,11 @@ class Gestures(Protocol):
         ...
 
     def click(self, x: float, y: float) -> None:
-        """A left click."""
+        """Handle a left click."""
         ...
 
     def hover(self, x: float, y: float) -> None:
-        """Where the mouse is when the wheel turns."""
+        """Note the pointer position for the wheel."""
         ...
 
 
@@ -60,7 +60,7 @@ class Viewport:
     """Shows pictures and turns mouse events into gestures.
 
     Args:
-        gestures: gives what is shown now.
+        gestures: returns the receiver for what is on screen.
         changed: called after each gesture.
     """
 
@@ -77,16 +77,16 @@ class Viewport:
 
     @property
     def size(self) -> tuple[int, int]:
-        """The widget, pixels."""
+        """Size of the widget, pixels."""
         return self.picture.size
 
     @property
     def drawn_size(self) -> tuple[int, int]:
-        """Size of pictures that are drawn splat by splat: the widget's, or smaller to stay quick."""
+        """Size of pictures rendered from splats: that of the widget, or smaller to stay fast."""
         return picture_size(*self.picture.size, self.most_pixels)
 
     def show(self, pixels: np.ndarray) -> None:
-        """Put a picture up."""
+        """Show a picture."""
         self._picture_size = (pixels.shape[1], pixels.shape[0])
         self.picture.show(pixels)
 

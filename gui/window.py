@@ -50,10 +50,10 @@ class MainWindow:
         wants_close: asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
 
     Args:
-        size: of the window's content, pixels.
-        log: file to which a JSON line is appended whenever what is shown has changed; None for none.
+        size: size of the window's content, pixels.
+        log: file to which a JSON line is appended whenever the state has changed; None for none.
         device: name of the Vulkan device, for Help > About.
-        software: whether the processor draws the window.
+        software: whether the CPU draws the window.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class MainWindow:
     # Opening and closing
 
     def open(self, path: str) -> None:
-        """Open a take, a stream or an address; bad input is reported in the window."""
+        """Open a take, a stream or a URL; bad input is reported in the window."""
         self.opening = path
         self.player.message = f"Opening {path} ..."
         self._opener.ask(path)
@@ -155,12 +155,12 @@ class MainWindow:
         self.player.background = self.preferences.background
 
     def close(self) -> None:
-        """Ask the window to close; it does at the next tick."""
+        """Request that the window close at the next tick."""
         self.close_requests.granted = True
         self.window.close()
 
     def ask_close(self) -> None:
-        """Close, unless a job runs: then ask first."""
+        """Close the window; ask first if a job is running."""
         self.close_requests.ask()
 
     def _close_if_asked(self) -> None:
@@ -177,14 +177,14 @@ class MainWindow:
         self.views.close()
         self.workspace.close()
         self._opener.close()
-        # Open3D keeps references to callbacks, and so to this object: release what is large.
+        # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
         self._log.close()
 
     # User actions
 
     def changed(self) -> None:
-        """Something that is shown may have changed."""
+        """Note that something on screen may have changed."""
         self._redraws.changed()
 
     def select(self, stage: str) -> None:
@@ -228,7 +228,7 @@ class MainWindow:
             self.layout.set_fullscreen(False)
         self.changed()
 
-    # Each tick
+    # At each tick
 
     def _on_tick(self) -> bool:
         self._close_if_asked()
@@ -304,5 +304,5 @@ class MainWindow:
         if label.text == text:
             return False
         label.text = text
-        self.window.set_needs_layout()  # a label keeps the width of its first text otherwise
+        self.window.set_needs_layout()  # otherwise a label keeps the width of its first text
         return True

@@ -1,1 +1,1 @@
-"""Takes: the folder that a run fills, its stages, and the command line that runs them. Knows no window."""
+"""Takes (the folders that runs fill), the stages, and the command line. Does not depend on the window."""

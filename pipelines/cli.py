@@ -54,9 +54,9 @@ _SETTINGS_NOTE = """settings:
 
 
 def main() -> int:
-    """Run the command in `sys.argv` and return the exit code. If it is cancelled, the process ends at once.
+    """Run the command in `sys.argv` and return the exit code. If it is cancelled, the process exits immediately.
 
-    Only output of the command goes to stdout; output of native libraries, here or in child processes, goes to stderr.
+    Only the command's own output goes to stdout; that of native libraries, here or in child processes, goes to stderr.
     """
     passive_openmp()
     claim_stdout()
@@ -104,7 +104,7 @@ def execute(arguments: Sequence[str]) -> int:
 
 
 def _print_failure(error: StudioError, output: TextIO) -> None:
-    """The last event of a command with `--json`."""
+    """Print the last event of a command with `--json`."""
     from pipelines.events import RunFinished
 
     event = RunFinished(outcome="failed", seconds=0.0, **RunFinished.parts(error.message))
@@ -132,7 +132,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
     parser = _Parser(
         prog="v3studio",
-        description="Turns synchronized multi-camera footage of a performer into a streamable Gaussian video.",
+        description="Turn synchronized multi-camera footage of a performer into a streamable Gaussian video.",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"v3studio {program_version()}")
@@ -156,7 +156,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
     status = commands.add_parser(
         "status",
-        help="show which stages of a take are up to date, and why not",
+        help="show which stages of a take are up to date, and why others are not",
         description="Show which stages of a take are up to date, and why the others are not.",
         allow_abbrev=False,
     )
@@ -190,10 +190,10 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
 
 class _Parser(argparse.ArgumentParser):
-    """With clear errors for numbers, and with commands in groups; used for the commands too."""
+    """Adds clear errors for numbers, and help that lists commands by group. Subcommands use it too."""
 
     commands: Any = None
-    """The commands, in the main parser."""
+    """The subcommands; None except in the main parser."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -243,8 +243,8 @@ class _Target(argparse.Action):
 def _add_targets(stage: argparse.ArgumentParser) -> None:
     """Bake targets as options."""
     for name, metavar, text in (
-        ("target_kb_per_frame", "KB", "search the QP of each group for at most this many kilobytes per frame"),
-        ("target_psnr", "DB", "search the QP of each group for at least this PSNR of decoded against trained renders"),
+        ("target_kb_per_frame", "KB", "choose each group's QP to stay within this many kilobytes per frame"),
+        ("target_psnr", "DB", "choose each group's QP so that decoded renders reach this PSNR against trained ones"),
     ):
         stage.add_argument(f"--{name.replace('_', '-')}", action=_Target, const=name, metavar=metavar, help=text)
 

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Prints the Python to use: $PYTHON if set, else the first of these that is 3.11 or newer.
+# Prints the Python to use: $PYTHON if set, otherwise the first of the candidates below that is 3.11 or newer.
 set -euo pipefail
 new_enough='import sys; sys.exit(sys.version_info < (3, 11))'
 if [ -n "${PYTHON:-}" ]; then
     if ! command -v "$PYTHON" >/dev/null; then
-        echo "PYTHON is '$PYTHON', which is not a program; set it to Python 3.11 or newer, or leave it unset." >&2
+        echo "PYTHON is '$PYTHON', which is not a program; set it to Python 3.11 or newer, or unset it." >&2
     elif ! version=$("$PYTHON" -c 'import sys; print("%d.%d.%d" % sys.version_info[:3])' 2>/dev/null); then
-        echo "PYTHON is '$PYTHON', which does not run as Python; set it to Python 3.11 or newer, or leave it unset." >&2
+        echo "PYTHON is '$PYTHON', which does not run as Python; set it to Python 3.11 or newer, or unset it." >&2
     elif ! "$PYTHON" -c "$new_enough"; then
         echo "PYTHON is '$PYTHON', which is Python $version; V3 Studio needs 3.11 or newer." >&2
     else

@@ -1,22 +1,25 @@
-"""Does the set-up hold on a machine that nobody has prepared? `make fresh-test` runs this.
+"""Tests the setup on a freshly installed system; run by `make fresh-test`.
 
-Builds a minimal Debian (debootstrap, with nothing but git, make and python3 added) and in it, first as root:
-clone HEAD, `make setup`, the sample capture's first two frames through all stages with short schedules. Then once more
-in a new system as a user without root and sudo: `make setup` has to fail and to print one command that installs all
-that is missing; that command is run as root, and `make setup` has to pass.
+Builds a minimal Debian with debootstrap, to which only git, make and python3 are added, and runs two scenarios in it:
+
+- As root: clone HEAD, run `make setup`, and process the first two frames of the sample capture through all stages with
+  short schedules.
+- In a new system, as a user without root or sudo: `make setup` must fail and print one command that installs everything
+  that is missing. After this command is run as root, `make setup` must pass.
 
     FRESH_SUITE=trixie make fresh-test      another release (default: bookworm)
     FRESH_MIRROR=http://... make fresh-test another archive (default: the one in this machine's apt sources)
-    FRESH_DIR=/big/disk make fresh-test     where to unpack, 8 GB or more (default: /var/tmp)
-    FRESH_ARGS=--full make fresh-test       `make demo` and `make test` in full instead of two frames (about an hour)
+    FRESH_DIR=/big/disk make fresh-test     folder to unpack in, with at least 8 GB free (default: /var/tmp)
+    FRESH_ARGS=--full make fresh-test       full `make demo` and `make test` instead of two frames (about an hour)
 
-It needs Linux, root, unshare, debootstrap (installed if apt-get can) and a package mirror. Where these are not to be
-had it says so and exits with 0; with CI=true in the environment it exits with 1, since CI relies on it.
+Requires Linux, root, unshare, debootstrap (installed with apt-get if possible) and a package mirror. If these are not
+available, the test is skipped with a message and exit status 0; with CI=true in the environment the status is 1, since
+CI relies on the test.
 
-Every step runs in its own mount and PID namespace: its mounts and processes vanish with it, however it ends, and are
-never visible outside. This machine's pip settings (indexes, find-links, certificates, proxies), the folders that they
-name, and apt's settings for downloads are carried over. The base system and all downloads are kept in
-${XDG_CACHE_HOME:-~/.cache}/v3studio/fresh for the next run.
+Every step runs in its own mount and PID namespace, so its mounts and processes are never visible outside and disappear
+when it ends, even if it is killed. This machine's pip settings (indexes, find-links, certificates, proxies), the
+folders that they refer to, and apt's download settings are made available in the test system. The base system and all
+downloads are cached in ${XDG_CACHE_HOME:-~/.cache}/v3studio/fresh for the next run.
 """
 
 from __future__ import annotations
@@ -43,12 +46,12 @@ from urllib.parse import unquote, urlsplit
 ROOT = Path(__file__).resolve().parents[1]
 TOOLS = "git,make,python3"
 BASE_DAYS = 14
-"""A cached base system is built anew after this time."""
+"""Age in days after which a cached base system is rebuilt."""
 
 FREE_GIGABYTES = 8
 CERTIFICATES = "/etc/host-certificates"
 PROXIES = ("http_proxy", "https_proxy", "all_proxy", "no_proxy")
-CERTIFICATE_VARIABLES = ("SSL_CERT_FILE", "REQUESTS_CA_BUNDLE", "CURL_CA_BUNDLE")
+CERTIFICATE_VARIABLES = ("SSL_CERT_FILE", "REQUESTS_CA_BUNDLE", "CURL_CA_BUNDLE", "NODE_EXTRA_CA_CERTS")
 PIP_INDEXES = ("index-url", "extra-index-url")
 PIP_CERTIFICATES = ("cert", "client-cert")
 PIP_OPTIONS = (
@@ -56,12 +59,12 @@ PIP_OPTIONS = (
     *PIP_CERTIFICATES,
     *("find-links", "no-index", "trusted-host", "proxy", "timeout", "default-timeout", "retries", "prefer-binary"),
 )
-"""Where packages come from and how; all else in a developer's settings (targets, users, logs) stays outside."""
+"""The pip settings that determine how packages are downloaded; others (targets, users, logs) are not copied."""
 
 NO_NAMESPACE = 97
-"""Exit status of a step whose mounts were refused."""
+"""Exit status of a step whose mounts were denied."""
 
-# $1 is the system's folder, $2 a file with "SOURCE TARGET ro|rw" lines, the rest the command.
+# $1: folder of the test system; $2: file with "SOURCE TARGET ro|rw" lines; remaining arguments: the command.
 ENTER = f"""
 set -e
 root=$1 binds=$2; shift 2
@@ -97,25 +100,25 @@ MADE = ("calibrate/rig.json", "initialize/group_000/mesh.ply", "stream/manifest.
 
 
 class CannotRun(Exception):
-    """This machine does not allow the test; the text says why."""
+    """The test cannot run on this machine; the text is the reason."""
 
 
 class Failed(Exception):
-    """The set-up does not hold; the text says where."""
+    """The setup failed; the text describes the step."""
 
 
-# What is carried over
+# Settings of this machine
 
 
 @dataclass(frozen=True)
 class Carried:
-    """Settings of this machine for the system under test.
+    """Settings of this machine for the test system.
 
     Attributes:
-        environment: variables, PIP_* among them.
-        pip_conf: text of /etc/pip.conf.
-        folders: bound read-only at the same path.
-        certificates: {path inside: file outside}, copied.
+        environment: environment variables, including PIP_*.
+        pip_conf: content of /etc/pip.conf.
+        folders: folders that are mounted read-only at the same path.
+        certificates: path in the test system to the file on this machine that is copied there.
     """
 
     environment: dict[str, str]
@@ -125,7 +128,7 @@ class Carried:
 
 
 def carry(pip_config: str, environment: Mapping[str, str]) -> Carried:
-    """What downloads need, from the output of `pip config list` and this process's environment."""
+    """The settings that downloads need, from the output of `pip config list` and the environment of this process."""
     folders: set[str] = set()
     certificates: dict[str, str] = {}
 
@@ -140,7 +143,7 @@ def carry(pip_config: str, environment: Mapping[str, str]) -> Carried:
         for word in value.split():
             path = unquote(urlsplit(word).path) if word.startswith("file:") else word
             if os.path.isdir(path) and os.path.isabs(path):
-                # The pages of an index link to files beside it.
+                # The pages of an index link to files next to it.
                 parent = os.path.dirname(os.path.normpath(path))
                 folders.add(parent if option in PIP_INDEXES and parent != "/" else os.path.normpath(path))
         return value
@@ -170,13 +173,13 @@ def carry(pip_config: str, environment: Mapping[str, str]) -> Carried:
 
 
 def apt_downloads(dump: str) -> str:
-    """The lines of `apt-config dump` that say how to download: proxies, retries, checks of dates."""
+    """The lines of `apt-config dump` that affect downloads: proxies, retries, date checks."""
     wanted = re.compile(r'^Acquire::(https?|Check-|Retries|ForceIPv[46])\S* "[^"]*";$')
     return "".join(line + "\n" for line in dump.splitlines() if wanted.match(line) and "Detect" not in line)
 
 
 def archives(index_targets: str) -> tuple[str | None, str | None]:
-    """(archive, security archive) that apt uses, from lines "URI|origin|label"; Debian's or Ubuntu's."""
+    """apt's Debian or Ubuntu archive and security archive, from lines "URI|origin|label"; None if there is none."""
     main = security = None
     for line in index_targets.splitlines():
         uri, origin, label = [*line.split("|"), "", ""][:3]
@@ -188,10 +191,10 @@ def archives(index_targets: str) -> tuple[str | None, str | None]:
 
 
 def pasted_command(output: str) -> str:
-    """The one command that `make setup` printed for people without root.
+    """The command that `make setup` printed for users without root.
 
     Raises:
-        Failed: it printed none, or several.
+        Failed: it printed no such command, or several.
     """
     commands = r"((?:su -c |sudo |apt-get (?:-\S+ )*(?:update|install)\b).*)$"
     found = [command for command in re.findall(commands, output, re.MULTILINE) if " install " in command]
@@ -201,20 +204,20 @@ def pasted_command(output: str) -> str:
 
 
 def as_root(command: str) -> str:
-    """The command without sudo, for a shell of root on a system that has no sudo."""
+    """The command without sudo, for a root shell on a system that does not have sudo."""
     return re.sub(r"\bsudo\s+", "", command)
 
 
-# The system under test
+# The test system
 
 
 def say(text: str) -> None:
-    """Progress, at once even where standard output is a pipe."""
+    """Print progress immediately, even if standard output is a pipe."""
     print(f"fresh-test: {text}", flush=True)
 
 
 def cache_folder() -> Path:
-    """Where base systems and downloads are kept."""
+    """Folder in which base systems and downloads are cached."""
     base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     folder = Path(base) / "v3studio" / "fresh"
     folder.mkdir(parents=True, exist_ok=True)
@@ -222,7 +225,7 @@ def cache_folder() -> Path:
 
 
 def output_of(*command: str) -> str:
-    """Standard output of a command; empty where it fails or does not exist."""
+    """Standard output of a command; empty if it fails or does not exist."""
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True, stdin=subprocess.DEVNULL).stdout
     except (OSError, subprocess.CalledProcessError):
@@ -230,7 +233,11 @@ def output_of(*command: str) -> str:
 
 
 def check_machine(work: Path) -> None:
-    """Raises CannotRun where the test is impossible; installs debootstrap where it is missing."""
+    """Check that the test can run on this machine; installs debootstrap if it is missing.
+
+    Raises:
+        CannotRun: the test cannot run.
+    """
     if sys.platform != "linux":
         raise CannotRun("it needs Linux")
     if os.geteuid() != 0:
@@ -241,7 +248,7 @@ def check_machine(work: Path) -> None:
             ["unshare", "--mount", "--pid", "--fork", "mount", "-t", "tmpfs", "tmpfs", "/mnt"], capture_output=True
         ).returncode
     ):
-        raise CannotRun("mount namespaces are not allowed here (a container needs --privileged or CAP_SYS_ADMIN)")
+        raise CannotRun("mount namespaces are not allowed (a container needs --privileged or CAP_SYS_ADMIN)")
     if not shutil.which("debootstrap"):
         if not shutil.which("apt-get"):
             raise CannotRun("debootstrap is not installed")
@@ -252,11 +259,11 @@ def check_machine(work: Path) -> None:
             raise CannotRun(f"debootstrap cannot be installed: {(done.stderr.strip().splitlines() or ['?'])[-1]}")
     free = shutil.disk_usage(work).free / 1e9
     if free < FREE_GIGABYTES:
-        raise CannotRun(f"{work} has {free:.0f} GB free, {FREE_GIGABYTES} are needed; choose a disk with FRESH_DIR")
+        raise CannotRun(f"{work} has {free:.0f} GB free, expected at least {FREE_GIGABYTES}; set FRESH_DIR")
 
 
 def find_archives() -> tuple[str, str | None]:
-    """The package archive to install from, and its security archive where there is one."""
+    """The package archive to install from, and its security archive or None."""
     if os.environ.get("FRESH_MIRROR"):
         return os.environ["FRESH_MIRROR"], os.environ.get("FRESH_SECURITY_MIRROR")
     query = ["apt-get", "indextargets", "--format", "$(REPO_URI)|$(ORIGIN)|$(LABEL)", "Created-By: Packages"]
@@ -265,12 +272,12 @@ def find_archives() -> tuple[str, str | None]:
         output_of("apt-get", "update", "-qq")
         main, security = archives(output_of(*query))
     if main is None:
-        raise CannotRun("no Debian or Ubuntu archive in apt's sources answers; name one with FRESH_MIRROR")
+        raise CannotRun("no Debian or Ubuntu archive in apt's sources is reachable; set FRESH_MIRROR")
     return main, security
 
 
 def base_system(suite: str, mirror: str, work: Path) -> Path:
-    """A tar file of the minimal system, from the cache or made now."""
+    """A tar file of the minimal system, from the cache or newly built."""
     cache = cache_folder()
     key = hashlib.sha256(f"{mirror} {TOOLS}".encode()).hexdigest()[:8]
     tar = cache / f"{suite}-{os.uname().machine}-{key}.tar"
@@ -280,13 +287,13 @@ def base_system(suite: str, mirror: str, work: Path) -> Path:
     root, log, partial = work / "base", work / "debootstrap.log", tar.with_suffix(f".{os.getpid()}")
     command = ["debootstrap", "--variant=minbase", f"--include={TOOLS}", suite, str(root), mirror]
     with open(log, "wb") as out:
-        # In a namespace, since debootstrap mounts /proc in what it builds.
+        # In a namespace, since debootstrap mounts /proc in the system that it builds.
         status = in_namespace(command, stdout=out)
     if status:
         last = log.read_text(errors="replace").strip().splitlines()[-3:]
         raise CannotRun(f"debootstrap {suite} from {mirror} failed: {' / '.join(last)}")
     try:
-        # Without devices (a fresh /dev is mounted) and without the packages that were installed.
+        # Without devices (a fresh /dev is mounted) and without downloaded package files.
         leave_out = ["--exclude=./dev/*", "--exclude=./var/cache/apt/archives/*.deb"]
         subprocess.run(["tar", "-C", root, "--numeric-owner", *leave_out, "-cf", partial, "."], check=True)
         partial.replace(tar)
@@ -298,7 +305,7 @@ def base_system(suite: str, mirror: str, work: Path) -> Path:
 
 
 def in_namespace(command: list[str], **streams: object) -> int:
-    """Runs a command in its own mount and PID namespace; kills it and all its children if this process is stopped."""
+    """Run a command in its own mount and PID namespace; it is killed with all its children if this process stops."""
     whole = ["unshare", "--mount", "--pid", "--fork", "--kill-child", *command]
     process = subprocess.Popen(
         whole,
@@ -316,7 +323,7 @@ def in_namespace(command: list[str], **streams: object) -> int:
 
 
 def remove_tree(tree: Path) -> None:
-    """Deletes a system's folder. Nothing is ever mounted in it outside of a step's namespace; checked all the same.
+    """Delete the folder of a test system, after checking that nothing is mounted in it.
 
     Raises:
         RuntimeError: something is mounted in it; nothing was deleted.
@@ -329,7 +336,7 @@ def remove_tree(tree: Path) -> None:
 
 
 class System:
-    """A minimal system, unpacked, with this machine's settings for downloads and the repository in /srv."""
+    """An unpacked minimal system with this machine's download settings and the repository in /srv."""
 
     def __init__(self, name: str, tar: Path, work: Path, carried: Carried, suite: str, security: str | None) -> None:
         self.name = name
@@ -352,14 +359,14 @@ class System:
         ]
         for folder, _ in cached:
             folder.mkdir(exist_ok=True)
-            folder.chmod(0o777)  # pip uses its cache only where the user may write
+            folder.chmod(0o777)  # pip only uses its cache if the user may write to it
         lines = [f"{folder}\t{inside}\trw" for folder, inside in cached]
         lines += [f"{folder}\t{folder}\tro" for folder in carried.folders]
         self.binds.write_text("".join(line + "\n" for line in lines))
         self.environment["PIP_CACHE_DIR"] = "/var/cache/pip"
-        # Whoever owns the two repositories: git refuses to read those of other users otherwise.
+        # Otherwise, git refuses to read repositories owned by other users.
         self._write("/etc/gitconfig", "[safe]\n\tdirectory = *\n")
-        # A bare copy of HEAD alone, so that what is not committed cannot help.
+        # A bare clone of HEAD, so that files that are not committed cannot affect the test.
         cloned = subprocess.run(
             ["git", "clone", "--quiet", "--bare", "--depth", "1", ROOT.as_uri(), self.root / "srv" / "v3studio.git"],
             env={**os.environ, "GIT_CONFIG_GLOBAL": str(self.root / "etc" / "gitconfig")},
@@ -372,11 +379,11 @@ class System:
     def _write(self, inside: str, text: str) -> None:
         path = self.root / inside.lstrip("/")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.unlink(missing_ok=True)  # may be a link into nowhere
+        path.unlink(missing_ok=True)  # may be a dangling link
         path.write_text(text)
 
     def run(self, script: str, *, user: str = "root", answer: str = "") -> tuple[int, str]:
-        """Runs a bash script in the system; returns its exit status and its output, both streams together."""
+        """Run a bash script in the system; returns its exit status and its combined standard output and error."""
         home = "/root" if user == "root" else f"/home/{user}"
         variables = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "HOME": home, "USER": user}
         variables |= self.environment
@@ -396,14 +403,14 @@ class System:
         return status, output
 
     def step(self, what: str, script: str, *, user: str = "root", answer: str = "", fails: bool = False) -> str:
-        """Runs a script that has to pass, or has to fail; returns its output.
+        """Run a script that must pass, or with `fails` must fail; returns its output.
 
         Raises:
             Failed: it did not; the message ends with the last lines of its output.
         """
         begun = time.monotonic()
         status, output = self.run(script, user=user, answer=answer)
-        verdict = "as it has to" if fails and status else "ok" if not status else f"FAILED with status {status}"
+        verdict = "failed as expected" if fails and status else "ok" if not status else f"FAILED with status {status}"
         say(f"{self.name}: {what}: {verdict} ({time.monotonic() - begun:.0f} s)")
         if bool(status) != fails:
             tail = "\n".join(line for line in output.splitlines() if line.strip())[-6000:]
@@ -418,16 +425,16 @@ CLONE = "git clone --quiet /srv/v3studio.git v3studio"
 
 
 def run_stages(system: System, user: str) -> None:
-    """Two frames through all stages, and what they made."""
+    """Process two frames through all stages and check that the results exist."""
     take = f"{'/root' if user == 'root' else f'/home/{user}'}/take"
     system.step("two frames of the sample capture", f"cd v3studio && {STAGES}", user=user)
     for name in MADE:
         if not (system.root / take.lstrip("/") / name).is_file():
-            raise Failed(f"{system.name}: the run passed but {name} was not made")
+            raise Failed(f"{system.name}: the run passed, but {name} was not created")
 
 
 def demo_and_test(system: System, user: str) -> None:
-    """The README's two commands in full, with what they print at the end and the disk space that they take."""
+    """Run both commands of the README in full; prints the ends of their outputs and the disk space that they take."""
     output = system.step("make demo", "cd v3studio && make demo", user=user)
     say("\n".join(output.splitlines()[-25:]))
     checked = system.step(
@@ -442,7 +449,7 @@ def demo_and_test(system: System, user: str) -> None:
 
 
 def paste_command_of(system: System, make: str, user: str) -> None:
-    """A command that fails for want of system packages prints one command; runs that as root."""
+    """Run a make target that fails because system packages are missing, then run the command that it prints as root."""
     output = system.step(f"{make} before the packages are installed", f"cd v3studio && {make}", user=user, fails=True)
     command = pasted_command(output)
     say(f"{system.name}: it printed: {command}")
@@ -450,7 +457,7 @@ def paste_command_of(system: System, make: str, user: str) -> None:
 
 
 def as_root_user(system: System, full: bool) -> None:
-    """The README's commands as root."""
+    """Run the README's commands as root."""
     refresh(system)
     system.step("git clone", CLONE)
     if full:
@@ -461,7 +468,7 @@ def as_root_user(system: System, full: bool) -> None:
 
 
 def as_ordinary_user(system: System, full: bool) -> None:
-    """The same without root: fails with a command to paste, and passes after it."""
+    """Run the README's commands without root: they fail, print a command to paste, and pass after it was run."""
     refresh(system)
     system.step("adding a user", "useradd --create-home --shell /bin/bash visitor")
     system.step("git clone", CLONE, user="visitor")
@@ -474,11 +481,15 @@ def as_ordinary_user(system: System, full: bool) -> None:
 
 
 def refresh(system: System) -> None:
-    """Raises CannotRun where the mirror does not answer, so that no failure later on is the network's."""
+    """Check that the mirror is reachable, so that later failures are not caused by the network.
+
+    Raises:
+        CannotRun: the mirror is not reachable.
+    """
     status, output = system.run("apt-get update -qq")
     if status:
         raise CannotRun(f"apt-get update failed in the minimal system: {' '.join(output.split())[-300:]}")
-    # As on a machine that has just been installed: lists are older than the archive, or missing.
+    # As on a newly installed machine, where package lists are outdated or missing.
     system.run("rm -rf /var/lib/apt/lists/*")
 
 
@@ -486,15 +497,16 @@ SCENARIOS = {"root": as_root_user, "user": as_ordinary_user}
 
 
 def share_downloads() -> None:
-    """Lets other users read what root's pip stored; pip makes such files readable by their owner only."""
+    """Let other users read the cache of root's pip, whose files are only readable by their owner."""
     subprocess.run(["chmod", "-R", "a+rX", str(cache_folder() / "pip")], check=True)
 
 
 def run(suite: str, names: Iterable[str], keep: bool, full: bool) -> None:
-    """Runs the scenarios one after the other.
+    """Run the scenarios one after the other.
 
     Raises:
-        CannotRun, Failed.
+        CannotRun: the test cannot run on this machine.
+        Failed: a step failed.
     """
     place = Path(os.environ.get("FRESH_DIR") or "/var/tmp")
     check_machine(place)
@@ -502,14 +514,14 @@ def run(suite: str, names: Iterable[str], keep: bool, full: bool) -> None:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        say("waiting for another run to end; they share the downloads")
+        say("waiting for another run to end, since runs share the downloads")
         fcntl.flock(lock, fcntl.LOCK_EX)
     mirror, security = find_archives()
-    python = ROOT / ".venv" / "bin" / "python"  # has pip also where the system's Python has none
+    python = ROOT / ".venv" / "bin" / "python"  # has pip even if the system's Python does not
     python = str(python) if python.exists() else sys.executable
     carried = carry(output_of(python, "-m", "pip", "config", "list"), os.environ)
     work = Path(tempfile.mkdtemp(prefix="v3studio-fresh-", dir=place))
-    work.chmod(0o755)  # an ordinary user has to reach the system's folder
+    work.chmod(0o755)  # other users must be able to access the test system
     try:
         say(f"{suite} from {mirror}")
         tar = base_system(suite, mirror, work)
@@ -527,12 +539,12 @@ def run(suite: str, names: Iterable[str], keep: bool, full: bool) -> None:
 
 
 def main() -> int:
-    """Parses the command line, runs, and returns the exit status."""
-    parser = argparse.ArgumentParser(description="Tests the set-up in a minimal Debian; see the head of the file.")
+    """Command line; returns the exit status."""
+    parser = argparse.ArgumentParser(description="Test the setup in a minimal Debian; see the docstring of this file.")
     parser.add_argument("--suite", default=os.environ.get("FRESH_SUITE") or "bookworm")
-    parser.add_argument("--only", choices=SCENARIOS, help="one of the two scenarios")
-    parser.add_argument("--keep", action="store_true", help="keep the systems' folders and logs")
-    parser.add_argument("--full", action="store_true", help="`make demo` and `make test` in full instead of two frames")
+    parser.add_argument("--only", choices=SCENARIOS, help="run only one of the two scenarios")
+    parser.add_argument("--keep", action="store_true", help="keep the folders and logs of the test systems")
+    parser.add_argument("--full", action="store_true", help="run `make demo` and `make test` in full")
     given = parser.parse_args()
 
     def stop(number: int, frame: FrameType | None) -> None:

@@ -1,7 +1,7 @@
-"""Installs the pinned requirements and this package into .venv: for `make setup`, and with --dev for tests and linters.
+"""Installs the pinned requirements and this package into .venv, for `make setup`; with --dev, those of tests, too.
 
-It runs before .venv exists, so it uses the standard library only. It can be stopped at any time: what was finished is
-kept in RECORD, and the next call goes on from there. docs/INSTALL.md says what is installed and why.
+Runs before .venv exists, so it only uses the standard library. It can be stopped at any time: finished parts are stored
+in RECORD, and the next call continues from there. docs/INSTALL.md describes what is installed and why.
 """
 
 import argparse
@@ -25,28 +25,28 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
-RECORD = VENV / "v3studio-setup.json"  # {part: what it was installed from}, written after each part
+RECORD = VENV / "v3studio-setup.json"  # {part: digest of what it was installed from}, written after each part
 LOCK = ROOT / "requirements.lock"
 DEV_LOCK = ROOT / "requirements-dev.lock"
 
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"  # PyTorch's own; PyPI has only the CUDA build for Linux
-CUDA_ONLY = ("nvidia-", "cuda-", "triton")  # what torch's CUDA build depends on, and nothing else does
+CUDA_ONLY = ("nvidia-", "cuda-", "triton")  # dependencies of torch's CUDA build only
 OPEN3D = ("open3d", "open3d-cpu")  # the same modules, with and without CUDA kernels; only one can be installed
-# Few retries: with pip's five, a machine without a network waits 38 s before the first message.
+# Few retries: with pip's default of five, a machine without a network waits 38 s before the first message.
 PIP_NETWORK = ("--disable-pip-version-check", "--retries", "2")
-BAR = "━"  # what pip draws its progress bars with
-SHOW_CURSOR = "\x1b[?25h"  # which it hides while it draws them
+BAR = "━"  # character of pip's progress bars
+SHOW_CURSOR = "\x1b[?25h"  # pip hides the cursor while it draws them
 
 
 class Failure(Exception):
-    """One sentence for the user."""
+    """The installation failed; the text is one sentence for the user."""
 
 
 def has_nvidia_gpu() -> bool:
-    """Whether the NVIDIA driver shows a GPU on this machine."""
+    """Whether the NVIDIA driver reports a GPU on this machine."""
     if any(Path("/dev").glob("nvidia[0-9]*")) or any(Path("/proc/driver/nvidia/gpus").glob("*")):
         return True
-    try:  # WSL has neither of them, but has this
+    try:  # WSL has neither of these, but it has nvidia-smi
         listing = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True, timeout=20)
     except (OSError, subprocess.TimeoutExpired):
         return False
@@ -56,18 +56,18 @@ def has_nvidia_gpu() -> bool:
 def choose_torch(environment: Mapping[str, str], recorded: str | None, gpu: Callable[[], bool] = has_nvidia_gpu) -> str:
     """The build of PyTorch to install, "cpu" or "cuda".
 
-    V3STUDIO_TORCH decides; without it, the build stays what it was; the first time, the machine decides.
+    It is determined by V3STUDIO_TORCH if set, otherwise by the previous installation, otherwise by the machine's GPU.
     """
     asked = environment.get("V3STUDIO_TORCH", "")
     if asked in ("cpu", "cuda"):
         return asked
     if asked:
-        raise Failure(f"V3STUDIO_TORCH is {asked!r}; it must be cpu or cuda, or unset to go by the machine's GPU.")
+        raise Failure(f"V3STUDIO_TORCH is {asked!r}; it must be cpu or cuda, or unset to detect the machine's GPU.")
     return recorded or ("cuda" if gpu() else "cpu")
 
 
 def pins(lock: Path) -> dict[str, str]:
-    """{package: version} of a lock file."""
+    """Package to version, from a lock file."""
     lines = (line.partition("#")[0].strip() for line in lock.read_text(encoding="utf-8").splitlines())
     return dict(line.split("==", 1) for line in lines if line)
 
@@ -82,7 +82,7 @@ def digest(*files: Path) -> str:
 
 
 def read_record() -> dict[str, str]:
-    """What earlier calls finished; empty where there is no record or it cannot be read."""
+    """The parts that earlier calls finished; empty if there is no record or it cannot be read."""
     try:
         record = json.loads(RECORD.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -91,7 +91,7 @@ def read_record() -> dict[str, str]:
 
 
 def write_record(record: dict[str, str]) -> None:
-    """Replaces the record, whole or not at all."""
+    """Replace the record atomically."""
     new = RECORD.with_suffix(".new")
     new.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     new.replace(RECORD)
@@ -101,12 +101,12 @@ def write_record(record: dict[str, str]) -> None:
 
 
 def site_packages() -> Path:
-    """The folder that packages are installed into."""
+    """The folder into which packages are installed."""
     return next(iter(VENV.glob("lib/python3*/site-packages")), VENV / "lib" / "none")
 
 
 def is_complete(dist_info: Path) -> bool:
-    """Whether an installation ran to its end: pip writes RECORD last, and INSTALLER is named in that one only."""
+    """Whether an installation was completed: pip writes RECORD last, and only the final RECORD lists INSTALLER."""
     try:
         return f"{dist_info.name}/INSTALLER," in (dist_info / "RECORD").read_text(encoding="utf-8")
     except OSError:
@@ -114,57 +114,57 @@ def is_complete(dist_info: Path) -> bool:
 
 
 def why_unusable(python_asked_for: bool) -> str | None:
-    """Why .venv has to be made anew; None if it is usable."""
+    """Why .venv must be recreated; None if it is usable."""
     try:
         answer = subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True, text=True)
     except OSError:
-        return "its Python is gone"
+        return "its Python no longer exists"
     found = re.search(r"\(python (\d+)\.(\d+)\)", answer.stdout)
     if answer.returncode != 0 or found is None:
-        return "its pip does not answer"
+        return "its pip does not run"
     version = (int(found[1]), int(found[2]))
     if version < (3, 11):
-        return f"its Python is {version[0]}.{version[1]}, and 3.11 is needed"
+        return f"its Python is {version[0]}.{version[1]}, but 3.11 or newer is required"
     if python_asked_for and version != sys.version_info[:2]:
-        return f"its Python is {version[0]}.{version[1]}, and PYTHON is {sys.version_info[0]}.{sys.version_info[1]}"
+        return f"its Python is {version[0]}.{version[1]}, but PYTHON is {sys.version_info[0]}.{sys.version_info[1]}"
     if not any(is_complete(info) for info in site_packages().glob("pip-*.dist-info")):
-        return "making it was interrupted"
+        return "its creation was interrupted"
     try:
         launcher = (VENV / "bin" / "pip").read_text(encoding="utf-8")
     except OSError:
-        return "its pip is gone"
-    return None if f"{VENV}/bin/" in launcher else "it was moved here from another folder"
+        return "its pip no longer exists"
+    return None if f"{VENV}/bin/" in launcher else "it was moved from another folder"
 
 
 def ensure_venv() -> None:
-    """Makes .venv where there is none or the one that is there is unusable."""
+    """Create .venv if it does not exist or is unusable."""
     if VENV.exists() or VENV.is_symlink():
         reason = why_unusable(bool(os.environ.get("PYTHON")))
         if reason is None:
             return
-        print(f"Making .venv anew: {reason}.", flush=True)
-    # Not sys.executable: that is inside .venv where it is activated, and about to be removed.
+        print(f"Recreating .venv: {reason}.", flush=True)
+    # Not sys.executable: if .venv is activated, that is inside .venv, which is about to be removed.
     base = getattr(sys, "_base_executable", None) or sys.executable
     made = subprocess.run([base, "-m", "venv", "--clear", VENV], capture_output=True, text=True)
     if made.returncode != 0:
         last = (made.stdout + made.stderr).strip().splitlines()[-1:] or ["no message"]
-        raise Failure(f"{base} -m venv could not make {VENV}: {last[0]}")
+        raise Failure(f"{base} -m venv could not create {VENV}: {last[0]}")
 
 
 def remove_unfinished() -> None:
-    """Removes what an interrupted pip left, which it would take for installed packages."""
+    """Remove leftovers of an interrupted pip, which pip would mistake for installed packages."""
     for left in [*site_packages().glob("~*"), *site_packages().glob("*.dist-info")]:
         if left.name.startswith("~") or not is_complete(left):
             shutil.rmtree(left, ignore_errors=True)
 
 
 def is_installed(package: str) -> bool:
-    """Whether .venv holds `package` (a name in normalized form)."""
+    """Whether `package` (a normalized name) is installed in .venv."""
     return any(site_packages().glob(f"{package.replace('-', '_')}-*.dist-info"))
 
 
 def installed_torch() -> tuple[str, str] | None:
-    """(version, "cpu" or "cuda") of the PyTorch in .venv, read without importing it; None where there is none."""
+    """Version and build ("cpu" or "cuda") of the PyTorch in .venv, without importing it; None if there is none."""
     try:
         text = (site_packages() / "torch" / "version.py").read_text(encoding="utf-8")
     except OSError:
@@ -177,18 +177,18 @@ def installed_torch() -> tuple[str, str] | None:
 
 
 class Progress:
-    """Passes on what a user wants to read of pip's output and keeps all of it."""
+    """Prints the parts of pip's output that are relevant to the user, and counts packages and megabytes."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
         self.packages = 0
-        self.megabytes = 0.0  # of their files
-        self.downloaded = 0.0  # of these, neither from pip's cache nor from local files
+        self.megabytes = 0.0  # total size of their files
+        self.downloaded = 0.0  # part of it that came neither from pip's cache nor from local files
 
     def line(self, line: str) -> None:
         self.lines.append(line)
         if line.startswith("ERROR:"):
-            return  # pip's last word; `why_pip_failed` words it
+            return  # pip's summary; see `why_pip_failed`
         if match := re.match(r"Installing collected packages: (.*)", line):
             print(f"  installing {len(match[1].split(','))} packages", flush=True)
         match = re.match(
@@ -211,11 +211,11 @@ class Progress:
 
 
 def pip(*arguments: str | Path, progress: Progress | None = None, path: str | None = None) -> tuple[int, list[str]]:
-    """Runs .venv's pip; returns its exit status and its lines, which also go to `progress`.
+    """Run .venv's pip; returns its exit status and its lines, which are also passed to `progress`.
 
-    On a terminal pip gets a terminal too, so that it draws its progress bars, and these pass through as they are.
+    On a terminal, pip also gets a terminal, so that it draws its progress bars, which are passed through unchanged.
     """
-    # Settings of the user's environment that would install elsewhere, or import from elsewhere.
+    # Settings of the user's environment that would install to, or import from, another place.
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     environment |= {"PIP_USER": "0", "PATH": path or os.environ.get("PATH", os.defpath)}
     bars = progress is not None and sys.stdout.isatty()
@@ -230,7 +230,7 @@ def pip(*arguments: str | Path, progress: Progress | None = None, path: str | No
         while True:
             try:
                 chunk = os.read(ours, 65536)
-            except OSError:  # how a terminal ends
+            except OSError:  # signals the end of a terminal
                 chunk = b""
             if not chunk:
                 break
@@ -254,7 +254,7 @@ def pip(*arguments: str | Path, progress: Progress | None = None, path: str | No
 
 
 def network_trouble(lines: list[str]) -> str | None:
-    """ "host: reason" where pip's messages speak of a host that it could not reach; None where they do not."""
+    """The host that pip could not reach and the reason, as "host: reason"; None if its messages mention none."""
     for line in lines:
         if re.search(r"connection (broken|error)|NewConnectionError|Timeout|Max retries|ProxyError|SSLError", line):
             host = re.search(r"(?:host='|https?://)([^'/:]+)", line)
@@ -265,26 +265,26 @@ def network_trouble(lines: list[str]) -> str | None:
 
 
 def why_pip_failed(lines: list[str]) -> Failure:
-    """pip's failure in a sentence."""
+    """pip's failure as one sentence."""
     if trouble := network_trouble(lines):
         return Failure(
             f"Packages cannot be downloaded ({trouble}); connect this machine to the network, or set pip's proxy or "
-            "index-url (pip config set global.index-url URL), and run this again: it goes on from here."
+            "index-url (pip config set global.index-url URL), and run this again to continue."
         )
     errors = [line.removeprefix("ERROR: ").strip() for line in lines if line.startswith("ERROR:")]
     return Failure("pip failed: " + (" ".join(errors[:2]) or "\n".join(lines[-20:])))
 
 
 def install(*arguments: str | Path, progress: Progress) -> None:
-    """pip install, with progress; raises Failure."""
-    # Without byte code: Python writes it at the first import, of what is imported; for all it doubles the time.
+    """Run `pip install` with progress. Raises Failure."""
+    # Without byte code: compiling all modules would double the time, and Python compiles those that it imports.
     status, lines = pip("install", "--no-compile", *PIP_NETWORK, *arguments, progress=progress)
     if status != 0:
         raise why_pip_failed(lines)
 
 
 def uninstall(packages: list[str]) -> None:
-    """Removes those of `packages` that are installed."""
+    """Uninstall those of `packages` that are installed."""
     packages = [package for package in packages if is_installed(package)]
     if packages:
         status, lines = pip("uninstall", "--yes", "--disable-pip-version-check", *packages)
@@ -296,14 +296,14 @@ def uninstall(packages: list[str]) -> None:
 
 
 def torch_requirement(build: str, version: str) -> list[str]:
-    """pip's arguments for `build` of PyTorch `version`.
+    """pip's arguments for the given build and version of PyTorch.
 
-    CPU builds carry the local version "+cpu" on PyTorch's own index; PyPI's build without one is CUDA. A user's own pip
-    configuration may offer either. Raises Failure where pip finds no PyTorch at all.
+    CPU builds have the local version "+cpu" on PyTorch's own index; PyPI's build without a local version is the CUDA
+    build. A user's pip configuration may provide either. Raises Failure if pip finds no PyTorch at all.
     """
     if build == "cuda":
-        return [f"torch==={version}"]  # === takes no local version: "+cpu" would satisfy ==, and be preferred
-    # `pip index` goes by pip's own proxies and certificates. One try of 5 s: this is only a question.
+        return [f"torch==={version}"]  # === excludes local versions: "+cpu" would satisfy == and be preferred
+    # `pip index` uses pip's proxies and certificates. One attempt of 5 s, since the answer is optional.
     question = ("--extra-index-url", CPU_INDEX, "--timeout", "5", "--retries", "0", "--disable-pip-version-check")
     _, lines = pip("-vv", "index", "versions", "torch", *question)
     offered = re.search(r"Available versions: (.*)", "\n".join(lines))
@@ -311,7 +311,7 @@ def torch_requirement(build: str, version: str) -> list[str]:
         raise why_pip_failed(lines)
     trouble = network_trouble([line for line in lines if "download.pytorch.org" in line])
     if offered and f"{version}+cpu" in offered[1].split(", "):
-        index = [] if trouble else ["--extra-index-url", CPU_INDEX]  # pip would retry it for each package
+        index = [] if trouble else ["--extra-index-url", CPU_INDEX]  # if unreachable, pip would retry for each package
         return [*index, f"torch=={version}+cpu"]
     reason = f"cannot be reached ({trouble})" if trouble else f"has no build of {version} for this machine"
     print(f"PyTorch's CPU builds: {CPU_INDEX} {reason}; installing the build that pip finds elsewhere.", flush=True)
@@ -319,7 +319,7 @@ def torch_requirement(build: str, version: str) -> list[str]:
 
 
 def torch_message(build: str) -> str:
-    """Which build of PyTorch is installed where `build` was wanted, and how to change that."""
+    """A message that names the installed build of PyTorch, if `build` was requested, and how to change it."""
     version, installed = installed_torch() or ("?", "?")
     other = {"cpu": "cuda", "cuda": "cpu"}[build] if installed == build else build
     again = "" if installed == build else " try again to"
@@ -330,7 +330,7 @@ def torch_message(build: str) -> str:
 
 
 def install_requirements(build: str, progress: Progress) -> None:
-    """The run-time set: PyTorch with what it needs, then all pins, each exactly and without its dependencies."""
+    """Install PyTorch with its dependencies, then all pinned requirements, each without its dependencies."""
     versions = pins(LOCK)
     install("-c", LOCK, *torch_requirement(build, versions["torch"]), progress=progress)
     torch = installed_torch()
@@ -341,28 +341,28 @@ def install_requirements(build: str, progress: Progress) -> None:
     has_cpu_wheels = platform.machine() == "x86_64"
     wanted = OPEN3D[1] if build == "cpu" and has_cpu_wheels else OPEN3D[0]
     if any(is_installed(name) for name in OPEN3D if name != wanted):
-        uninstall(list(OPEN3D))  # both: they share their files
+        uninstall(list(OPEN3D))  # both, since they share their files
     versions[wanted] = versions.pop(OPEN3D[0])
     install("--no-deps", *(f"{name}=={version}" for name, version in versions.items()), progress=progress)
 
 
 def package_sources() -> list[Path]:
-    """What the installed package is built from; Python modules are used where they lie."""
+    """The files from which the package is built; Python modules are not copied by an editable install."""
     sources = [path for path in (ROOT / "studio" / "rasterizer").rglob("*") if path.suffix in (".cpp", ".h", ".hpp")]
     return [path for path in (ROOT / "pyproject.toml", ROOT / "CMakeLists.txt", *sorted(sources)) if path.exists()]
 
 
 def install_package() -> None:
-    """This package, editable. Without isolation and dependencies: the lock has both already, build tools included."""
+    """Install this package as editable, without build isolation and dependencies, since the lock file contains all."""
     path = f"{VENV / 'bin'}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
     options = ("--disable-pip-version-check", "--no-build-isolation", "--no-deps")
     status, lines = pip("install", *options, "--editable", ROOT, path=path)
     if status != 0:
-        raise Failure("\n".join([*lines[-40:], "The package could not be built; the messages are above."]))
+        raise Failure("\n".join([*lines[-40:], "The package could not be built; see the messages above."]))
 
 
 def setup(dev: bool, package: bool) -> None:
-    """Brings .venv to what the locks and the sources say; quick where it is there already."""
+    """Update .venv to match the lock files and sources; fast if it already does."""
     started = time.monotonic()
     build = choose_torch(os.environ, read_record().get("torch"))
     ensure_venv()
@@ -379,7 +379,7 @@ def setup(dev: bool, package: bool) -> None:
         record |= {"requirements": requirements, "torch": build}
         write_record(record)
     if dev and record.get("dev") != digest(DEV_LOCK):
-        print("Installing what tests and linters need into .venv", flush=True)
+        print("Installing the requirements of tests and linters into .venv", flush=True)
         remove_unfinished()
         install("--no-deps", "-r", DEV_LOCK, progress=progress)
         record["dev"] = digest(DEV_LOCK)
@@ -403,25 +403,25 @@ def setup(dev: bool, package: bool) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(description="Install the pinned requirements and this package into .venv.")
-    parser.add_argument("--dev", action="store_true", help="also what tests and linters need")
+    parser.add_argument("--dev", action="store_true", help="also install what tests and linters need")
     parser.add_argument(
-        "--requirements-only", action="store_true", help="not this package (a Dockerfile's first layers)"
+        "--requirements-only", action="store_true", help="do not install this package (for the first Docker layers)"
     )
     options = parser.parse_args(arguments)
-    folder = os.open(ROOT, os.O_RDONLY)  # closed, and so unlocked, when this process ends, however it does
+    folder = os.open(ROOT, os.O_RDONLY)  # the operating system closes and unlocks it when this process ends
     try:
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            print("Another set-up of this folder is running; waiting for it.", flush=True)
-            with suppress(OSError):  # a file system without locks: go on
+            print("Another setup of this folder is running; waiting for it.", flush=True)
+            with suppress(OSError):  # a file system without locks: continue
                 fcntl.flock(folder, fcntl.LOCK_EX)
         setup(options.dev, not options.requirements_only)
     except Failure as failure:
         print(failure, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print((SHOW_CURSOR if sys.stderr.isatty() else "") + "\nInterrupted; run it again to go on.", file=sys.stderr)
+        print((SHOW_CURSOR if sys.stderr.isatty() else "") + "\nInterrupted; run again to continue.", file=sys.stderr)
         return 130
     finally:
         os.close(folder)

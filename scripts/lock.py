@@ -1,8 +1,9 @@
-"""Writes requirements.lock and requirements-dev.lock: all that v3studio needs, pinned as installed in .venv.
+"""Writes requirements.lock and requirements-dev.lock: all requirements of v3studio, pinned as installed in .venv.
 
-requirements.lock holds what runs the program and builds its kernel, requirements-dev.lock what tests and linters need
-besides. Left out are packages that nothing needs, what torch's CUDA build brings (pip finds those by itself where it
-installs that build), torch's build suffix such as +cpu, and dependencies that are declared but never imported here.
+requirements.lock contains what is needed to run the program and to build its kernels; requirements-dev.lock contains
+what tests and linters need in addition. Not included are packages that nothing requires, the dependencies of torch's
+CUDA build (pip resolves them when it installs that build), torch's build suffix such as +cpu, and dependencies that are
+declared but never imported.
 """
 
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
@@ -15,12 +16,12 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).resolve().parent.parent
 HEADER = "# {what}, pinned: what the tests ran with. Made by `make lock`; pyproject.toml says why.\n"
 LEFT_OUT = ("nvidia-", "cuda-", "triton")
-# Open3D needs these in notebooks and in one of its examples only; together with what they need, 27 packages.
+# Open3D needs these only in notebooks and in one of its examples; with their dependencies, they are 27 packages.
 NOT_IMPORTED = {"open3d": {"ipywidgets", "nbformat", "configargparse"}}
 
 
 def installed(package: str) -> Distribution:
-    """The installed distribution; open3d-cpu stands in for open3d."""
+    """The installed distribution; open3d-cpu is accepted in place of open3d."""
     try:
         return distribution(package)
     except PackageNotFoundError:
@@ -30,7 +31,7 @@ def installed(package: str) -> Distribution:
 
 
 def needed(name: str, extras: tuple[str, ...]) -> dict[str, str]:
-    """{package: version} of everything that `name[extras]` needs here, without itself."""
+    """Package to version for all dependencies of `name[extras]` on this machine, excluding itself."""
     environment = {key: str(value) for key, value in default_environment().items()}
     found: dict[str, str] = {}
     seen: set[tuple[str, str]] = set()
@@ -53,7 +54,7 @@ def needed(name: str, extras: tuple[str, ...]) -> dict[str, str]:
 
 
 def write(file: Path, what: str, packages: dict[str, str]) -> None:
-    """Replaces `file`, whole or not at all."""
+    """Replace `file` atomically."""
     new = file.with_suffix(".new")
     new.write_text(
         HEADER.format(what=what) + "".join(f"{name}=={version}\n" for name, version in sorted(packages.items())),

@@ -1,6 +1,6 @@
 """Writes the JSON schemas of a take's results to docs/: `python scripts/result_schemas.py`.
 
-docs/stream.schema.json, the schema of the stream's manifest, is not among them.
+It does not write docs/stream.schema.json, the schema of the stream's manifest.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python scripts/sample_picture.py TAKE docs/images/sample.jpg [--frame 14]
 
-One row per held-out camera: footage, performer cut out with the exact matte, trained Gaussians, decoded stream, and
-the difference between performer and decoded stream times 4.
+Each held-out camera has one row: footage, performer cut out with the exact matte, trained Gaussians, decoded stream,
+and the difference between performer and decoded stream, multiplied by 4.
 """
 
 from __future__ import annotations

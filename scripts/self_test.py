@@ -1,14 +1,14 @@
-"""Checks that the environment of the running Python can do what V3 Studio does; `make setup` ends with it.
+"""Checks that the environment of the running Python has everything that V3 Studio needs; the last step of `make setup`.
 
     .venv/bin/python scripts/self_test.py
 
-Looks for the shared libraries that compiled modules and plugins need, imports every dependency that pyproject.toml
-declares, calls a mesh filter, encodes and decodes a video frame, lists the Vulkan devices, and compares the CPU
-rasterizer with the reference. Prints one line and exits with 0 if all is well; else prints one sentence for each thing
-that is missing, with the Debian package where it is known, and exits with 1.
+Looks for the shared libraries that compiled modules and plugins need, imports every dependency declared in
+pyproject.toml, calls a mesh filter, encodes and decodes a video frame, lists the Vulkan devices, and compares the CPU
+rasterizer with the reference. If all checks pass, it prints one line and exits with 0. Otherwise, it prints one
+sentence per problem, with the Debian package to install if it is known, and exits with 1.
 
-The checks run in child processes, two at a time: a library that aborts must not take the report with it, and what
-libraries print is shown only if a check fails without saying why.
+The checks run in two child processes, so that a library that aborts does not end the report. The output of libraries is
+shown only if a check fails without an error message.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 SYSTEM_PACKAGES = ROOT / "scripts" / "system_packages.sh"
 MODULES = {"opencv-contrib-python-headless": "cv2", "pillow": "PIL", "pyyaml": "yaml", "ruamel.yaml": "ruamel.yaml"}
-"""Modules of the distributions whose module has another name than the distribution."""
+"""Modules of the distributions whose name differs from that of the distribution."""
 
 PLUGINS = ("pymeshlab/lib/plugins/*.so",)
-"""Compiled files, relative to site-packages, that are not modules and that a package opens by itself.
+"""Compiled files, relative to site-packages, that are not modules but are loaded at run time by their package.
 
-Not every compiled file is needed: open3d_tf_ops.so and open3d_torch_ops.so, for instance, are loaded only by open3d.ml,
-which is not used and wants TensorFlow and CUDA.
+Not every compiled file is needed: for example, open3d_tf_ops.so and open3d_torch_ops.so are loaded only by open3d.ml,
+which is not used and needs TensorFlow and CUDA.
 """
 
 
@@ -46,13 +46,13 @@ which is not used and wants TensorFlow and CUDA.
 
 
 def listed_libraries(script: str) -> dict[str, str]:
-    """{library: Debian package} of the lines `need PACKAGE library LIBRARY` in scripts/system_packages.sh."""
+    """Library to Debian package, from the lines `need PACKAGE library LIBRARY` in scripts/system_packages.sh."""
     found = re.findall(r"^\s*need\s+(\S+)\s+library\s+(\S+)", script, re.MULTILINE)
     return {library: package.strip("\"'") for package, library in found}
 
 
 def debian_package(library: str, listed: dict[str, str]) -> str:
-    """The Debian package of a shared library: as listed, else by the naming rule of Debian Policy, section 8.1."""
+    """The Debian package of a shared library: as listed, or by the naming rule of Debian Policy, section 8.1."""
     if library in listed:
         return listed[library]
     name, _, version = library.partition(".so.")
@@ -98,10 +98,10 @@ def needed_libraries(path: Path) -> list[str]:
 
 
 def outside_libraries(site: Path, plugins: Iterable[str] = PLUGINS) -> dict[str, set[str]]:
-    """Shared libraries that site-packages does not bring along, each with the packages whose modules load them.
+    """Shared libraries that are not in site-packages, with the packages whose modules load them.
 
-    Follows what modules and plugins need, and what the bundled libraries that they load need in turn; bundled
-    libraries that nothing loads do not count.
+    Follows the dependencies of modules and plugins, including those of the bundled libraries that they load. Bundled
+    libraries that nothing loads are ignored.
     """
     files = [path for path in site.rglob("*.so*") if path.is_file()]
     bundled: dict[str, list[Path]] = {}
@@ -128,19 +128,19 @@ def outside_libraries(site: Path, plugins: Iterable[str] = PLUGINS) -> dict[str,
 
 
 def _package(path: Path, site: Path) -> str:
-    """Top-level folder (or module) in site-packages; wheels keep the libraries of `package` in package.libs."""
+    """Top-level folder (or module) in site-packages; wheels store the libraries of `package` in package.libs."""
     return path.relative_to(site).parts[0].split(".")[0]
 
 
 def not_found(libraries: Iterable[str]) -> list[str]:
-    """Those of the libraries that the dynamic loader does not find, asked in a process of its own."""
+    """The libraries that the dynamic loader does not find, tested in a child process."""
     code = (
         "import ctypes, sys\nfor name in sys.argv[1:]:\n    try: ctypes.CDLL(name)\n    except OSError: print(name)\n"
     )
     names = sorted(libraries)
     done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True, timeout=60)
     if done.returncode != 0:
-        raise RuntimeError(f"looking for shared libraries ended with status {done.returncode}: {done.stderr.strip()}")
+        raise RuntimeError(f"the check for shared libraries ended with status {done.returncode}: {done.stderr.strip()}")
     return done.stdout.split()
 
 
@@ -149,12 +149,12 @@ def not_found(libraries: Iterable[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Check:
-    """One thing to try.
+    """One check.
 
     Attributes:
-        does: what it does, as it stands in "... fails".
-        uses: top-level modules; where one of them lacks a shared library, that explains a failure.
-        run: raises what is wrong.
+        does: what it does, as a gerund phrase, used in "... failed".
+        uses: top-level modules that it uses; if one of them lacks a shared library, that explains a failure.
+        run: performs the check; raises an exception if it fails.
     """
 
     does: str
@@ -174,7 +174,7 @@ def module_of(distribution: str) -> str:
 
 
 def check_mesh_filter() -> None:
-    """Halves the faces of a small sphere. The filter lives in a plugin that is left out when a library is missing."""
+    """Halve the faces of a small sphere. The filter is in a plugin that is not loaded if it lacks a shared library."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet()
@@ -183,11 +183,11 @@ def check_mesh_filter() -> None:
     meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=before // 2)
     after = meshes.current_mesh().face_number()
     if not 0 < after <= before // 2:
-        raise RuntimeError(f"{before} faces became {after}, expected {before // 2} at most")
+        raise RuntimeError(f"{before} faces were reduced to {after}, expected at most {before // 2}")
 
 
 def check_video() -> None:
-    """Encodes a gradient with libx264, decodes it, and compares luma."""
+    """Encode a gradient with libx264, decode it, and compare luma."""
     import io
 
     import av
@@ -205,18 +205,18 @@ def check_video() -> None:
         decoded = next(container.decode(video=0)).to_ndarray()
     error = float(np.abs(decoded[:64].astype(float) - picture[:64]).mean())
     if error > 4:
-        raise RuntimeError(f"the decoded frame differs from the encoded one by {error:.1f} of 255 on average")
+        raise RuntimeError(f"the decoded frame differs from the encoded frame by {error:.1f} of 255 levels on average")
 
 
 def check_vulkan() -> None:
-    """Makes a Vulkan instance and lists its devices, as the window does before it opens."""
+    """Create a Vulkan instance and list its devices, as the window does before it opens."""
     from gui.platform.vulkan import vulkan_devices
 
     vulkan_devices()
 
 
 def check_kernel() -> None:
-    """Draws ten splats with the CPU kernel and with the reference."""
+    """Render ten splats with the CPU kernels and with the reference."""
     import numpy as np
     import torch
 
@@ -238,19 +238,19 @@ def check_kernel() -> None:
     drawn = rasterize(splats, camera, backend="cpu").image
     expected = rasterize(splats, camera, backend="reference").image
     difference = (drawn - expected).abs()
-    # A single pixel may fall on the other side of the alpha threshold of 1/255.
+    # Due to rounding, a pixel may be on the other side of the alpha threshold of 1/255.
     if expected.max() < 0.1 or difference.mean() > 1e-4 or difference.max() > 0.02:
-        raise RuntimeError(f"its picture differs from the reference by up to {float(difference.max()):.3f}")
+        raise RuntimeError(f"the image differs from the reference by up to {float(difference.max()):.3f}")
 
 
 def groups() -> tuple[list[Check], list[Check]]:
-    """All checks, in two groups that take about as long; torch is half of the work."""
+    """All checks, in two groups that take about the same time; torch takes half of the total."""
     imports = [
         Check(f"importing {name}", (module_of(name),), lambda name=name: import_module(name))
         for name in dependencies((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     ]
     heavy = [check for check in imports if check.uses[0] in ("torch", "scipy", "matplotlib")]
-    kernel = Check("drawing with the CPU kernel", ("torch", "studio"), check_kernel)
+    kernel = Check("rendering with the CPU kernels", ("torch", "studio"), check_kernel)
     others = [check for check in imports if check not in heavy]
     mesh_filter = Check("decimating a mesh with pymeshlab", ("pymeshlab",), check_mesh_filter)
     video = Check("encoding an H.264 frame with av", ("av",), check_video)
@@ -259,7 +259,7 @@ def groups() -> tuple[list[Check], list[Check]]:
 
 
 def import_module(distribution: str) -> None:
-    """Imports the module of a distribution.
+    """Import the module of a distribution.
 
     Raises:
         RuntimeError: the module itself is not installed.
@@ -274,7 +274,7 @@ def import_module(distribution: str) -> None:
 
 
 def explain(error: BaseException, listed: dict[str, str]) -> str:
-    """What an exception says, in a line, with the Debian package of a shared library that it names."""
+    """The text of an exception on one line, with the Debian package if it names a missing shared library."""
     text = " ".join(str(error).split()) or type(error).__name__
     library = re.search(r"(\S+\.so[.0-9]*): cannot open shared object file", text)
     if library:
@@ -284,7 +284,7 @@ def explain(error: BaseException, listed: dict[str, str]) -> str:
 
 
 def run_group(group: list[Check], report: Callable[[str, str], None], listed: dict[str, str]) -> None:
-    """Runs checks one after the other; reports ("begin", what) before and ("failed", why) after one that fails."""
+    """Run checks one after the other; reports ("begin", check) before each and ("failed", reason) if it fails."""
     for check in group:
         report("begin", check.does)
         try:
@@ -297,7 +297,7 @@ def run_group(group: list[Check], report: Callable[[str, str], None], listed: di
 
 
 def child(index: int, first: int) -> None:
-    """Runs a group from its check `first` on; standard output holds its report only, whatever C++ code prints."""
+    """Run a group, starting at check `first`; standard output contains only its report, whatever C++ code prints."""
     reports = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
 
@@ -321,7 +321,7 @@ def start_child(index: int, first: int = 0) -> subprocess.Popen[str]:
 
 
 def collect(index: int, process: subprocess.Popen[str]) -> dict[str, str]:
-    """{check: why it failed} of a group, from its child process; where that dies, another goes on after the check."""
+    """Failed checks of a group and the reasons; if its child process dies, a new one continues with the next check."""
     failures: dict[str, str] = {}
     group = groups()[index]
     begun = 0
@@ -349,18 +349,18 @@ def collect(index: int, process: subprocess.Popen[str]) -> dict[str, str]:
 
 
 def sentences(missing: dict[str, set[str]], failures: dict[str, str], listed: dict[str, str]) -> list[str]:
-    """The report: a sentence for each missing library, and for each failed check that those do not explain.
+    """The report: one sentence per missing library, and one per failed check that is not explained by these.
 
     Args:
-        missing: {library: packages that need it}.
-        failures: {check: why}.
-        listed: {library: Debian package}.
+        missing: library to the packages that need it.
+        failures: check to the reason of its failure.
+        listed: library to Debian package.
     """
     lines = []
     for library, packages in sorted(missing.items()):
         package = debian_package(library, listed)
         users = ", ".join(sorted(packages))
-        lines.append(f"{library}, which {users} needs, was not found; install {package} (Debian, Ubuntu).")
+        lines.append(f"{library}, required by {users}, was not found; install {package} (Debian, Ubuntu).")
     unexplained = set().union(*missing.values()) if missing else set()
     uses = {check.does: check.uses for group in groups() for check in group}
     for does, why in failures.items():
@@ -370,7 +370,7 @@ def sentences(missing: dict[str, set[str]], failures: dict[str, str], listed: di
 
 
 def main() -> int:
-    """Runs everything and prints the report; returns the exit status."""
+    """Run all checks and print the report; returns the exit status."""
     begun = time.monotonic()
     children = [start_child(index) for index in range(len(groups()))]
     listed = listed_libraries(SYSTEM_PACKAGES.read_text(encoding="utf-8"))

@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# Installs the system packages that are missing, or names them in one sentence.
-#   scripts/system_packages.sh          what building and running needs
-#   scripts/system_packages.sh --tests  the same, and what the window's tests need
-# It looks for the thing itself (a library, a program, a header), so it also passes on
-# systems other than Debian and Ubuntu where the thing has come from elsewhere.
+# Installs missing system packages, or prints the command that installs them.
+#   scripts/system_packages.sh          packages needed to build and run
+#   scripts/system_packages.sh --tests  additionally those needed by the tests of the window and the browser player
+# It checks for the libraries, programs and headers themselves rather than for packages, so it also passes on
+# systems other than Debian and Ubuntu that provide them in another way.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 missing=()
-need() { # need PACKAGE CHECK...: the package, and a command that succeeds where it is not needed
+need() { # need PACKAGE CHECK...: the package, and a command that succeeds if it is not needed
     local package=$1
     shift
     "$@" >/dev/null 2>&1 || missing+=("$package")
@@ -28,19 +28,19 @@ need "python$version-venv" can_make_venv
 need "python$version-dev" headers # Python.h, for the compiled rasterizer
 need g++ compiler
 need libgomp1 library libgomp.so.1
-need libusb-1.0-0 library libusb-1.0.so.0 # from here on: what importing open3d loads
+need libusb-1.0-0 library libusb-1.0.so.0 # from here on: loaded by `import open3d`
 need libudev1 library libudev.so.1
 need libegl1 library libEGL.so.1
 need libgl1 library libGL.so.1
 need libx11-6 library libX11.so.6
-need libopengl0 library libOpenGL.so.0 # from here on: what PyMeshLab's filters load; those that cannot are left out
+need libopengl0 library libOpenGL.so.0 # from here on: loaded by PyMeshLab's filters, which are missing without them
 need libgmp10 library libgmp.so.10
 need libcom-err2 library libcom_err.so.2
 need libp11-kit0 library libp11-kit.so.0
-need zlib1g library libz.so.1 # from here on: what many Python packages load
+need zlib1g library libz.so.1 # from here on: loaded by many Python packages
 need libstdc++6 library libstdc++.so.6
 need libgcc-s1 library libgcc_s.so.1
-need libvulkan1 library libvulkan.so.1 # from here on: what the window draws with
+need libvulkan1 library libvulkan.so.1 # from here on: used by the window for rendering
 need mesa-vulkan-drivers vulkan_driver
 if [ "${1:-}" = --tests ]; then
     need xvfb program Xvfb
@@ -52,7 +52,7 @@ fi
 [ ${#missing[@]} -eq 0 ] && exit 0
 
 if ! command -v apt-get >/dev/null; then
-    echo "V3 Studio needs what Debian calls ${missing[*]}; install the like with this system's package manager." >&2
+    echo "V3 Studio needs these Debian packages: ${missing[*]}; install the equivalents with this system's package manager." >&2
     exit 1
 fi
 if [ "$(id -u)" -eq 0 ]; then
@@ -71,12 +71,12 @@ else
 fi
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
-apt() { # its messages go to the log; two short tries, since apt's own limit is two minutes for each server
+apt() { # messages go to the log; two short attempts, since apt's default timeout is two minutes per server
     "${as_root[@]}" DEBIAN_FRONTEND=noninteractive LC_ALL=C apt-get -o Acquire::Retries=1 -o Acquire::http::Timeout=10 \
         -o Acquire::https::Timeout=10 -o DPkg::Lock::Timeout=120 "$@" </dev/null >>"$log" 2>&1
 }
 echo "Installing system packages: ${missing[*]}"
-# A list that cannot be fetched does not matter as long as the packages can be.
+# A package list that cannot be fetched does not matter as long as the packages can be.
 apt update || true
 if ! apt install -y --no-install-recommends "${missing[@]}"; then
     if grep -qE 'Could not (resolve|connect)|Temporary failure|Cannot initiate|timed out' "$log"; then

@@ -1,4 +1,4 @@
-"""Atomic writes: a file appears whole or not at all."""
+"""Atomic writes: a file appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 PARTIAL = ".partial"
-"""Part of every temporary name; such files are leftovers of killed processes and may be deleted."""
+"""Part of every temporary name. Remaining files with this name are leftovers of killed processes and may be deleted."""
 
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder: renamed to `path` on success, deleted on any exception.
+    """A temporary path in the same folder that is renamed to `path` on success and deleted on any exception.
 
-    The temporary name keeps the suffix, since some writers choose the format by it. The parent folder is created.
+    The temporary name has the same suffix, since some writers select the format by it. The parent folder is created.
 
     Raises:
         OSError: the folder cannot be created or the file cannot be renamed.
@@ -57,14 +57,14 @@ def write_json(path: Path, value: Any) -> None:
     """Write indented JSON with a final newline, atomically.
 
     Raises:
-        ValueError: NaN or infinity, which JSON does not have.
+        ValueError: the value contains NaN or infinity, which JSON does not support.
         OSError: the file cannot be written.
     """
     write_text(path, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def remove(path: Path) -> None:
-    """Delete a file or a folder; does nothing if there is none."""
+    """Delete a file or a folder; does nothing if it does not exist."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

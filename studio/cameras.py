@@ -110,12 +110,12 @@ class Camera:
 
     @property
     def cx(self) -> float:
-        """Principal point, pixels from the left image border."""
+        """Principal point in pixels from the left image border."""
         return float(self.K[0, 2])
 
     @property
     def cy(self) -> float:
-        """Principal point, pixels from the upper image border."""
+        """Principal point in pixels from the upper image border."""
         return float(self.K[1, 2])
 
     @property
@@ -140,7 +140,7 @@ class Camera:
 
     @property
     def is_pinhole(self) -> bool:
-        """True if there is no lens distortion."""
+        """Whether there is no lens distortion."""
         return not np.any(self.distortion)
 
     @property
@@ -199,14 +199,14 @@ class Camera:
         return found
 
     def unproject(self, pixels: np.ndarray, depth: float | np.ndarray = 1.0) -> np.ndarray:
-        """World points that `project` to the given pixels and depths.
+        """The world points that `project` maps to the given pixels and depths.
 
         Args:
             pixels: (N, 2), origin at the image corner.
             depth: distance along the viewing axis, one value or (N,).
 
         Returns:
-            (N, 3) world coordinates, NaN where the pixel is.
+            (N, 3) world coordinates, NaN where the pixel is NaN.
         """
         xy = self.normalized(pixels)
         local = np.column_stack([xy, np.ones(len(xy))]) * np.broadcast_to(depth, len(xy))[:, None]
@@ -221,7 +221,7 @@ class Camera:
         return result
 
     def undistorted(self) -> Camera:
-        """The camera of the undistorted images: same K, pose and size, no distortion."""
+        """The camera of the undistorted images: same K, pose and size, but no distortion."""
         return replace(self, distortion=np.zeros(0))
 
     def resized(self, width: int, height: int) -> Camera:
@@ -230,11 +230,11 @@ class Camera:
         return replace(self, width=width, height=height, K=scale @ self.K)
 
     def scaled(self, factor: float) -> Camera:
-        """The same view at `factor` times the size, rounded to whole pixels (at least 1x1)."""
+        """The same view at `factor` times the image size, rounded to whole pixels (at least 1x1)."""
         return self.resized(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
-        """The window of the image that starts at column `left`, row `top`. Exact for pinhole cameras only."""
+        """The part of the image that starts at column `left` and row `top`. Exact for pinhole cameras only."""
         K = self.K.copy()
         K[0, 2] -= left
         K[1, 2] -= top
@@ -291,7 +291,7 @@ class Rig:
                     "camera.duplicate_name",
                     f"two cameras are named '{camera.name}'",
                     value=camera.name,
-                    fix="Give every camera its own name.",
+                    fix="Use unique camera names.",
                     camera=camera.name,
                 )
             seen.add(camera.name)
@@ -335,7 +335,7 @@ class Rig:
 
     @property
     def focus(self) -> np.ndarray:
-        """(3,): the point with the least squared distance to all viewing axes."""
+        """(3,): the point with the smallest sum of squared distances to the viewing axes."""
         directions = np.array([camera.forward for camera in self.cameras])
         return nearest_point_to_rays(self.centers, directions)
 
@@ -360,7 +360,7 @@ def look_at_pose(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndar
 
     Args:
         eye, target: (3,) world coordinates, not equal.
-        up: (3,) direction of any length that is not parallel to the viewing axis; it appears upwards in the image.
+        up: (3,) direction of any length that is not parallel to the viewing axis; it points up in the image.
     """
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, up)

@@ -1,8 +1,8 @@
-"""Errors and warnings for people and for programs.
+"""Errors and warnings for people and programs.
 
-Everything that the library refuses or warns of is a `Message`: a stable dotted code that programs and tests act on, and
-a sentence for people that names the file, the problem and the fix. The command line and the window show the sentence
-without a traceback.
+Every error and warning of the library is a `Message`: a stable dotted code, which programs and tests use, and a text
+for people that names the file, the problem and the fix. The command line and the window show the text without a
+traceback.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 MAX_LENGTH = 2000
-"""Characters of a sentence. Longer ones are cut, since file contents end up in them."""
+"""Maximum length of a text in characters. Longer ones are truncated, because they may contain file contents."""
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _ENDS = (".", "!", "?", ":")
@@ -22,16 +22,16 @@ _ENDS = (".", "!", "?", ":")
 
 @dataclass(frozen=True)
 class Message:
-    """Something wrong or noteworthy, with all that is needed to act on it.
+    """An error or a warning, with everything needed to act on it.
 
     Attributes:
-        code: what it is, as `area.what` in lower case with underscores ("footage.no_frames"). Codes never change
-            their meaning; the text may.
+        code: identifies the kind of problem, as `area.what` in lower case with underscores ("footage.no_frames"). The
+            meaning of a code never changes; the text may.
         problem: what is wrong, as a clause or sentence without the file's name ("no camera named cam9").
-        file: file or folder that it is about; None if it is about none.
-        value: the value that was found, where there is one.
-        fix: what to do about it, as a sentence ("Remove it from capture.held_out").
-        fields: anything else that a program needs: camera, frame, setting, line, expected, ...
+        file: the affected file or folder; None if there is none.
+        value: the offending value, if there is one.
+        fix: how to fix the problem, as a sentence ("Remove it from capture.held_out").
+        fields: further details for programs: camera, frame, setting, line, expected, ...
     """
 
     code: str
@@ -49,7 +49,7 @@ class Message:
         return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready: `code`, `message` (the whole sentence), then what is set of `file`, `value`, `fix`, fields."""
+        """JSON-ready: `code`, `message` (the full text); `file`, `value` and `fix` if set; and the fields."""
         found: dict[str, Any] = {"code": self.code, "message": str(self)}
         if self.file is not None:
             found["file"] = os.fspath(self.file)
@@ -61,7 +61,7 @@ class Message:
 
 
 class StudioError(Exception):
-    """Bad input: footage, calibration, settings, a take or a stream. `str(error)` is for the user.
+    """Invalid input: footage, calibration, settings, a take or a stream. `str(error)` is the text for the user.
 
     Attributes:
         message: the `Message`; its parts are also attributes of the error: `code`, `problem`, `file`, `value`, `fix`,
@@ -113,11 +113,11 @@ class StudioError(Exception):
 
 
 class Cancelled(Exception):
-    """Raised inside long work when its `progress` callback asked it to stop."""
+    """Raised by a `progress` callback to stop a long-running function."""
 
 
 def _rebuild(cls: type[StudioError], message: Message) -> StudioError:
-    # errors cross process borders, and keyword arguments do not survive Exception's own pickling
+    # errors are passed between processes, and Exception's own pickling drops keyword arguments
     return cls(message.code, message.problem, file=message.file, value=message.value, fix=message.fix, **message.fields)
 
 
@@ -127,7 +127,7 @@ def _sentence(text: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it, bounded: what a hostile file holds must not flood a log."""
+    """As JSON types, limited in size so that the contents of a malicious file cannot flood a log."""
     if value is None or isinstance(value, (bool, int, float)):
         return value
     if isinstance(value, (list, tuple)):

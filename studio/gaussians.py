@@ -1,6 +1,7 @@
 """Gaussians: the splats of one frame, from training to display.
 
-The stored values are optimized; activations give the values that are rendered (3DGS, Kerbl et al. 2023, section 5):
+The stored values are those that are optimized; activations map them to the rendered values (3DGS, Kerbl et al. 2023,
+section 5):
 scale = exp(log_scales), opacity = sigmoid(logit_opacities), rotation = quats / |quats|. Quaternions are wxyz.
 Color is spherical harmonics, coefficient-major: color = 0.5 + sum_k Y_k(direction) sh[:, k], clamped below at 0.
 """
@@ -28,8 +29,8 @@ class Gaussians:
 
     Attributes:
         means: (N, 3) world positions.
-        quats: (N, 4) rotations as quaternions wxyz of any length above 0.
-        log_scales: (N, 3) natural logarithm of the standard deviations along the splat's axes, world units.
+        quats: (N, 4) rotations as quaternions wxyz of any norm above 0.
+        log_scales: (N, 3) natural logarithms of the standard deviations along the splat's axes, in world units.
         logit_opacities: (N,) logit of the opacity.
         sh: (N, K, 3) spherical harmonics, K = (degree + 1)^2, coefficient-major, RGB last.
 
@@ -86,7 +87,7 @@ class Gaussians:
 
     @property
     def scales(self) -> Tensor:
-        """(N, 3): standard deviations along the splat's axes, world units."""
+        """(N, 3): standard deviations along the splat's axes, in world units."""
         return self.log_scales.exp()
 
     @property
@@ -130,7 +131,7 @@ class Gaussians:
         return Gaussians(**{name: function(tensor) for name, tensor in self.items()})
 
     def __getitem__(self, index: Any) -> Gaussians:
-        """The splats selected by an index, a slice, an index tensor or a boolean mask; always a set of splats."""
+        """The splats selected by an index, a slice, an index tensor or a boolean mask, always as Gaussians."""
         if isinstance(index, int):
             index = slice(index, index + 1 if index != -1 else None)
         return self.map(lambda tensor: tensor[index])
@@ -140,11 +141,11 @@ class Gaussians:
         return self.map(lambda tensor: tensor.to(*args, **kwargs))
 
     def detach(self) -> Gaussians:
-        """Detached from the autograd graph; shares memory."""
+        """The same splats, detached from the autograd graph; shares memory."""
         return self.map(Tensor.detach)
 
     def clone(self) -> Gaussians:
-        """Detached copies."""
+        """A detached copy."""
         return self.map(lambda tensor: tensor.detach().clone())
 
     def with_sh_degree(self, degree: int) -> Gaussians:

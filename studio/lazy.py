@@ -1,9 +1,9 @@
 """Packages whose exports are imported on first use (PEP 562).
 
-Importing `studio.training.settings` runs `studio/training/__init__.py` first. With the exports of that file imported
-eagerly, reading a settings file would load torch, OpenCV and FFmpeg. So packages with heavy modules list their exports
-under `if TYPE_CHECKING:`, where type checkers and documentation tools read them, and hand them out through
-`lazy_exports`.
+Importing `studio.training.settings` runs `studio/training/__init__.py` first. If that file imported all its exports,
+reading a settings file would load torch, OpenCV and FFmpeg. Therefore, packages with heavy modules list their exports
+under `if TYPE_CHECKING:`, where type checkers and documentation tools read them, and `lazy_exports` imports each on
+first use.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class _LazyPackage(ModuleType):
         return value
 
     def __setattr__(self, name: str, value: Any) -> None:
-        # the import system binds a submodule to its package; an export of the same name wins
+        # the import system binds a submodule to its package; an export of the same name has precedence
         if name in self.__exports__ and isinstance(value, ModuleType):
             return
         super().__setattr__(name, value)
@@ -37,7 +37,7 @@ class _LazyPackage(ModuleType):
 
 
 def lazy_exports(package: str) -> None:
-    """Import what the package's `__init__.py` lists under `if TYPE_CHECKING:` when it is first used.
+    """Import the names that a package's `__init__.py` lists under `if TYPE_CHECKING:` on first use.
 
     Args:
         package: `__name__` of the package; only `from module import name` statements are read.

@@ -1,4 +1,4 @@
-"""Image quality metrics, PSNR and SSIM: one definition for training, evaluation and reports."""
+"""The image quality metrics PSNR and SSIM: one definition for training, evaluation and reports."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from torch import Tensor
 from studio.errors import StudioError
 
 SSIM_WINDOW = 11
-"""Size of the Gaussian window of SSIM, pixels."""
+"""Size of the Gaussian window of SSIM in pixels."""
 
 SSIM_SIGMA = 1.5
-"""Standard deviation of the Gaussian window of SSIM, pixels."""
+"""Standard deviation of the Gaussian window of SSIM in pixels."""
 
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
 """Stabilizing constants of SSIM for values in 0 to 1."""
@@ -53,10 +53,10 @@ def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
 
     Args:
         image, target: (H, W, 3) in 0 to 1.
-        mask: (H, W) weights of the pixels, 0 to 1; None weights all pixels equally.
+        mask: (H, W) weights of the pixels, 0 to 1; None: all pixels have equal weights.
 
     Returns:
-        Scalar; infinity for identical images.
+        scalar; infinity for identical images.
 
     Raises:
         StudioError: `metrics.image_shape`, `metrics.mask_shape` or `metrics.mask_empty`.
@@ -107,10 +107,10 @@ def ssim(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
 
     Args:
         image, target: (H, W, 3) in 0 to 1.
-        mask: (H, W) weights of the SSIM map in the mean, 0 to 1; None weights all pixels equally.
+        mask: (H, W) weights of the SSIM map in the mean, 0 to 1; None: all pixels have equal weights.
 
     Returns:
-        Scalar, at most 1. Differentiable.
+        scalar, at most 1; differentiable.
 
     Raises:
         StudioError: `metrics.image_shape`, `metrics.mask_shape` or `metrics.mask_empty`.

@@ -1,4 +1,4 @@
-"""Paths that a user gives."""
+"""Checks of paths specified by the user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rays in space."""
+"""Intersection of rays in space."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 
 
 def nearest_point_to_rays(origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-    """The point with the least sum of squared distances to lines in space.
+    """The point with the smallest sum of squared distances to lines in space.
 
-    Lines are taken as infinite in both directions. Where they are parallel, so that the point is not unique, the
-    result is the one of least norm.
+    Lines are infinite in both directions. If they are parallel, so that the point is not unique, the one with the
+    smallest norm is returned.
 
     Args:
         origins: (N, 3) a point on each line.
         directions: (N, 3) unit directions.
-        weights: (N,) weights of the squared distances; 1 where None.
+        weights: (N,) weights of the squared distances; None: all 1.
 
     Returns:
         (3,) float64.

@@ -1,8 +1,8 @@
 """Rotations in NumPy: quaternions wxyz, matrices, modified Rodrigues parameters.
 
-Quaternions are (w, x, y, z) with the scalar first, in arrays whose last axis has length 4; SciPy's own order is
-(x, y, z, w). Conversions go through `scipy.spatial.transform.Rotation` in float64. Products, conjugates and Rodrigues
-parameters keep the dtype of their input and a fixed order of operations, because the stream's bytes depend on them.
+Quaternions are (w, x, y, z) with the scalar first, in arrays whose last axis has length 4; SciPy's order is
+(x, y, z, w). Conversions use `scipy.spatial.transform.Rotation` in float64. Products, conjugates and Rodrigues
+parameters keep the dtype of their input and use a fixed order of operations, because the stream's bytes depend on them.
 The torch counterparts are in `studio.torch_rotations`.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 
 
 def quats_to_matrices(quats: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) float64 of quaternions (..., 4) wxyz of any length above 0.
+    """Rotation matrices (..., 3, 3) float64 of quaternions (..., 4) wxyz of any norm above 0.
 
     Raises:
         ValueError: a quaternion is zero or not finite.
@@ -30,7 +30,7 @@ def quats_to_matrices(quats: np.ndarray) -> np.ndarray:
 def matrices_to_quats(matrices: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) wxyz float64 with w >= 0 of rotation matrices (..., 3, 3).
 
-    A matrix that is not quite orthonormal gives the nearest rotation.
+    For a matrix that is not exactly orthonormal, the nearest rotation is used.
     """
     from scipy.spatial.transform import Rotation
 

@@ -1,9 +1,9 @@
-"""The base of all settings models, and the metadata of their fields.
+"""The base class of all settings models, and the metadata of their fields.
 
 Each package of the library declares its settings once, as fields of a frozen pydantic model in its `settings.py`. A
-field has a default, bounds, its documentation (the string below it) and, in `Annotated`, what its change invalidates
-(`Affects`) and the heading it is listed under (`Heading`). The settings file, `v3studio config`, the window and the
-staleness check all read these models; nothing is declared twice.
+field has a default, bounds, its documentation (the string below it) and, in `Annotated`, the results that become stale
+when it changes (`Affects`) and the heading under which it is listed (`Heading`). The settings file, `v3studio config`,
+the window and the staleness check all read these models; nothing is declared twice.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ RESULTS = {
     "manifest": "the stream's manifest",
     "evaluation": "the evaluation and its report",
 }
-"""Results that settings affect, with what they are. A result is stale when a setting that affects it has changed."""
+"""Results that settings can affect: name to description. A result is stale when a setting that affects it changes."""
 
 
 @dataclass(frozen=True)
 class Affects:
     """Results that become stale when the field changes. `Affects()`: none.
 
-    A field without it affects what the field that holds its model affects, else what `Settings.affects` of its class
-    says.
+    A field without this marker uses `Settings.affects` of its class; if that is None, it affects the same results as
+    the field that contains its model.
 
     Raises:
         ValueError: a name is not in `RESULTS`.
@@ -54,25 +54,25 @@ class Affects:
 
 @dataclass(frozen=True)
 class Heading:
-    """Heading of the field and of those after it, up to the next heading."""
+    """Heading under which this field and the following ones are listed, up to the next heading."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Unbounded:
-    """Why a number has no bounds."""
+    """Marks a number without bounds, with the reason."""
 
     reason: str
 
 
 class Conflict(ValueError):
-    """What validators of settings raise; pydantic turns it into a ValidationError that holds it.
+    """Raised by validators of settings; pydantic wraps it in a ValidationError.
 
     Attributes:
         problem: what is wrong, as a clause.
         fix: what to do, as a sentence; "" if that is obvious.
-        names: fields that contradict each other, without their section; empty in the validator of a single field.
+        names: fields that contradict each other, without their section; empty in validators of a single field.
     """
 
     def __init__(self, problem: str, fix: str = "", *names: str) -> None:
@@ -81,7 +81,7 @@ class Conflict(ValueError):
 
 
 class Settings(BaseModel):
-    """Base of all settings: frozen, unknown names are refused, defaults are validated, no NaN or infinity.
+    """Base class of all settings: frozen, with validated defaults; rejects unknown names, NaN and infinity.
 
     Raises:
         pydantic.ValidationError: (a ValueError) on construction: an unknown name, a value outside its bounds, or values
@@ -93,10 +93,10 @@ class Settings(BaseModel):
     )
 
     affects: ClassVar[Affects | None] = None
-    """What fields without an `Affects` of their own affect. None: what the field that holds the model affects."""
+    """Results affected by fields without their own `Affects`. None: those of the field that contains the model."""
 
     def replace(self, **changes: Any) -> Self:
-        """A validated copy with other values.
+        """A validated copy with some values replaced.
 
         Raises:
             pydantic.ValidationError: as on construction.
@@ -108,7 +108,7 @@ _Marker = TypeVar("_Marker", Affects, Heading, Unbounded)
 
 
 def marker(field: FieldInfo, kind: type[_Marker]) -> _Marker | None:
-    """The field's marker of that kind in `Annotated`; None if it has none."""
+    """The field's marker of the given kind in `Annotated`; None if there is none."""
     return next((item for item in field.metadata if isinstance(item, kind)), None)
 
 
@@ -124,10 +124,10 @@ def affected(model: type[Settings], prefix: str = "", outer: Affects | None = No
     Args:
         model: fields of nested models are included.
         prefix: put before each name.
-        outer: for fields that say nothing themselves.
+        outer: default for fields and models without `Affects`.
 
     Returns:
-        dotted name to results; every leaf is in it.
+        dotted field name to names of results, for all fields that are not models themselves.
     """
     outer = model.affects or outer
     found: dict[str, tuple[str, ...]] = {}

@@ -1,4 +1,4 @@
-"""SplatVideo: a sequence of Gaussians with a frame rate, from any source. Exports read it, imports return it."""
+"""SplatVideo: a sequence of Gaussians with a frame rate, from any source. Exports read it; imports return it."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ class SplatVideo:
 
     Attributes:
         name: name of the folder, file or URL, for messages.
-        fps: playback rate, frames per second.
-        frame_count: at least 1.
-        group_starts: first frame of each group, ascending from 0. Within a group all frames have the same splats in
+        fps: playback rate in frames per second.
+        frame_count: number of frames, at least 1.
+        group_starts: first frame of each group, ascending from 0. Within a group, all frames have the same splats in
             the same order.
         read: returns the frame of an index from 0 to frame_count - 1, float32; called from one thread at a time.
         up: (3,) unit vector that points up in the world; None if unknown.
         view: a camera with a good view of the performer; None if unknown.
-        background: RGB, 0 to 1, drawn behind the splats.
+        background: RGB color behind the splats, 0 to 1.
 
     Raises:
         StudioError: there are no frames (splat_video.no_frames).
@@ -40,7 +40,7 @@ class SplatVideo:
     view: Camera | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     numbers: tuple[int, ...] = field(default=())
-    """Frame numbers if they differ from the indices: after `part`, the indices in the whole video."""
+    """Frame numbers, if they differ from the indices: for the result of `part`, the indices in the whole video."""
 
     def __post_init__(self) -> None:
         if self.frame_count < 1 or not self.group_starts or self.group_starts[0] != 0:
@@ -51,12 +51,12 @@ class SplatVideo:
             yield self.read(index)
 
     def number(self, index: int) -> int:
-        """Frame number of an index."""
+        """The frame number of an index."""
         return self.numbers[index] if self.numbers else index
 
     @property
     def groups(self) -> tuple[range, ...]:
-        """Frame indices of each group."""
+        """The frame indices of each group."""
         ends = (*self.group_starts[1:], self.frame_count)
         return tuple(range(start, end) for start, end in zip(self.group_starts, ends, strict=True))
 
@@ -66,7 +66,7 @@ class SplatVideo:
         return self.frame_count / self.fps
 
     def part(self, start: int = 0, stop: int | None = None, step: int = 1) -> SplatVideo:
-        """Frames start, start + step, ... below `stop` (default: to the end). The frame rate is divided by the step.
+        """The frames start, start + step, ... below `stop` (None: to the end). The frame rate is divided by the step.
 
         Raises:
             StudioError: the range is empty or out of bounds (splat_video.frame_range).

@@ -1,8 +1,8 @@
-"""Keeps standard output for what the program itself prints.
+"""Reserves standard output for what the program itself prints.
 
-Native libraries write to file descriptor 1 directly, past `sys.stdout`: PyMeshLab's warnings, COLMAP's log, FFmpeg and
-OpenCV. A program whose output is parsed therefore moves the real standard output to a private descriptor and points
-descriptor 1 at standard error, for itself and for the processes that it starts.
+Native libraries (PyMeshLab, COLMAP, FFmpeg, OpenCV) write warnings and logs directly to file descriptor 1, bypassing
+`sys.stdout`. A program whose output is parsed therefore moves the real standard output to a private descriptor and
+redirects descriptor 1 to standard error, for itself and for the processes that it starts.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from typing import TextIO
 
 
 def claim_stdout() -> None:
-    """Point `sys.stdout` at a private copy of standard output, and file descriptor 1 at standard error.
+    """Redirect `sys.stdout` to a private copy of standard output, and file descriptor 1 to standard error.
 
     Call it once, at the start of a process, before native libraries are loaded. Child processes do not inherit the
-    private descriptor. Text that a C library has buffered is written to descriptor 1 when the process exits, so it ends
-    up in standard error as well. Characters that the output's encoding cannot represent are escaped. Does nothing where
-    `sys.stdout` does not write to descriptor 1.
+    private descriptor. Text buffered by C libraries is written to descriptor 1 when the process exits, so it also goes
+    to standard error. Characters that the output's encoding cannot represent are escaped. Does nothing if `sys.stdout`
+    does not write to descriptor 1.
     """
-    if sys.stdout is None:  # closed by the caller; the next file to be opened would become descriptor 1
+    if sys.stdout is None:  # closed by the caller; otherwise the next file opened would become descriptor 1
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115
         return
     try:
@@ -54,14 +54,13 @@ def claim_stdout() -> None:
 
 
 def as_utf8(stream: TextIO) -> None:
-    """Let a stream write UTF-8, which JSON must be, whatever the locale; no-op where its encoding is fixed."""
+    """Make a stream write UTF-8, as JSON requires, regardless of the locale; no-op if its encoding is fixed."""
     if isinstance(stream, io.TextIOWrapper):
         stream.reconfigure(encoding="utf-8", errors="backslashreplace")
 
 
 def discard(stream: TextIO) -> None:
-    """The reader of this stream is gone: send what is still written to /dev/null, so that Python does not complain
-    when it flushes the stream at exit."""
+    """Redirect a stream whose reader is gone to /dev/null, so that Python can flush it at exit without an error."""
     with contextlib.suppress(OSError, ValueError):
         descriptor = stream.fileno()
         nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -70,10 +69,10 @@ def discard(stream: TextIO) -> None:
 
 
 class NativeLines:
-    """Collects what native code writes to descriptor 1, so that it can be shown without tearing a progress bar.
+    """Collects the output of native code on descriptor 1, so that it can be shown without breaking a progress bar.
 
-    It goes through a file and not a pipe: a library that holds Python's lock while it fills a pipe would wait forever
-    for the thread that empties it. Close it to give descriptor 1 back.
+    Output is collected in a file rather than a pipe: a library that holds the GIL while it fills a pipe would wait
+    forever for the thread that empties it. `close` restores descriptor 1.
     """
 
     def __init__(self) -> None:
@@ -84,12 +83,12 @@ class NativeLines:
         os.dup2(self._file.fileno(), 1)
 
     def take(self, *, rest: bool = False) -> list[str]:
-        """New whole lines; with `rest`, the unfinished last one too. From any thread."""
+        """Complete lines since the last call; with `rest`, also an incomplete last line. Thread safe."""
         with self._lock:
             if self._file.closed:
                 return []
             descriptor = self._file.fileno()
-            # pread: the file's own offset belongs to those who write
+            # pread, because writers use the file's own offset
             data = os.pread(descriptor, os.fstat(descriptor).st_size - self._offset, self._offset)
             if not rest:
                 data = data[: data.rfind(b"\n") + 1]
@@ -97,11 +96,11 @@ class NativeLines:
         return data.decode("utf-8", "replace").splitlines()
 
     def close(self) -> list[str]:
-        """Give descriptor 1 back; returns the lines that were not taken yet."""
+        """Restore descriptor 1; returns the remaining lines."""
         with self._lock:
             if self._before is None:
                 return []
-            ctypes.CDLL(None).fflush(None)  # what C libraries have buffered
+            ctypes.CDLL(None).fflush(None)  # flush the buffers of C libraries
             os.dup2(self._before, 1)
             os.close(self._before)
             self._before = None

@@ -1,7 +1,7 @@
 """Rotations in torch: quaternions wxyz and matrices, with gradients, on any device and in any floating dtype.
 
-Quaternions are (w, x, y, z) with the scalar first. The order of operations is fixed: trained splats, and with them the
-stream's bytes, depend on it. The NumPy counterparts are in `studio.rotations`.
+Quaternions are (w, x, y, z) with the scalar first. The order of operations must not change: trained splats, and with
+them the stream's bytes, depend on it. The NumPy counterparts are in `studio.rotations`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from torch import Tensor
 
 
 def quats_to_matrices(quats: Tensor) -> Tensor:
-    """Rotation matrices (N, 3, 3) of quaternions (N, 4) wxyz of any length above 0."""
+    """Rotation matrices (N, 3, 3) of quaternions (N, 4) wxyz of any norm above 0."""
     w, x, y, z = (quats / quats.norm(dim=-1, keepdim=True)).unbind(-1)
     rows = [
         torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
@@ -24,7 +24,7 @@ def quats_to_matrices(quats: Tensor) -> Tensor:
 def matrices_to_quats(matrices: Tensor) -> Tensor:
     """Unit quaternions (N, 4) wxyz with w >= 0 of rotation matrices (N, 3, 3).
 
-    Shepperd 1978: computed from the component of largest magnitude, which keeps the division well conditioned.
+    Computed from the component of largest magnitude, which keeps the division well conditioned (Shepperd 1978).
     """
     m = matrices
     xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]

@@ -1,4 +1,4 @@
-"""Checked numbers from camera files: a bad value is reported with its camera, key and value."""
+"""Validated numbers from camera files: errors name the camera, the key and the value."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from studio.errors import StudioError
 
 
 def number(values: Mapping[str, Any], key: str, camera: str, default: float | None = None) -> float:
-    """A finite number from a mapping. Text that spells a number is accepted: CSV and XML have nothing else.
+    """A finite number from a mapping. Numbers as text are accepted, because CSV and XML files only contain text.
 
     Args:
         values: keys and values of one camera.
@@ -36,7 +36,7 @@ def number(values: Mapping[str, Any], key: str, camera: str, default: float | No
 
 
 def whole(values: Mapping[str, Any], key: str, camera: str) -> int:
-    """An integer from a mapping; 640.0 counts as one.
+    """An integer from a mapping; 640.0 is accepted.
 
     Raises:
         StudioError: as `number`, or the value has a fraction (camera.not_an_integer).
@@ -55,7 +55,7 @@ def whole(values: Mapping[str, Any], key: str, camera: str) -> int:
 
 
 def array(value: Any, key: str, camera: str) -> np.ndarray:
-    """Nested lists of numbers, or of text that spells numbers, as float64 of any shape. May contain NaN.
+    """Nested lists of numbers, or of numbers as text, as a float64 array of any shape. May contain NaN.
 
     Raises:
         StudioError: an entry is not a number (camera.not_a_number), or rows differ in length (camera.ragged).
@@ -76,7 +76,7 @@ def array(value: Any, key: str, camera: str) -> np.ndarray:
 
 
 def check_finite(value: np.ndarray, key: str, camera: str) -> None:
-    """Refuse an array with NaN or infinity; the message names the first such entry.
+    """Raise if an array contains NaN or infinity; the error names the first such entry.
 
     Raises:
         StudioError: an entry is not finite (camera.not_finite).
@@ -88,7 +88,7 @@ def check_finite(value: np.ndarray, key: str, camera: str) -> None:
 
 
 def missing_key(key: str, camera: str) -> StudioError:
-    """The error for a required key that one camera does not have (camera.missing_key)."""
+    """The error for a required key that is missing for a camera (camera.missing_key)."""
     return StudioError(
         "camera.missing_key",
         f"Camera '{camera}': the key '{key}' is missing",

@@ -1,4 +1,4 @@
-"""Protocols for one camera's image at one frame, as footage returns it. Any object with these members qualifies."""
+"""Protocols for one camera's image of one frame, as returned by footage. Any object with these members qualifies."""
 
 from __future__ import annotations
 

@@ -1,21 +1,21 @@
 """V3 Studio for scripts: from synchronized multi-camera footage to a streamable Gaussian video, and back.
 
-The exports are stable: they follow the version number, and CHANGELOG.md lists changes of meaning. Modules under
-`studio`, `pipelines` and `gui` may change in any release; import from here instead. `examples/` has scripts that use
-each part.
+Everything exported here is stable: incompatible changes follow the version number and are listed in CHANGELOG.md.
+Modules below `studio`, `pipelines` and `gui` may change in any release; import from this package instead. `examples/`
+contains scripts that use each part.
 
     footage        open_footage, CaptureSettings, Footage, read_rig, write_rig
     calibration    calibrate_from_images, detect_target, calibrate_from_target, calibrate_from_tie_points, ...
-    takes          Take, load_config, run, status, trained_video: the stages of the command line over a folder
+    takes          Take, load_config, run, status, trained_video: the stages of the command line, on a take's folder
     training       initialize_points, TrainingView, train_keyframe, train_interframe
     splats         Gaussians, read_splats, write_splats, rasterize
     streams        bake_video, bake_group, write_manifest, BakeSettings, StreamReader, SplatVideo, open_import
     measuring      psnr, ssim
 
-Conventions: quaternions are wxyz; cameras are OpenCV's (x right, y down, z forward), `world_to_camera` 4x4; pixels are
-counted from the outer corner of the top-left pixel; images are RGB.
+Conventions: quaternions are wxyz; camera axes are OpenCV's (x right, y down, z forward), and `world_to_camera` is 4x4;
+the pixel origin is the outer corner of the top-left pixel; images are RGB.
 
-Exports are imported when they are first used, so `import v3studio` is quick.
+Exports are imported on first use, so `import v3studio` is fast.
 """
 
 from typing import TYPE_CHECKING

@@ -19,7 +19,7 @@ MODULES = {
     "studio.playback": "Playback",
     "studio.export": "Export",
     "studio.imports": "Import",
-    "studio.splat_files": "PLY, SPZ and GLB files",
+    "studio.splat_files": "PLY, SPZ, SOG, .splat, .ksplat and GLB files",
     "studio.metrics": "Metrics",
     "studio.errors": "Errors",
 }

@@ -28,7 +28,7 @@ Action = Callable[[], object]
 
 
 class Actions:
-    """See the module. Everything is reached through the window.
+    """See the module. Acts through the window.
 
     Args:
         window: the main window.

@@ -19,7 +19,7 @@ class MarkActions:
         self._window = window
 
     def ask(self) -> None:
-        """A note on the frame that is shown."""
+        """Ask for a note on the frame on screen, and mark it."""
         window = self._window
         if window.player.opened is None:
             return
@@ -43,7 +43,7 @@ class MarkActions:
         self._window.marks_changed()
 
     def go(self, direction: int) -> None:
-        """To the next (1) or the previous (-1) mark."""
+        """Go to the next (1) or previous (-1) mark."""
         window = self._window
         frame = window.marks.next_after(window.player.transport.frame, direction)
         if frame is not None:
@@ -51,7 +51,7 @@ class MarkActions:
             window.player.transport.seek(frame)
 
     def show_all(self) -> None:
-        """The list of marks; choosing one goes there."""
+        """Show the list of marks; choosing one goes to its frame."""
         window = self._window
         lines = {f"{frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
         window.dialogs.choose("marks", "Marks", list(lines), lambda line: window.player.transport.seek(lines[line]))

@@ -84,7 +84,7 @@ class OutputActions:
         window = self._window
         take: Take | None = window.workspace.take
         if take is None:
-            window.player.message = "A report needs a take; a stream has none."
+            window.player.message = "A report can only be written for a take, not for a stream."
         elif take.report.is_file() and window.workspace.row("review").state == "done":
             window.dialogs.message("HTML report", self._up_to_date(take))
         else:
@@ -94,7 +94,7 @@ class OutputActions:
         from pipelines.reports.evaluation import update_marks
 
         context = self._window.workspace.context
-        assert context is not None  # or no stage would be done
+        assert context is not None  # otherwise no stage would be done
         try:
             changed = update_marks(context.take, context.groups)
         except (StudioError, OSError) as error:

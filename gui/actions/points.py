@@ -38,7 +38,7 @@ class PointActions:
         }
 
     def poll(self) -> bool:
-        """Handle a button pressed in the view; returns whether there was one."""
+        """Handle a button pressed in the view; return whether one was pressed."""
         stage_view = self._window.views.points
         asked, stage_view.asks = stage_view.asks, ""
         if asked == "describe":

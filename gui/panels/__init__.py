@@ -1,1 +1,1 @@
-"""The widgets that show what the presenters hold. Open3D is imported here and in `gui.viewport` and `gui.app` only."""
+"""Widgets that show the state of the presenters. Open3D is imported only here, in `gui.viewport` and in `gui.app`."""

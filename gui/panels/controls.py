@@ -17,7 +17,7 @@ SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
 
 
 class ControlsPanel:
-    """Start, back, play, forward, end; loop, speed, capture camera, background, reset.
+    """Buttons: start, back, play, forward, end; loop, speed, capture camera, background, reset.
 
     Args:
         player: what the buttons act on.
@@ -53,7 +53,7 @@ class ControlsPanel:
         self._speed.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_speed(name)))
         self._add("speed", self._speed)
         self._camera = gui.Combobox()
-        self._camera.tooltip = "Free view, or a capture camera (C for the next)"
+        self._camera.tooltip = "Free view or a capture camera (C: next camera)"
         self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
         self._add("camera", self._camera, right=True)
         self._cameras: list[str] = []
@@ -89,7 +89,7 @@ class ControlsPanel:
         self._player.transport.speed = SPEEDS[name]
 
     def update(self) -> tuple[bool, bool]:
-        """Show the state of the player; returns (whether a widget changed, whether a layout is due)."""
+        """Show the state of the player; return (whether a widget changed, whether a layout is due)."""
         changed = layout = False
         transport = self._player.transport
         text = "Pause" if transport.playing else "Play"

@@ -12,22 +12,22 @@ from gui.platform.keyboard import send_tab
 from gui.presenters.drawing.palette import ACCENT_DARK, DIM, RAISED
 
 TAB_DOWN, TAB_UP = 3, 5
-"""Frames drawn of a dialog with a text field before Tab is pressed and released."""
+"""Number of frames drawn of a dialog with a text field before Tab is pressed and released."""
 
 FRAMES_BEFORE_ENTER = 2
-"""Frames drawn between the Enter key and what it does."""
+"""Number of frames drawn between the Enter key and its action."""
 
 Answer = tuple[str, str, Callable[[], None]]
-"""Key, label, what to do."""
+"""Key, label, action."""
 
 
 class Dialogs:
     """Shows one dialog at a time over a window.
 
     Attributes:
-        widgets: of the open dialog, by key; empty if none is open.
-        name: of the open dialog; "" if none is open.
-        typing: its text field has the keyboard focus.
+        widgets: widgets of the open dialog by key; empty if none is open.
+        name: name of the open dialog; "" if none is open.
+        typing: whether its text field has the keyboard focus.
     """
 
     def __init__(self, window: gui.Window) -> None:
@@ -42,7 +42,7 @@ class Dialogs:
         self._on_escape: Callable[[], None] = self.close
 
     def close(self) -> None:
-        """Close what is open."""
+        """Close the open dialog, if any."""
         self._on_enter = self._drawn = self._confirm = None
         self.typing = False
         if self.name:
@@ -59,14 +59,14 @@ class Dialogs:
         on_enter: Callable[[], None] | None = None,
         accent: str | None = None,
     ) -> None:
-        """Show a dialog made of `parts`, in place of what is open.
+        """Show a dialog made of `parts`, replacing the open one.
 
         Args:
             name: identifies the dialog.
             title: heading.
             parts: widgets, top to bottom.
             answers: buttons at the bottom.
-            width: in characters, roughly.
+            width: approximate width in characters.
             on_enter: action of the Enter key; None for none.
             accent: key of the highlighted answer; None for the first.
         """
@@ -92,7 +92,7 @@ class Dialogs:
         self._window.show_dialog(dialog)
 
     def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:
-        """A button for the dialog being built."""
+        """Make a button for the dialog being built."""
         button = gui.Button(label)
         button.vertical_padding_em = 0.2
         button.background_color = color(ACCENT_DARK if accent else RAISED)
@@ -101,7 +101,7 @@ class Dialogs:
         return button
 
     def label(self, text: str, dim: bool = True) -> gui.Label:
-        """A label for the dialog being built."""
+        """Make a label for the dialog being built."""
         label = gui.Label(text)
         if dim:
             label.text_color = color(DIM)
@@ -112,14 +112,14 @@ class Dialogs:
         self._window.set_needs_layout()
 
     def enter(self) -> None:
-        """The Enter key was released (a field being edited consumes its press). What was typed just before reaches the
-        field only when the window is drawn, so the dialog is confirmed a few frames later."""
+        """Handle the release of the Enter key (a field being edited consumes the press). Text typed just before reaches
+        the field only when the window is drawn, so the dialog is confirmed a few frames later."""
         if self._on_enter is not None and self._confirm is None:
             self._confirm = FRAMES_BEFORE_ENTER
 
     def tick(self) -> bool:
-        """Call at each drawn tick: focuses a new dialog's text field once it has been drawn, and confirms the dialog
-        after Enter. Returns whether the window must be drawn again."""
+        """Focus a new dialog's text field once it has been drawn, and confirm the dialog after Enter. Call at each
+        drawn tick. Returns whether the window must be drawn again."""
         if self._confirm is not None:
             self._confirm -= 1
             if self._confirm == 0:
@@ -138,7 +138,7 @@ class Dialogs:
         return True
 
     def escape(self) -> None:
-        """The Escape key: as Cancel or Close, if there is one."""
+        """Handle the Escape key: like Cancel or Close, if there is one."""
         self._on_escape()
 
     def message(self, title: str, text: str) -> None:
@@ -155,7 +155,7 @@ class Dialogs:
     def line(
         self, name: str, title: str, text: str, value: str, answers: Sequence[tuple[str, str, Callable[[str], None]]]
     ) -> None:
-        """Ask for a line of text; answers get the text, and Enter is the first answer."""
+        """Ask for a line of text; answers receive the text, and Enter triggers the first."""
         self.widgets = {}
         edit = gui.TextEdit()
         edit.text_value = value
@@ -197,7 +197,7 @@ class Dialogs:
             button.enabled = choice not in gone
             parts.append(button)
         if not choices:
-            parts.append(self.label("Nothing here yet."))
+            parts.append(self.label("The list is empty."))
         row: list[Answer] = [(key, label, self._closing(action)) for key, label, action in answers]
         row.append(("close", "Close", self.close))
         self.show(name, title, parts, row, 60, accent="close")
@@ -211,7 +211,7 @@ class Dialogs:
 
 
 def broken(text: str) -> str:
-    """Text wrapped to the width of a dialog."""
+    """Wrap text to the width of a dialog."""
     import textwrap
 
     return "\n".join(line for part in text.splitlines() for line in textwrap.wrap(part, 100) or [""])

@@ -10,10 +10,10 @@ class Flow:
 
     Args:
         gap: pixels between widgets, and between lines.
-        line: pixels of a line's height.
+        line: height of a line in pixels.
 
     Attributes:
-        widget: to be added to the window.
+        widget: the widget to add to the window.
     """
 
     def __init__(self, gap: float, line: float) -> None:
@@ -25,22 +25,22 @@ class Flow:
         """Append a widget.
 
         Args:
-            widget: the next one.
-            before: more pixels between it and the one before.
-            right: it, and all after it, are right-aligned if there is room.
+            widget: the widget.
+            before: extra pixels between it and the previous one.
+            right: right-align it and all later ones if there is room.
         """
         self.widget.add_child(widget)
         self._items.append((widget, before, right))
 
     def height(self, width: float, context: gui.LayoutContext) -> float:
-        """Pixels that it needs at this width."""
+        """Height in pixels at this width."""
         count = len(self._lines(width, context))
         return count * self._line + (count - 1) * self._gap
 
     def place(self, x: float, y: float, width: float, context: gui.LayoutContext) -> None:
-        """Take so much of the window (pixels), as high as `height` says."""
+        """Set the position and width in window pixels; the height is that of `height`."""
         lines = self._lines(width, context)
-        # a little higher than its lines, or a scroll bar comes up beside them
+        # slightly higher than its lines, to avoid a scroll bar
         room = self.height(width, context) + 0.15 * self._line
         self.widget.frame = gui.Rect(int(x), int(y), int(width), int(room))
         for number, line in enumerate(lines):

@@ -26,12 +26,12 @@ def ask_path(
     """Show the dialog.
 
     Args:
-        dialogs: where it is shown.
-        title: its heading.
-        start: the folder to begin in, or a path in it.
+        dialogs: shows it.
+        title: heading.
+        start: the folder to start in, or a path in it.
         wanted, endings: as in `FolderList`.
-        done: called with the path, once the dialog is closed.
-        cancelled: called where it was closed without one.
+        done: called with the path after the dialog has closed.
+        cancelled: called if it is closed without a path.
     """
     _PathDialog(dialogs, FolderList(start, wanted, endings), done, cancelled).show(title)
 
@@ -60,7 +60,7 @@ class _PathDialog:
             path.add_child(button)
         path.add_child(self._path)
         hint = {
-            "folder": "Select a folder, or double-click to enter it. Without a selection, Open takes the folder above.",
+            "folder": "Select a folder, or double-click to enter it. With no selection, Open uses the current folder.",
             "take": "Select a take or a stream and press Open. Double-click to enter a folder.",
             "file": "Select a file and press Open. Double-click to enter a folder.",
         }[self._found.wanted]
@@ -106,7 +106,7 @@ class _PathDialog:
         self._take(self._marked or Path(self._typed.strip() or self._found.folder))
 
     def _enter(self) -> None:
-        """Enter: go to a typed folder and list it; otherwise as Open."""
+        """Handle Enter: go to a typed folder and list it; otherwise like Open."""
         typed = Path(self._typed.strip() or ".").expanduser()
         if self._marked is None and typed != self._found.folder and typed.is_dir() and self._found.wanted == "folder":
             self._moved(lambda: self._found.enter(typed.absolute()))

@@ -31,7 +31,7 @@ class InspectorPanel:
 
     Args:
         em: font size, pixels.
-        changed: called when the log was scrolled.
+        changed: called when the log is scrolled.
     """
 
     def __init__(self, em: float, changed: Callable[[], None]) -> None:
@@ -48,11 +48,11 @@ class InspectorPanel:
 
     @property
     def widgets(self) -> list[gui.Widget]:
-        """All that the window must hold."""
+        """All widgets, to be added to the window."""
         return [self.figures.widget, self.log.widget]
 
     def place(self, x: float, y: float, width: float, height: float) -> None:
-        """Take this rectangle of the window (pixels)."""
+        """Set the panel's rectangle in window pixels."""
         share = round(0.72 * height)
         self.figures.place(x, y, width, share)
         self.log.place(x, y + share, width, height - share)
@@ -66,7 +66,7 @@ class InspectorPanel:
         stage: str,
         drawn_rate: float,
     ) -> bool:
-        """Draw again what changed; returns whether something did."""
+        """Redraw what has changed; return whether anything did."""
         changed = self._update_log(workspace)
         if time.monotonic() < self._next:
             return changed

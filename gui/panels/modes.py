@@ -1,4 +1,4 @@
-"""The row of buttons above the viewport: which picture of the selected stage is shown."""
+"""The row of buttons above the viewport, which choose the picture of the selected stage."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ class ModesPanel:
             self.rows[stage] = row
 
     def place(self, stage: str, x: float, y: float, width: float, context: gui.LayoutContext) -> float:
-        """Take so much of the window (pixels); returns the height of the stage's row."""
+        """Set the position and width in window pixels; return the height of the stage's row."""
         for row in self.rows.values():
             row.place(x, y, width, context)
         return self.rows[stage].height(width, context)
 
     def update(self, stage: str, on: set[str]) -> bool:
-        """Show the stage's row with these keys chosen; returns whether something changed."""
+        """Show the stage's row with these keys pressed; return whether anything changed."""
         changed = False
         for name, row in self.rows.items():
             if row.widget.visible != (name == stage):

@@ -16,7 +16,7 @@ from gui.presenters.run.exports import FORMATS, MOVIE_BACKGROUNDS, MOVIE_SIZES, 
 
 
 def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferences], None]) -> None:
-    """Render resolution, background, autoplay."""
+    """Show the preferences: render resolution, background, autoplay."""
     dialogs.widgets = {}
     chosen = replace(now, recent=list(now.recent))
     form = _Form(dialogs, chosen)
@@ -39,13 +39,13 @@ def ask_preferences(dialogs: Dialogs, now: Preferences, save: Callable[[Preferen
 def ask_export(
     dialogs: Dialogs, request: ExportRequest, sources: Sequence[str], start: Callable[[ExportRequest], None]
 ) -> None:
-    """Source, output path, and options of a movie.
+    """Ask for the source, the output path, and the options of a movie.
 
     Args:
-        dialogs: where it is shown.
+        dialogs: shows it.
         request: the defaults; modified while the dialog is open.
         sources: "decoded" and "trained" as available; empty for a bare stream.
-        start: called by "Export", after the dialog has closed.
+        start: called by "Export" after the dialog has closed.
     """
     dialogs.widgets = {}
     form = _Form(dialogs, request)

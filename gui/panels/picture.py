@@ -1,4 +1,4 @@
-"""Numpy images in Open3D's image widget."""
+"""NumPy images in Open3D's image widget."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _marks = itertools.count(1)
 
 
 def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
-    """An Open3D image of (H, W, 3) uint8 RGB. Three channels: with four, the widget blends with what is below it."""
+    """An Open3D image of (H, W, 3) uint8 RGB. With four channels, the widget would blend with what is below it."""
     return o3d.geometry.Image(np.ascontiguousarray(pixels))
 
 
 def color(value: RGB) -> gui.Color:
-    """For widgets."""
+    """Convert a color for widgets."""
     return gui.Color(value[0] / 255, value[1] / 255, value[2] / 255)
 
 
@@ -32,13 +32,13 @@ def plain_label(text_color: RGB, ground: RGB) -> gui.Label:
 
 
 class PictureWidget:
-    """An image widget that shows pictures pixel for pixel and passes the mouse on.
+    """An image widget that shows pictures pixel for pixel and forwards mouse events.
 
-    Open3D lets images of equal content share a texture, so that updating one would change the other: each begins with a
-    placeholder of its own.
+    Open3D lets images with equal content share a texture, so that updating one would change the other; therefore each
+    starts with a unique placeholder.
 
     Args:
-        on_mouse: gets events with the place in the widget (x, y, pixels) and returns whether it took them.
+        on_mouse: receives events with the position in the widget (x, y, pixels) and returns whether it handled them.
     """
 
     def __init__(self, on_mouse: Callable[[gui.MouseEvent, float, float], bool] | None = None) -> None:
@@ -53,17 +53,17 @@ class PictureWidget:
             self.widget.set_on_mouse(self._mouse)
 
     def show(self, pixels: np.ndarray) -> None:
-        """Show an image; it is stretched to the widget if their sizes differ."""
+        """Show an image, stretched to the widget if their sizes differ."""
         if pixels.shape == self._shape:
             self.widget.update_image(as_image(pixels))
             return
-        self._shape = pixels.shape  # a texture of another size is made anew
+        self._shape = pixels.shape  # another size needs a new texture
         ui_image = gui.UIImage(as_image(pixels))
         ui_image.scaling = gui.UIImage.Scaling.ANY
         self.widget.ui_image = ui_image
 
     def place(self, x: float, y: float, width: float, height: float) -> None:
-        """Take this rectangle of the window (pixels)."""
+        """Set the widget's rectangle in window pixels."""
         self.widget.frame = gui.Rect(int(x), int(y), max(int(width), 1), max(int(height), 1))
 
     @property

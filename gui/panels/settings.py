@@ -20,7 +20,7 @@ class SettingsList:
         stage: key of `TITLES`.
         em: font size, pixels.
         set_value: called with the field and the new text.
-        changed: called when the filter has changed; `refilter` is then due.
+        changed: called when the filter has changed; call `refilter` afterwards.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class SettingsList:
         self.refilter()
 
     def find(self, name: str) -> None:
-        """Filter for one setting; `refilter` is then due."""
+        """Filter for one setting; call `refilter` afterwards."""
         self.filter.text_value = self._typed = name
 
     def _type(self, text: str) -> None:
@@ -55,7 +55,7 @@ class SettingsList:
         self._changed()
 
     def place(self, x: float, y: float, width: float, height: float) -> None:
-        """Take this rectangle of the window (pixels)."""
+        """Set the panel's rectangle in window pixels."""
         em = self._em
         self.widget.frame = gui.Rect(int(x), int(y), int(width), int(height))
         top = 1.9 * em
@@ -63,8 +63,8 @@ class SettingsList:
         self._scroll.frame = gui.Rect(int(x), int(y + top), int(width), max(int(height - top), 1))
 
     def refilter(self) -> bool:
-        """Apply the filter; returns whether the list has changed: `show` and a new layout are then due. Deferred to the
-        next tick, because the toolkit reports typing while it draws the window."""
+        """Apply the filter; return whether the list has changed, which requires `show` and a new layout. Deferred to
+        the next tick, because the toolkit reports typing while it draws the window."""
         if self._words == self._typed:
             return False
         self._words = self._typed
@@ -130,5 +130,5 @@ class SettingsList:
 
 
 def _broken(text: str) -> str:
-    """Wrapped: the toolkit shows a tooltip as one line."""
+    """Wrap a tooltip; the toolkit shows it as one line otherwise."""
     return "\n".join(textwrap.wrap(text, 70))

@@ -17,7 +17,7 @@ from pipelines.config import Config
 from studio.errors import Message, StudioError
 
 _PAUSE = {
-    "Pause": "Suspend the run; it keeps its memory until you resume it",
+    "Pause": "Suspend the run; it stays in memory until you resume it",
     "Resume": "Resume the run",
 }
 
@@ -29,7 +29,7 @@ class StagesPanel:
         workspace: the take.
         em: font size, pixels.
         select: called with a stage's key.
-        run: called with a stage's key ("all" for all stages) and whether to repeat a finished stage.
+        run: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
         changed: called after every user action.
     """
 
@@ -46,7 +46,7 @@ class StagesPanel:
         self.selected = "review"
         self._drawn: object = None
         self.list = PictureWidget(self._on_mouse)
-        self.ground = gui.Vert()  # behind what has no background of its own
+        self.ground = gui.Vert()  # behind widgets without a background
         self.ground.background_color = color(PANEL)
         self.detail = gui.Label("")
         self.detail.text_color = color(DIM)
@@ -54,7 +54,7 @@ class StagesPanel:
         self.buttons: dict[str, gui.Button] = {}
         self.row = gui.Horiz(0.4 * em)
         self.row.background_color = color(PANEL)
-        self._button("run", "Run", "Run this stage and everything that it needs", self._run_clicked)
+        self._button("run", "Run", "Run this stage and the stages it depends on", self._run_clicked)
         self._button("all", "Run all", "Run all stages that are not up to date", lambda: run("all", False))
         self._button("pause", "Pause", _PAUSE["Pause"], workspace.pause)
         words = "Stop the run; finished work is kept, and the next run resumes from there"
@@ -82,7 +82,7 @@ class StagesPanel:
         return [self.list.widget, self.ground, self.detail, self.row, self.error, self.link, *lists]
 
     def set_visible(self, on: bool) -> None:
-        """Hide or show the panel; `update` then shows what depends on the state."""
+        """Hide or show the panel; call `update` afterwards."""
         for widget in self.widgets:
             widget.visible = on and widget in (self.list.widget, self.ground, self.row)
 
@@ -110,7 +110,7 @@ class StagesPanel:
             return event.type != gui.MouseEvent.Type.WHEEL
         row = stage_list.row_at(y, self._em, len(TITLES))
         if row is not None:
-            self._refuse(None)  # it was about a setting of the other stage
+            self._refuse(None)  # the message concerned a setting of the other stage
             self._select(list(TITLES)[row])
             self._changed()
         return True
@@ -128,7 +128,7 @@ class StagesPanel:
         """Show why a setting was refused; None clears it."""
         text = "" if refusal is None else str(refusal)
         setting = "" if refusal is None else str(refusal.fields.get("setting", ""))
-        self._refused_setting = setting if setting != edited else ""  # the edited one is on screen
+        self._refused_setting = setting if setting != edited else ""  # the edited one is already on screen
         if self.error.text != text:
             self.error.text = text
 
@@ -156,7 +156,7 @@ class StagesPanel:
         top = y + list_height + 0.4 * em
         limits = gui.Widget.Constraints()
         limits.width = int(width - 1.2 * em)
-        # the buttons first: they do not move when a message appears
+        # the buttons come first, so that they do not move when a message appears
         self.row.frame = gui.Rect(int(x + 0.6 * em), int(top), limits.width, int(1.7 * em))
         top += 2.1 * em
         for label, most in ((self.detail, 6), (self.error, 8)):
@@ -174,7 +174,7 @@ class StagesPanel:
         self.ground.frame = gui.Rect(int(x), int(y + list_height), int(width), int(end - y - list_height))
 
     def update(self) -> tuple[bool, bool]:
-        """Show the state of the workspace; returns (whether anything changed, whether a layout is due)."""
+        """Show the state of the workspace; return (whether anything changed, whether a layout is due)."""
         changed = layout = False
         rows = self._workspace.rows()
         state = (rows, self.selected, self.list.size)
@@ -211,7 +211,7 @@ class StagesPanel:
                 panel.show(config)
             changed = True
         if self._update_buttons(row.state):
-            changed = layout = True  # another text has another width
+            changed = layout = True  # the new text has another width
         return changed, layout
 
     def _update_buttons(self, state: str) -> bool:

@@ -20,10 +20,10 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
     """Show the dialog.
 
     Args:
-        dialogs: where it is shown.
+        dialogs: shows it.
         new: the choices so far; modified while the dialog is open.
         create: called by "Create take"; the dialog stays open.
-        error: why that failed.
+        error: why creating it failed.
     """
     dialogs.widgets = {}
     em = dialogs.em
@@ -80,6 +80,6 @@ def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], Non
 
 
 def _found(text: str) -> str:
-    """Exactly as many lines as the dialog has room for: it does not grow."""
+    """Pad or cut text to the lines that the dialog has room for, since it does not grow."""
     lines = broken(text).splitlines()[:FOUND_LINES]
     return "\n".join([*lines, *[" "] * (FOUND_LINES - len(lines))])

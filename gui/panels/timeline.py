@@ -16,7 +16,7 @@ class TimelinePanel:
     """Shows the playhead, groups, quality and size per frame, and marks.
 
     Args:
-        player: whose transport is shown and moved.
+        player: its transport is shown and controlled.
         em: font size, pixels.
         changed: called after each seek.
     """
@@ -35,12 +35,12 @@ class TimelinePanel:
 
     @property
     def plots_view(self) -> TimelinePlots:
-        """Pixels and frames as they are now."""
+        """The current mapping of pixels to frames."""
         transport = self._player.transport
         return TimelinePlots(*self.picture.size, self._em, transport.frame_count, transport.group_starts)
 
     def update(self) -> bool:
-        """Draw again where something changed; returns whether it did."""
+        """Redraw what has changed; return whether anything did."""
         transport = self._player.transport
         frame = transport.frame if self._player.opened is not None else None
         below = (self.picture.size, transport.frame_count, transport.group_starts, id(self.plots), self.marks)

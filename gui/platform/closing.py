@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 
 WAIT = 0.4
-"""Seconds to wait before a close request counts: it may have been Escape."""
+"""Seconds to wait before a close request takes effect, since it may have been Escape."""
 
 
 class CloseRequests:
-    """Separates close requests from Escape: Open3D also requests a close when Escape is pressed and when it is
-    released, before it reports the key (which it does not while text is edited). A single request is a real one.
+    """Tells close requests from Escape: Open3D also requests a close when Escape is pressed and when it is released,
+    before it reports the key (which it does not do while text is edited). A single request is a real one.
 
     Attributes:
-        granted: the window may close.
+        granted: whether the window may close.
     """
 
     def __init__(self) -> None:
@@ -21,16 +21,16 @@ class CloseRequests:
         self._asked: list[float] = []
 
     def asked(self) -> bool:
-        """The toolkit requests a close; returns whether it may close."""
+        """Handle a close request of the toolkit; return whether the window may close."""
         self._asked.append(time.monotonic())
         return self.granted
 
     def ask(self) -> None:
-        """The user requests a close, from the menu."""
+        """Request a close from the menu."""
         self._asked = [time.monotonic() - WAIT]
 
     def escape(self) -> None:
-        """The request was Escape."""
+        """Handle Escape: drop the requests that it caused."""
         self._asked.clear()
 
     def due(self) -> bool:

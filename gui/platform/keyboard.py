@@ -1,6 +1,6 @@
 """Keyboard focus for a dialog's text field. The toolkit has no call for it, but Tab focuses the first field.
 
-So the window sends itself a Tab through X. Without X nothing happens, and the user clicks or presses Tab.
+So the window sends itself a Tab through X. Without X nothing happens, and the user has to click or press Tab.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ class _KeyEvent(ctypes.Structure):
         ("state", ctypes.c_uint),
         ("keycode", ctypes.c_uint),
         ("same_screen", ctypes.c_int),
-        ("padding", ctypes.c_long * 24),  # XEvent, which is copied whole, is larger
+        ("padding", ctypes.c_long * 24),  # XEvent, which is copied as a whole, is larger
     )
 
 
 def send_tab(down: bool) -> bool:
-    """Send a Tab press or release to this process's window; returns whether the window was found. Press and release
+    """Send a Tab press or release to this process's window; return whether the window was found. Press and release
     must fall on different drawn frames."""
     name = ctypes.util.find_library("X11")
     if name is None:
@@ -72,10 +72,10 @@ def _own_window(x11: Any, display: ctypes.c_void_p, root: int) -> int | None:
     atom = ctypes.c_ulong(x11.XInternAtom(display, b"_NET_WM_PID", 0))
     focus, revert = ctypes.c_ulong(), ctypes.c_int()
     x11.XGetInputFocus(display, ctypes.byref(focus), ctypes.byref(revert))
-    waiting = [root, focus.value]  # the latter first: usually it is the one
+    waiting = [root, focus.value]  # the focused window first: it usually is the one
     while waiting:
         window = waiting.pop()
-        if window <= 1:  # None and PointerRoot are no windows
+        if window <= 1:  # None and PointerRoot are not windows
             continue
         if _pid(x11, display, window, atom) == os.getpid():
             return window

@@ -9,7 +9,7 @@ AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0)
 
 
 class Redraws:
-    """After `changed`, `due` is true at once and again at `AGAIN_SECONDS`, but never more often than `pause` allows.
+    """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds apart.
 
     Args:
         now: a monotonic clock in seconds.
@@ -23,9 +23,9 @@ class Redraws:
         self._last = -float("inf")
 
     def changed(self) -> None:
-        """Something on screen has changed."""
+        """Note that something on screen has changed."""
         start = self._now()
-        # a due redraw stays due, or steady changes would postpone it forever
+        # a due redraw stays due; otherwise steady changes would postpone it forever
         first = min(start, *self._times[:1]) if self._times else start
         self._times = [first, *(start + delay for delay in AGAIN_SECONDS)]
 

@@ -1,8 +1,8 @@
 """Lists Vulkan devices through ctypes, before Open3D's GUI is used.
 
 Open3D draws with Filament on Vulkan. Without a driver it ends the process with a native abort that Python cannot
-catch. So this module loads the Vulkan loader, creates an instance and lists its devices (Vulkan 1.0 specification,
-sections 3.2, 4.1 and 5.1).
+catch. This module therefore loads the Vulkan loader, creates an instance and lists its devices (Vulkan 1.0
+specification, sections 3.2, 4.1 and 5.1).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _KINDS = {0: "other", 1: "integrated GPU", 2: "discrete GPU", 3: "virtual GPU", 
 _SUCCESS = 0
 _INCOMPLETE = 5
 _INSTANCE_CREATE_INFO = 1
-_PROPERTIES_BYTES = 4096  # VkPhysicalDeviceProperties takes 824 on 64-bit; room to spare
+_PROPERTIES_BYTES = 4096  # VkPhysicalDeviceProperties takes 824 on 64-bit; the rest is a margin
 _INSTALL = "On Debian and Ubuntu, run `sudo apt-get install {packages}`"
 
 

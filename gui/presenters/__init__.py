@@ -1,1 +1,1 @@
-"""What the window shows and what a click does, as plain objects: no Open3D here, so all of it is tested without."""
+"""What the window shows and what clicks do, as plain objects. Nothing here uses Open3D, so tests need no window."""

@@ -1,4 +1,4 @@
-"""Quality figures from evaluation.json, as `v3studio evaluate` wrote them. Nothing is measured here."""
+"""Quality figures from evaluation.json, which `v3studio evaluate` writes. Nothing is measured here."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class EvaluationFile:
         self._seen: object = None
 
     def changed(self, take: Take | None, frame_count: int) -> bool:
-        """True at first, and whenever the file, the take or the number of frames has changed since."""
+        """True on the first call, and if the file, the take or the number of frames has changed since the last."""
         stamp = None
         if take is not None:
             stamp = (take.root, take.evaluation.stat().st_mtime_ns if take.evaluation.is_file() else 0)
@@ -33,9 +33,9 @@ class FrameQuality:
     """One frame's figures.
 
     Attributes:
-        bytes: size of the frame: bytes of its group divided by the group's frames.
-        means: metric of `MEASURES`, where measured, to the mean over the evaluated cameras.
-        cameras: the same for each camera.
+        bytes: size of the frame: size of its group divided by the group's number of frames.
+        means: mean over the evaluated cameras by metric of `MEASURES`, where measured.
+        cameras: the same by camera.
     """
 
     bytes: float
@@ -48,9 +48,9 @@ class Evaluation:
     """Figures of all evaluated frames.
 
     Attributes:
-        frames: frame, counted from 0, to its figures.
+        frames: figures by frame, counted from 0.
         cameras: the evaluated cameras.
-        held_out: whether these were held out; if not, they were training cameras.
+        held_out: whether they were held out; if not, they are training cameras.
         error: message if the file is damaged; "" otherwise.
     """
 
@@ -104,11 +104,11 @@ class Evaluation:
         return (
             f"PSNR in dB, higher is better: mean over the {kind} cameras {', '.join(self.cameras)}.\n"
             "KB per frame (1 KB = 1000 bytes): size of the frame's group divided by its number of frames.\n"
-            "The numbers on the left are of the current frame. Click or drag to seek."
+            "The numbers on the left are for the current frame. Click or drag to seek."
         )
 
     def series(self, name: str, frame_count: int) -> list[float | None]:
-        """A metric, or "bytes", of every frame; None if not measured."""
+        """A metric, or "bytes", for every frame; None where not measured."""
         found: list[float | None] = []
         for frame in range(frame_count):
             quality = self.frames.get(frame)

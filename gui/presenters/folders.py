@@ -1,4 +1,4 @@
-"""FolderList: the model of a file dialog: current folder, entries, and what choosing one does."""
+"""FolderList, the model of a file dialog: current folder, entries, and what choosing one does."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MOST_ENTRIES = 1000
-"""Longer lists are cut; any path can be typed."""
+"""Longer lists are truncated; any path can be typed."""
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class FolderList:
     """See the module.
 
     Args:
-        start: folder to begin in, or a path in it; the nearest folder that is there is taken.
-        wanted: "folder" (any), "take" (of a take or of a stream) or "file".
-        endings: of files that can be chosen.
+        start: folder to start in, or a path in it; if it does not exist, its nearest existing parent.
+        wanted: "folder" (any), "take" (the folder of a take or a stream) or "file".
+        endings: extensions of files that can be chosen.
 
     Attributes:
         folder: the current folder.
-        entries: its entries: folders first, in natural order (cam2 before cam10).
-        message: why the last action failed; "" if it did not.
+        entries: its entries, folders first, in natural order (cam2 before cam10).
+        message: why the last action failed; "" if it succeeded.
     """
 
     def __init__(self, start: Path, wanted: str, endings: Sequence[str] = ()) -> None:
@@ -56,7 +56,7 @@ class FolderList:
         self._read()
 
     def enter(self, path: Path) -> bool:
-        """Go into a folder; False, with `message`, where it cannot be read."""
+        """Enter a folder; return False and set `message` if it cannot be read."""
         before = self.folder
         self.folder = path
         if self._read():
@@ -67,15 +67,15 @@ class FolderList:
         return False
 
     def up(self) -> None:
-        """To the folder that holds this one."""
+        """Go to the parent folder."""
         self.enter(self.folder.parent)
 
     def choose(self, path: Path, twice: bool = False) -> Path | None:
         """The path to open when an entry is chosen; None if that enters a folder or sets `message`.
 
         Args:
-            path: an entry's, `folder` itself, or typed.
-            twice: chosen by a double click, which enters folders.
+            path: path of an entry, `folder` itself, or a typed path.
+            twice: whether it was double-clicked, which enters folders.
         """
         path = path.expanduser()
         path = path if path.is_absolute() else self.folder / path
@@ -114,7 +114,7 @@ class FolderList:
         self.entries = [Entry(self.folder / name, kind_of(self.folder / name)) for name in shown]
         self.entries += [Entry(self.folder / name, "file") for name in files[: MOST_ENTRIES - len(shown)]]
         if len(folders) + len(files) > MOST_ENTRIES:
-            self.message = f"Only the first {MOST_ENTRIES} entries are listed. Type the path of any other."
+            self.message = f"Only the first {MOST_ENTRIES} entries are listed. Type the path to choose another."
         return True
 
     def _fits(self, name: str) -> bool:
@@ -129,6 +129,6 @@ def kind_of(folder: Path) -> str:
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:
-    """cam2 before cam10."""
+    """Sort key for natural order: cam2 before cam10."""
     parts = re.split(r"(\d+)", name.lower())
     return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]

@@ -21,7 +21,7 @@ def _first_whole(source: FrameSource) -> Gaussians:
 
 
 def load(path: str | Path) -> tuple[Opened, Gaussians | None] | str:
-    """Open a take, a stream or an address and its first frame; or return the error message. Thread safe."""
+    """Open a take, a stream or a URL, and its first frame; or return the error message. Thread-safe."""
     try:
         opened = open_path(path)
         try:

@@ -12,11 +12,11 @@ class Marks:
     """The take's marks.
 
     Args:
-        path: their file, which may not exist yet. None keeps marks in memory only (a bare stream).
+        path: the file, which may not exist yet. None keeps marks in memory only (for a bare stream).
 
     Attributes:
-        notes: frame, counted from 0, to note.
-        error: message if the file is damaged; it is then never written. "" otherwise.
+        notes: notes by frame, counted from 0.
+        error: message if the file is damaged, in which case it is never written; "" otherwise.
     """
 
     def __init__(self, path: Path | None) -> None:

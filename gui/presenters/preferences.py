@@ -32,9 +32,9 @@ class Preferences:
     """See the module.
 
     Attributes:
-        picture_size: of `PICTURE_SIZES`: maximum resolution at which splats are rendered.
-        background: initial background, of `BACKGROUND_NAMES`.
-        play_on_opening: start playback when a take or stream is opened.
+        picture_size: maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`.
+        background: initial background, one of `BACKGROUND_NAMES`.
+        play_on_opening: whether playback starts when a take or stream is opened.
         recent: folders and URLs, newest first.
     """
 
@@ -60,7 +60,7 @@ class Preferences:
         return found
 
     def save(self, path: Path | None = None) -> bool:
-        """Save; False if the folder is not writable."""
+        """Save the preferences; False if the folder is not writable."""
         try:
             write_text(path or preferences_path(), json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n")
         except OSError:

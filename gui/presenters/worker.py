@@ -1,6 +1,6 @@
-"""LatestWorker: one thread, one slot. A request made while it works replaces the waiting one.
+"""LatestWorker: a thread with a single request slot. A request made while it works replaces the waiting one.
 
-The window requests a picture at every change and never waits; the thread always works on the newest request, so a slow
+The window requests a picture at every change and never blocks; the thread always works on the newest request, so a slow
 renderer drops frames but does not lag.
 """
 
@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Done(Generic[Request, Result]):
-    """A finished request: its result, or the error that it ended with."""
+    """A finished request: its result, or the error that ended it."""
 
     number: int
     request: Request
@@ -26,7 +26,7 @@ class Done(Generic[Request, Result]):
 
 
 class LatestWorker(Generic[Request, Result]):
-    """Runs `work` on a thread of its own, always on the newest request.
+    """Runs `work` on a separate thread, always on the newest request.
 
     Args:
         work: called with a request on the worker's thread; an exception becomes the result's `error`.
@@ -53,7 +53,7 @@ class LatestWorker(Generic[Request, Result]):
             return self._number
 
     def take(self) -> Done[Request, Result] | None:
-        """The newest finished request, once; None if nothing has finished since. Never waits."""
+        """The newest finished request, returned once; None if nothing has finished since. Never blocks."""
         with self._condition:
             finished, self._finished = self._finished, None
             return finished
@@ -65,7 +65,7 @@ class LatestWorker(Generic[Request, Result]):
             return self._waiting is None and not self._busy
 
     def close(self, timeout: float = 5.0) -> bool:
-        """Drop what waits and end the thread after the request in hand. Returns whether it ended in time."""
+        """Drop the waiting request and end the thread after the current one. Returns whether it ended in time."""
         with self._condition:
             self._closed = True
             self._waiting = None

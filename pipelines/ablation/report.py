@@ -1,4 +1,4 @@
-"""Report of an ablation: a table and the paper's figure, PSNR over kilobytes per frame."""
+"""Ablation report: a table, and the paper's figure of PSNR against kilobytes per frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pipelines.takes.atomic_files import write_bytes, write_text
 
 
 def table_rows(results: AblationResults, qp: int) -> list[list[str]]:
-    """A header row, and one row per variant: figures at `qp`, and over the whole curve."""
+    """A header row, and one row per variant: values at `qp`, and over the whole curve."""
     rows = [["variant", f"KB per frame at QP {qp}", "PSNR trained", "PSNR decoded", "BD-rate", "BD-PSNR"]]
     perceptual = any(point.lpips_decoded is not None for entry in results.variants for point in entry.points)
     if perceptual:
@@ -66,9 +66,9 @@ def write_report(results: AblationResults, qp: int, path: Path) -> None:
         "<style>body{font:15px system-ui;margin:2rem auto;max-width:60rem;color:#222}td,th{padding:.3rem .8rem;"
         "text-align:right}td:first-child,th:first-child{text-align:left}tr:nth-child(even){background:#f3f3f3}</style>"
         f"<h1>Ablation</h1><p>{html.escape('; '.join(sentences))}.</p>"
-        f"<img style='max-width:100%' alt='PSNR over kilobytes per frame' src='data:image/png;base64,{picture}'>"
+        f"<img style='max-width:100%' alt='PSNR against kilobytes per frame' src='data:image/png;base64,{picture}'>"
         f"<table><tr>{''.join(f'<th>{html.escape(cell)}</th>' for cell in header)}</tr>{body}</table>"
-        "<p>BD-rate: mean difference in bytes from the first row at equal decoded PSNR; negative is smaller.</p>",
+        "<p>BD-rate: mean size difference from the first row at equal decoded PSNR; negative means smaller.</p>",
     )
 
 
@@ -89,7 +89,7 @@ def _plot(results: AblationResults) -> bytes:
             label=entry.title,
         )
     axes.set_xlabel("KB per frame")
-    axes.set_ylabel("PSNR of the decoded stream, dB")
+    axes.set_ylabel("PSNR of the decoded stream (dB)")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
     data = io.BytesIO()

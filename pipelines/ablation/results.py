@@ -11,7 +11,7 @@ class RatePoint(Result):
 
     qp: int
     kb_per_frame: float
-    """1000 bytes; of the whole stream."""
+    """Size of the whole stream per frame; 1 KB is 1000 bytes."""
 
     psnr_decoded: float
     psnr_trained: float | None = None
@@ -26,21 +26,21 @@ class VariantResult(Result):
     title: str
 
     settings: str = ""
-    """Digest of its settings: points measured with others are dropped."""
+    """Digest of its settings; points measured with other settings are discarded."""
 
     points: tuple[RatePoint, ...] = ()
-    """By ascending QP."""
+    """In ascending order of QP."""
 
     bd_rate_percent: float | None = None
-    """Mean difference in bytes at equal PSNR from the first variant; below 0 is smaller. None if the curves do not
+    """Mean size difference from the first variant at equal PSNR; negative means smaller. None if the curves do not
     overlap; not set for the first variant."""
 
     bd_psnr_db: float | None = None
-    """Mean difference in PSNR at equal bytes from the first variant."""
+    """Mean PSNR difference from the first variant at equal size."""
 
 
 class AblationResults(Result):
-    """What ablation.json holds."""
+    """Contents of ablation.json."""
 
     protocol: Protocol | None = None
     qps: tuple[int, ...] = ()

@@ -1,4 +1,4 @@
-"""The paper's ablation on any capture: what each part of training contributes, as PSNR over kilobytes per frame."""
+"""The paper's ablation on any capture: what each part of training contributes, as PSNR against kilobytes per frame."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _measure(
     qps: Sequence[int],
     emit: Callable[[str], Emit],
 ) -> tuple[RatePoint, ...]:
-    """The points of the variant, with those that were missing."""
+    """The variant's points, after measuring the missing ones."""
     have = {point.qp for point in points}
     missing = [qp for qp in qps if qp not in have]
     if not missing:

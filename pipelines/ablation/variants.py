@@ -18,8 +18,8 @@ class Variant:
     """One variant of training.
 
     Attributes:
-        name: on the command line, and of its take's folder.
-        title: what it leaves out, for people.
+        name on the command line and of its take's folder.
+        what it leaves out, as shown in tables.
         settings: overrides of the settings, by dotted name.
     """
 
@@ -49,19 +49,21 @@ VARIANTS = (
 """The paper's ablations (section 6 and its figure on group size), and group sizes around its 20."""
 
 OPTIONS = (
-    Variant("by-motion", "groups that follow the motion", {"train.grouping": "motion"}),
+    Variant("by-motion", "groups chosen by motion", {"train.grouping": "motion"}),
     Variant("no-velocity", "no velocity prediction", {"train.motion_velocity": False}),
     Variant("splat-velocity", "velocity per splat, not smoothed", {"train.motion_velocity_neighbors": 0}),
     Variant("warm-start", "motion network starts from the previous frame", {"train.motion_warm_start": True}),
     Variant("fixed-positions", "means are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
     Variant("huber", "Huber temporal loss", {"train.temporal_huber": 2.0}),
-    Variant("regularize-motion", "losses on what the motion profile codes", {"train.regularize": "motion"}),
+    Variant(
+        "regularize-motion", "losses on the values that the motion profile encodes", {"train.regularize": "motion"}
+    ),
     Variant("simulated-quantization", "fine-tuned with quantized attributes", {"train.simulate_quantization": True}),
     Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),
     Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
 )
-"""Settings beyond the paper, only measured when named."""
+"""Variants beyond the paper; measured only if named."""
 
 
 def chosen(names: Sequence[str]) -> tuple[Variant, ...]:

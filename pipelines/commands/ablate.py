@@ -1,4 +1,4 @@
-"""`v3studio ablate`: leaves out each part of training in turn, and compares quality and size."""
+"""`v3studio ablate`: leaves out each part of training in turn and compares quality and size."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-_HELP = "train variants without parts of the method, and compare quality and size"
+_HELP = "train variants without parts of the method and compare quality and size"
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
 Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
-and
-measured on held-out cameras. Writes ablation.json, ablation.png, ablation.html and one take per variant to DIR. A
-cancelled run can be resumed. Every variant is trained in full: try a few frames first, with --capture.stop 20.
+and measured on held-out cameras. Writes ablation.json, ablation.png, ablation.html and one take per variant to DIR.
+Run it again to resume after a cancellation. Every variant is trained in full; try a few frames first with
+--capture.stop 20.
 """
 
 

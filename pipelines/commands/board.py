@@ -57,7 +57,7 @@ def _board(arguments: argparse.Namespace) -> int:
     if not 0 < arguments.square < 10_000:
         raise StudioError(
             "command.invalid_option",
-            f"--square {arguments.square:g}: not between 0 and 10000 mm",
+            f"--square {arguments.square:g} is not between 0 and 10000 mm",
             value=arguments.square,
             fix="Specify the side of a square in millimeters; example: 60.",
             option="--square",
@@ -65,7 +65,7 @@ def _board(arguments: argparse.Namespace) -> int:
     if arguments.kind == "charuco" and not 0 < marker < arguments.square:
         raise StudioError(
             "command.invalid_option",
-            f"--marker {marker:g}: not between 0 and the side of a square, {arguments.square:g} mm",
+            f"--marker {marker:g} is not between 0 and the side of a square, {arguments.square:g} mm",
             value=marker,
             fix="Specify the side of a marker in millimeters.",
             option="--marker",

@@ -1,4 +1,4 @@
-"""`v3studio export`: writes frames of a take or a stream in formats of other programs, or as a movie."""
+"""`v3studio export`: writes frames of a take or a stream in other programs' formats, or as a movie."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FORMATS = {
     "ply": "a folder of numbered 3DGS PLY files, or one .ply file",
-    "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY",
+    "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY or less",
     "glb": "a folder of numbered GLB files with KHR_gaussian_splatting, or one .glb file",
     "videogs": "a folder in the VideoGS layout, for the players of the paper's released code",
     "turntable": "an MP4 of a camera circling the performer",
@@ -40,7 +40,7 @@ def register(commands: Any) -> None:
     export = commands.add_parser(
         "export",
         help="export frames as PLY, SPZ, GLB or VideoGS, or as a movie",
-        description="Export frames of a take or a stream in formats of other programs, or as a movie.",
+        description="Export frames of a take or a stream in other programs' formats, or as a movie.",
         epilog=_NOTE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
@@ -66,6 +66,9 @@ def register(commands: Any) -> None:
         metavar="N",
         help="truncate spherical harmonics to degree N, 0 to 3",
     )
+    export.add_argument(
+        "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read it yet"
+    )
     export.add_argument("--qp", type=int, default=20, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 20)")
     export.add_argument("--size", default="1280x720", metavar="WxH", help="movies: size in pixels (default: 1280x720)")
     export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
@@ -81,11 +84,19 @@ def register(commands: Any) -> None:
 
 def _export(arguments: argparse.Namespace) -> int:
     size = _size(arguments.size)
+    if arguments.spz_version is not None and arguments.format != "spz":
+        raise StudioError(
+            "command.invalid_option",
+            f"--format {arguments.format} has no --spz-version",
+            value=arguments.spz_version,
+            fix="Remove --spz-version.",
+            option="--spz-version",
+        )
     if (arguments.path is not None) != (arguments.format == "camera-path"):
         needs = arguments.format == "camera-path"
         raise StudioError(
             "command.invalid_option",
-            "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} has no --path",
+            "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} does not take --path",
             fix="Add --path FILE." if needs else "Remove --path.",
             option="--path",
         )
@@ -167,13 +178,14 @@ def _size(text: str) -> tuple[int, int]:
 
 def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
     from studio.export import axes_of, export_frame, export_sequence, export_videogs
+    from studio.splat_files import SPZ_VERSION
 
     out: Path = arguments.out
     if arguments.format == "videogs":
         if arguments.axes == "viewer":
             raise StudioError(
                 "command.invalid_option",
-                "--axes viewer: the VideoGS layout only has the axes of the capture",
+                "--axes viewer: the VideoGS layout supports only the axes of the capture",
                 value="viewer",
                 fix="Remove --axes.",
                 option="--axes",
@@ -183,10 +195,11 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
     ending = f".{arguments.format}"
     viewer = arguments.axes == "viewer" or (arguments.axes is None and arguments.format != "ply")
     rotation = axes_of(video, ending, viewer)
+    spz_version = arguments.spz_version or SPZ_VERSION
     if out.suffix.lower() != ending:
-        export_sequence(video, out, ending, rotation, progress)
+        export_sequence(video, out, ending, rotation, progress, spz_version)
     elif video.frame_count == 1:
-        export_frame(video, out, rotation)
+        export_frame(video, out, rotation, spz_version)
     else:
         raise StudioError(
             "command.invalid_option",

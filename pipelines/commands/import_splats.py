@@ -1,4 +1,4 @@
-"""`v3studio import`: bakes Gaussians of other programs to a stream."""
+"""`v3studio import`: bakes Gaussians from other programs into a stream."""
 
 from __future__ import annotations
 
@@ -13,17 +13,23 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     parser = commands.add_parser(
         "import",
-        help="bake PLY, SPZ or VideoGS files of other programs to a stream",
-        description="Bake a folder of numbered 3DGS PLY or SPZ files, one such file, or a folder in the VideoGS layout "
-        "to a stream. A new group begins where Gaussians do not correspond to those of the previous frame.",
+        help="bake splat files from other programs into a stream: PLY, SPZ, SOG, .splat, .ksplat, VideoGS",
+        description="Bake a folder of numbered splat files of one format, one such file, or a folder in the VideoGS "
+        "layout into a stream. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json "
+        "with its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the "
+        "previous frame.",
         epilog="--set bake.qp=22 or --bake.qp 22 overrides a setting; `v3studio config` lists all settings.",
         allow_abbrev=False,
     )
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream; must not exist")
     parser.add_argument("--fps", type=float, default=30.0, help="frames per second (default: 30)")
-    parser.add_argument("--group-size", type=int, default=20, metavar="N", help="most frames per group (default: 20)")
-    parser.add_argument("--up", metavar="X,Y,Z", help="up direction (default: that of the format; 0,-1,0 for PLY)")
+    parser.add_argument(
+        "--group-size", type=int, default=20, metavar="N", help="maximum frames per group (default: 20)"
+    )
+    parser.add_argument(
+        "--up", metavar="X,Y,Z", help="up direction (default: that of the format; 0,1,0 for SPZ, 0,-1,0 for others)"
+    )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.add_argument("--json", action="store_true", help="print progress as JSON lines")
     parser.set_defaults(command=_import)
@@ -33,7 +39,7 @@ def _import(arguments: argparse.Namespace) -> int:
     if not 0 < arguments.fps <= 1000:
         raise StudioError(
             "command.invalid_option",
-            f"--fps {arguments.fps:g}: not between 0 and 1000 frames per second",
+            f"--fps {arguments.fps:g} is not between 0 and 1000 frames per second",
             value=arguments.fps,
             fix="Example: 30.",
             option="--fps",

@@ -62,7 +62,7 @@ def _play(arguments: argparse.Namespace) -> int:
 
 
 def _drawing(metadata: dict[str, Any], stream: str | Path) -> Callable[[Gaussians], object]:
-    """A function that renders Gaussians from the stream's suggested camera over its background."""
+    """Return a function that renders Gaussians from the stream's suggested camera over its background."""
     from pipelines.reports.pictures import draw
     from studio.cameras import Camera
 

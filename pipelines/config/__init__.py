@@ -24,5 +24,5 @@ __all__ = [
     "parse_override",
 ]
 
-# `pipelines.config.renamed` needs neither pydantic nor YAML, and --help should answer at once
+# `pipelines.config.renamed` needs neither pydantic nor YAML, so that --help stays fast
 lazy_exports(__name__)

@@ -1,7 +1,7 @@
-"""All settings of a run: one section per stage, composed of the settings models of the library's packages.
+"""All settings of a run: one section per stage, composed of the library's settings models.
 
-The settings models of the library are described in `studio.settings`. Grouping, evaluation and the run itself, which
-the library does not know, are declared here.
+`studio.settings` describes the library's settings models. Only settings specific to the pipelines are declared here:
+grouping, evaluation and the run itself.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class GroupSettings(Settings):
 
     check_footage: Annotated[bool, Affects()] = True
     """Read all frames before training and refuse broken footage (unreadable files, empty or all-white masks). false:
-    such frames are found during training, where a camera that does not see the performer is left out of the frame."""
+    such frames are only found during training, which skips a camera in frames where it does not see the performer."""
 
 
 # Fields of the last base come first.

@@ -27,7 +27,7 @@ def describe(config: Config | None = None) -> str:
 
 
 def allowed_values(field: FieldInfo) -> str:
-    """Bounds and choices of a setting in words: "0 to 51", "one of cpu, cuda"; "" if there are none."""
+    """Bounds and choices of a setting as text: "0 to 51", "one of cpu, cuda"; "" if there are none."""
     parts = []
     choices = list(_choices(field.annotation))
     if choices:

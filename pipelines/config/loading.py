@@ -1,4 +1,4 @@
-"""Reads settings from a YAML file and the command line, with errors that say what to fix."""
+"""Reads settings from a YAML file and the command line; errors say what to fix."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark is not None else None
-        problem = getattr(error, "problem", None) or "not YAML"
+        problem = getattr(error, "problem", None) or "not valid YAML"
         raise StudioError(
             "settings.not_yaml",
             problem if line is None else f"line {line}: {problem}",
@@ -160,7 +160,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
             "settings.not_yaml",
             f"expected sections such as 'capture:' and 'train:', found {type(values).__name__}",
             file=path,
-            fix="Put settings below their section.",
+            fix="Indent settings under their section.",
         )
     # "train:" with everything under it commented out is an empty section
     return {name: {} if value is None else value for name, value in values.items()}
@@ -172,7 +172,7 @@ def dump_config(config: Config) -> str:
 
 
 def digest_text(config: Config) -> str:
-    """The same under the original names of settings: does not change when a setting is renamed."""
+    """The same with the settings' original names, so that it does not change when a setting is renamed."""
     return dump_tree(first_tree(config.model_dump(mode="json")))
 
 
@@ -219,7 +219,7 @@ def nearest_name(name: str) -> str | None:
         near = difflib.get_close_matches(name, sorted(sections), n=1, cutoff=0.5)
         if near:
             return near[0]
-    # most mistakes are a right name in a wrong section
+    # the usual mistake is a correct name in the wrong section
     last = name.rsplit(".", 1)[-1]
     twins = [candidate for candidate in known if candidate.rsplit(".", 1)[-1] == last]
     if twins:
@@ -240,17 +240,17 @@ def _nearest_sentence(name: str) -> str:
 def refused(
     error: ValidationError, file: Path | str | None, prefix: str = "", given: Collection[str] = ()
 ) -> StudioError:
-    """pydantic's error in our words: one sentence per mistake, with file, setting, value and fix.
+    """Convert a pydantic error to a StudioError: one sentence per mistake, with file, setting, value and fix.
 
     Args:
         error: raised by a settings model.
-        file: file that the settings are from, or what else they are from.
+        file: file that the settings come from, or a description of another source.
         prefix: dotted name of the model's section, with a dot at the end; "" for `Config`.
         given: dotted names of settings from the command line.
 
     Returns:
-        `settings.unknown` or `settings.invalid`; with several mistakes `settings.invalid`, whose field `mistakes` has
-        each as `Message.to_dict()`.
+        `settings.unknown` or `settings.invalid`; for several mistakes `settings.invalid`, whose field `mistakes`
+        contains each as `Message.to_dict()`.
     """
     mistakes = [_mistake(dict(problem), file, prefix, given) for problem in error.errors()]
     if len(mistakes) == 1:
@@ -270,7 +270,7 @@ def _mistake(problem: dict[str, Any], file: Path | str | None, prefix: str, give
     where: Path | str = file or "settings"
     if setting in given or name in given:
         where = COMMAND_LINE
-    elif any(one.startswith(f"{name}.") for one in given):  # a rule over several settings
+    elif any(one.startswith(f"{name}.") for one in given):  # a rule across several settings
         where = f"{where} and {COMMAND_LINE}" if file else COMMAND_LINE
     kind, found = problem["type"], problem.get("input")
     if kind == "extra_forbidden":
@@ -289,7 +289,7 @@ def _mistake(problem: dict[str, Any], file: Path | str | None, prefix: str, give
         else:
             text = f"{name} = {_plain(found)} {'' if text.startswith('must') else 'is invalid: '}{text}"
     elif kind in ("model_type", "model_attributes_type"):
-        text, fix = f"{name} = {found!r} is not a section", f"Put settings below it, one per line ({name}: ...)."
+        text, fix = f"{name} = {found!r} is not a section", f"Indent settings under it, one per line ({name}: ...)."
     else:
         text = f"{name} = {_plain(found)} is invalid: {problem['msg'].replace('Input should', 'must', 1)}"
     return Message("settings.invalid", text, where, found, fix, fields)

@@ -34,7 +34,7 @@ VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
 """Values of settings, old to new, by the setting's new name."""
 
 ADDED = {"train.regularize": "planes"}
-"""Settings added after takes of format 2 were first written, each with the value that changes nothing."""
+"""Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior."""
 
 REPORT_KEYS = {"explained": "match_inlier_ratio", "neighbours": "neighbors"}
 """Keys of calibrate/report.json, old to new."""

@@ -19,7 +19,7 @@ from types import FrameType
 from studio.errors import Cancelled
 
 GRACE = 1.4
-"""Seconds that a stage has to stop by itself."""
+"""Seconds that a stage has to stop before the process is ended."""
 
 EXIT_CANCELLED = 130
 """Exit code of a cancelled command (128 + SIGINT)."""
@@ -37,7 +37,7 @@ class Cancellation:
 
     @property
     def cancelled(self) -> bool:
-        """Cancellation was requested."""
+        """Whether cancellation was requested."""
         return self._event.is_set()
 
     def check(self) -> None:

@@ -22,7 +22,7 @@ class Event:
     """Base of all events.
 
     Attributes:
-        stage: the stage that it is about; "" for the whole run.
+        stage: the stage concerned; "" for the whole run.
         time: seconds since 1970.
     """
 
@@ -42,11 +42,11 @@ class Notice(Event):
     """Base of events that carry a `studio.errors.Message`; `parts` makes their arguments.
 
     Attributes:
-        message: the whole sentence, for people.
-        code: what it is ("footage.no_frames"), for programs; "" in logs of earlier versions.
-        file: the file or folder that it is about.
-        value: the value found, where there is one.
-        fix: what to do about it, a sentence.
+        message: the full sentence, for display.
+        code: identifies it for programs ("footage.no_frames"); "" in logs of earlier versions.
+        file: the file or folder concerned.
+        value: the value found, if any.
+        fix: how to fix it, as a sentence.
         fields: camera, frame, setting, expected, ...
     """
 
@@ -76,7 +76,7 @@ class RunStarted(Event):
         stages: stages that will run, in order.
         done: stages that are up to date.
         pid: process id of the run.
-        version: of the program.
+        version: program version.
     """
 
     kind: ClassVar[str] = "run_started"
@@ -145,7 +145,7 @@ class Preview(Event):
         path: a PNG file in the take, absolute.
         caption: what it shows.
         camera: name of the camera that it is rendered from.
-        group, frame, iteration: what was in training.
+        group, frame, iteration: what was being trained.
     """
 
     kind: ClassVar[str] = "preview"

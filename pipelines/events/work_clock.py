@@ -79,7 +79,7 @@ class WorkClock:
 
 @contextmanager
 def counting_pauses() -> Iterator[WorkClock]:
-    """A clock that excludes pauses of this process; outside the main thread, which handles signals, it sees none."""
+    """A clock that excludes pauses of this process. Signals need the main thread; on others, pauses count as work."""
     clock = WorkClock()
     if threading.current_thread() is not threading.main_thread():
         yield clock

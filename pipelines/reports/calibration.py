@@ -1,4 +1,4 @@
-"""The calibration report for people: an HTML page, figures for events, and warnings."""
+"""The calibration report: an HTML page, figures for events, and warnings."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _NEAR, _FAR = 0.05, 100
 
 
 def calibration_lenses(report: dict[str, Any]) -> list[str]:
-    """Sentences on shared intrinsics, if calibration compared shared and separate ones."""
+    """Sentences about shared intrinsics, if calibration compared shared and separate ones."""
     from studio.calibration.sfm.shared_intrinsics import LIMIT
     from studio.calibration.sfm.verdict import TRUSTED
 
     found: list[str] = []
     if report.get("match_inlier_ratio", 1.0) < TRUSTED:
-        return found  # the comparison means nothing if the poses are wrong
+        return found  # the comparison is meaningless if the poses are wrong
     for each in report.get("sharing", []):
         which = f"{len(each['images'])} cameras ({each['images'][0]} to {each['images'][-1]})"
         if each["shared"]:
@@ -37,7 +37,7 @@ def calibration_lenses(report: dict[str, Any]) -> list[str]:
         else:
             found.append(
                 f"Separate intrinsics for {which}: with shared ones the errors grow {each['misfit']:.0f} times more "
-                f"than by chance (limit {LIMIT:.0f}; set calibrate.shared_intrinsics to override)."
+                f"than expected by chance (limit {LIMIT:.0f}; set calibrate.shared_intrinsics to override)."
             )
     return found
 
@@ -76,7 +76,7 @@ def calibration_warnings(report: dict[str, Any]) -> list[Message]:
                 Message(
                     "calibration.focal_length",
                     f"camera '{name}' has a focal length of {figures['focal']:.0f} px, the others "
-                    f"{figures['usual_focal']:.0f} px; unless it is zoomed, its intrinsics are wrong",
+                    f"{figures['usual_focal']:.0f} px; unless its zoom differs, its intrinsics are wrong",
                     value=figures["focal"],
                     fix="Try calibrate.shared_intrinsics or calibrate.intrinsics_groups, or set its intrinsics with "
                     "calibrate.known_cameras.",
@@ -105,7 +105,7 @@ def calibration_warnings(report: dict[str, Any]) -> list[Message]:
                 f"only {match_inlier_ratio:.0%} of the matches between cameras agree with the camera poses (75% or "
                 "more is normal); some poses may be wrong even if the reprojection error is low",
                 value=match_inlier_ratio,
-                fix="Try calibrate.shared_intrinsics if the lenses are the same, other or more frames "
+                fix="Try calibrate.shared_intrinsics if the lenses are identical, different or more frames "
                 "(calibrate.frame, calibrate.frames), or a calibration target.",
                 fields={"expected": TRUSTED, "setting": "calibrate.shared_intrinsics"},
             )
@@ -117,7 +117,7 @@ def calibration_warnings(report: dict[str, Any]) -> list[Message]:
             Message(
                 "calibration.low_coverage",
                 f"observations cover less than {_SPARSE:.0%} of the image for {', '.join(sparse)}; lens distortion is "
-                "unreliable in the rest",
+                "unreliable elsewhere",
                 fields={"cameras": sparse},
             )
         )
@@ -188,7 +188,7 @@ def tie_warnings(report: dict[str, Any]) -> list[Message]:
         found.append(
             Message(
                 "tie_points.unit",
-                f"the cameras are {away:.3g} m from their common center",
+                f"the mean distance of the cameras from their common center is {away:.3g} m, which is implausible",
                 value=away,
                 fix="Check that positions and distances are in meters.",
             )

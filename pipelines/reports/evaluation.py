@@ -26,7 +26,7 @@ from studio.errors import StudioError
 _BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
 
 DIFFERENCE_GAIN = 4.0
-"""Differences are amplified by this factor, or they would not be visible."""
+"""Differences are amplified by this factor to make them visible."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,10 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
     """Update the marks in the report from marks.json, without measuring again.
 
     Returns:
-        the report changed.
+        whether the report changed.
 
     Raises:
-        StudioError: there is no report (`take.no_report`), or it is of a version without marks (`take.old_report`).
+        StudioError: there is no report (`take.no_report`), or a version without marks wrote it (`take.old_report`).
     """
     if not (take.report.is_file() and take.evaluation.is_file()):
         raise StudioError(
@@ -105,7 +105,7 @@ def _over_time(take: Take, groups: Sequence[Group], evaluation: Evaluation) -> s
     error, marks = "", dict[int, str]()
     try:
         marks = read_marks(take.marks)
-    except StudioError as found:  # damaged marks must not prevent the report
+    except StudioError as found:  # write the report even if the marks are damaged
         error = str(found)
     body = _rendered(
         "over_time.html.j2",

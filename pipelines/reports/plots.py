@@ -66,7 +66,7 @@ def _quality_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
     for row in rows:
         if row.keyframe:
             axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
-    axes.set(xlabel="frame (gray: keyframes; red ticks: marks)", ylabel="PSNR, dB")
+    axes.set(xlabel="frame (gray: keyframes; red ticks: marks)", ylabel="PSNR (dB)")
     axes.legend(frameon=False)
     return True
 
@@ -82,7 +82,7 @@ def _train_plot(axes: Any, seconds: list[tuple[int, float]]) -> bool:
     if not known:
         return False
     axes.bar([frame for frame, _ in known], [value for _, value in known], width=0.8)
-    axes.set(xlabel="frame", ylabel="training time, s")
+    axes.set(xlabel="frame", ylabel="training time (s)")
     return True
 
 

@@ -29,9 +29,9 @@ def print_evaluation(take: Take) -> None:
     table.add_section()
     table.add_row("mean", "", "", *_quality(summary), f"{summary.bytes_per_frame / 1000:.1f}")
     screen.print(table)
-    which = "held-out" if protocol.held_out else "TRAINING (none is held out)"
+    which = "held-out cameras" if protocol.held_out else "TRAINING cameras (none held out):"
     screen.print(
-        f"{which} cameras {', '.join(protocol.cameras)}; {protocol.crop}; background "
+        f"{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
         f"{protocol.background}; {protocol.total_bytes:,} bytes in total. * keyframe"
         + (f"\nLPIPS: {protocol.lpips}" if lpips else ""),
         style="dim",

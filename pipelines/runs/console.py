@@ -22,9 +22,9 @@ from studio.standard_output import NativeLines, discard
 
 
 class JsonLines:
-    """Prints each event at once as one line of JSON.
+    """Prints each event immediately as one line of JSON.
 
-    If the reader goes away (the window is closed), the run continues silently; its log is in the take.
+    If the reader exits (the window is closed), the run continues silently; its log is in the take.
 
     Attributes:
         finished: `RunFinished` was printed.
@@ -148,7 +148,7 @@ class Bars:
             if percent > self._last_percent:
                 self._last_percent = percent
                 self.console.print(
-                    f"{event.stage} {percent:3d} %  {_left(event.seconds_left)}  {note}".rstrip(),
+                    f"{event.stage} {percent:3d}%  {_left(event.seconds_left)}  {note}".rstrip(),
                     markup=False,
                     soft_wrap=True,
                 )

@@ -59,7 +59,7 @@ def run(
     """Run the stages of a take that are not up to date.
 
     Args:
-        take: the take; locked meanwhile.
+        take: the take; locked during the run.
         config: all settings; written to the take's config.yaml.
         emit: receives the events; the last is always `RunFinished`.
         stages: names. Stages that they depend on must be up to date or among them.
@@ -99,7 +99,7 @@ def run(
 class Logged:
     """Forwards events and writes them to the take's log, replacing that of the previous run.
 
-    Progress is logged every two seconds only, to keep logs of long runs small.
+    Progress is logged at most every two seconds, to keep logs of long runs small.
     """
 
     def __init__(self, emit: Emit, take: Take) -> None:
@@ -155,7 +155,7 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
 
 
 def _update_marks(context: Context) -> None:
-    """Update the marks in the report; a report of an earlier version, which has none, stays as is."""
+    """Update the marks in the report; a report of an earlier version, which has none, is left unchanged."""
     from pipelines.reports.evaluation import update_marks
 
     with contextlib.suppress(StudioError):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class BakeStage:
     """The stage `bake`; its units are groups.
 
-    Groups are baked into a work folder, each with a file that says what it was made from. When all are finished, the
+    Groups are baked into a work folder, each with a file that records what it was made from. When all are finished, the
     manifest is written and the folder replaces the old stream. Valid groups of the old stream are reused.
     """
 
@@ -39,7 +39,7 @@ class BakeStage:
     dependencies: tuple[str, ...] = ("train",)
 
     def params(self, context: Context) -> Params:
-        """Encoding settings, and what the manifest holds."""
+        """Encoding settings, and the contents of the manifest."""
         return {
             **settings_affecting(context.config, "videos", "manifest"),
             "frames a second": float(context.footage.raw.fps),
@@ -149,7 +149,7 @@ class BakeStage:
         )
 
     def _metadata(self, context: Context) -> dict[str, Any]:
-        """Deterministic, so that equal takes bake to equal bytes."""
+        """Deterministic, so that identical takes bake to identical bytes."""
         footage = context.footage.calibrated
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         return {

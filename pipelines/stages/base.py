@@ -153,7 +153,7 @@ class StageReporter:
         )
 
     def start_clock(self) -> None:
-        """Estimate the time left from now on only: checks and warm-up before say nothing about it."""
+        """Start the clock for estimates of the time left; earlier checks and warm-up do not count."""
         self._clock = self.context.clock()
 
     def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
@@ -200,7 +200,7 @@ class Stage(Protocol):
 
     Attributes:
         name: as in the take and on the command line.
-        title: for people.
+        title: display name.
         version: raised whenever the format or meaning of its results changes; older results are then stale.
         weight: rough share of a run's time.
         dependencies: stages whose results it reads.

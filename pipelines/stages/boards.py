@@ -50,7 +50,7 @@ def calibrate_with_boards(context: Context, reporter: StageReporter) -> Calibrat
                     camera=name,
                     expected=sizes[name],
                 )
-        # sync frames of their own, shared with no other camera
+        # separate sync frames, not shared with other cameras
         alone = min([sync_frame for sync_frame, _ in views] or [0]) - 1
         for number, ((_, name), view) in enumerate(own.items()):
             views[alone - number, name] = view

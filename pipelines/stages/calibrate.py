@@ -74,7 +74,7 @@ class CalibrateStage:
         return [context.take.rig]
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """It has none."""
+        """None: the stage has no units."""
         return None
 
     def run(self, context: Context, reporter: StageReporter) -> CalibrateSummary:
@@ -126,7 +126,7 @@ class CalibrateStage:
         frames = context.footage.raw.frames
         section = context.config.calibrate
         if section.frame is None:
-            # centers of equal parts: often nobody is in view at the ends of a take
+            # centers of equal parts: at the ends of a take there is often nobody in view
             count = min(section.frames, len(frames))
             if count == 1:
                 return [int(frames[0])]
@@ -134,8 +134,8 @@ class CalibrateStage:
         if section.frames > 1:
             raise StudioError(
                 "settings.conflict",
-                f"calibrate.frame = {section.frame} selects one frame, but calibrate.frames = {section.frames} asks "
-                "for several",
+                f"calibrate.frame = {section.frame} selects one frame, but calibrate.frames = {section.frames} "
+                "requests several",
                 value=section.frame,
                 fix="Set only one of them.",
                 setting="calibrate.frame",
@@ -144,7 +144,7 @@ class CalibrateStage:
         if section.frame not in frames:
             raise StudioError(
                 "settings.unknown_frame",
-                f"calibrate.frame = {section.frame} is not a used frame",
+                f"calibrate.frame = {section.frame} is not among the used frames",
                 value=section.frame,
                 fix=f"Used frames are {frames[0]} to {frames[-1]}.",
                 setting="calibrate.frame",
@@ -262,8 +262,8 @@ def _given(context: Context) -> Path | None:
         names = [way if "." in way else f"calibrate.{way}" for way in ways]
         raise StudioError(
             "settings.conflict",
-            f"several sources of cameras are set: {' and '.join(names)}",
-            fix="Keep one of them; capture.rig can be null.",
+            f"several camera sources are set: {' and '.join(names)}",
+            fix="Keep only one; capture.rig may be null.",
             setting=names[0],
             other=names[1],
         )

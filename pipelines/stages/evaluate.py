@@ -32,7 +32,7 @@ class Measured:
     Attributes:
         frames: quality per measured frame.
         samples: images for the report.
-        unseen: (index, camera) where the camera does not see the performer.
+        unseen: (index, camera) pairs where the camera does not see the performer.
     """
 
     frames: list[FrameQuality] = field(default_factory=list)
@@ -62,7 +62,7 @@ class EvaluateStage:
         return [context.take.evaluation, context.take.report]
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """It has none."""
+        """None: the stage has no units."""
         return None
 
     def run(self, context: Context, reporter: StageReporter) -> EvaluationSummary:
@@ -271,6 +271,6 @@ def _at_least(image: Any, background: tuple[float, float, float]) -> Any:
 
 
 def _means(rows: Iterable[Quality]) -> dict[str, float]:
-    """Mean over rows of each measure that was taken."""
+    """Mean over rows of each metric that was measured."""
     taken = [row.measures for row in rows]
     return {name: round(sum(row[name] for row in taken) / len(taken), 4) for name in MEASURES if name in taken[0]}

@@ -18,10 +18,10 @@ from pipelines.takes.stage_files import FoundGroups
 from studio.progress import ProgressFn
 
 CAMERAS = 8
-"""Number of training cameras to compare, evenly chosen."""
+"""Number of training cameras to compare, evenly spaced."""
 
 FEWEST = 4
-"""Fewest frames in a group, except the last: keyframes take more time and bytes than other frames."""
+"""Minimum number of frames in a group, except the last: keyframes take more time and bytes than other frames."""
 
 
 def groups_of(footage: TakeFootage) -> tuple[Group, ...]:
@@ -32,7 +32,7 @@ def groups_of(footage: TakeFootage) -> tuple[Group, ...]:
 
 
 def is_known(footage: TakeFootage) -> bool:
-    """Groups have a fixed length, or were found with these settings."""
+    """Whether groups have a fixed length or were found with these settings."""
     return footage.config.train.grouping == "fixed" or _found(footage) is not None
 
 
@@ -85,7 +85,7 @@ def starts_of(looks: Sequence[Sequence[np.ndarray | None]], longest: int, most: 
 
     Args:
         looks: per frame and camera, what `studio.capture.change.look` returns.
-        longest: most frames in a group.
+        longest: maximum number of frames in a group.
         most: change since the keyframe above which the next group begins.
 
     Returns:

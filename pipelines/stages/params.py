@@ -17,8 +17,8 @@ Params = dict[str, Any]
 def settings_of(config: Config, *names: str) -> Params:
     """Values of settings by dotted name; the name of a section selects all settings in it.
 
-    `capture.root` never counts: a capture may move, and the digest of its files identifies it. A setting of `ADDED` is
-    left out at the value that keeps the behavior from before it existed, so that results made then stay valid.
+    `capture.root` is never included: a capture may move, and the digest of its files identifies it. A setting in
+    `ADDED` is left out at the value that keeps the behavior from before it existed, so that older results stay valid.
     """
     tree = config.model_dump(mode="json")
     found: Params = {}
@@ -44,7 +44,7 @@ def _affected() -> dict[str, tuple[str, ...]]:
 
 
 def settings_affecting(config: Config, *results: str) -> Params:
-    """Settings by dotted name that affect one of the results (`studio.settings.RESULTS`), as said at their fields."""
+    """Settings by dotted name that affect any of `results` (`studio.settings.RESULTS`), as their fields declare."""
     return settings_of(config, *(name for name, own in _affected().items() if not set(results).isdisjoint(own)))
 
 

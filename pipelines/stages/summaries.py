@@ -23,7 +23,7 @@ class CalibrateSummary(Result):
     """file, board, tie points or footage."""
 
     quality: str | None = None
-    """excellent, acceptable or review; not for a calibration file."""
+    """excellent, acceptable or review; not set for a calibration file."""
 
     mean_error_px: float | None = None
     """Mean reprojection error in pixels."""
@@ -59,6 +59,6 @@ class BakeSummary(Result):
     frames: int
 
     bytes: int
-    """Of the whole stream, manifest included."""
+    """Size of the whole stream, including the manifest."""
 
     bytes_per_frame: int

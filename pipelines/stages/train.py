@@ -61,7 +61,7 @@ class TrainStage:
         if not footage.train_cameras:
             raise StudioError(
                 "settings.no_training_camera",
-                "all cameras are held out: none is left to train on",
+                "all cameras are held out; none are left to train on",
                 fix="Remove cameras from capture.held_out, or set capture.held_out_every to 0.",
                 setting="capture.held_out",
             )

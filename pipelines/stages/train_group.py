@@ -186,7 +186,7 @@ class GroupWork:
         return tell
 
     def _views(self, frame: int, tell: bool = False) -> list[TrainingView]:
-        """Training views of a frame; `tell`: report progress, since nothing else does."""
+        """Training views of a frame; `tell`: report progress while reading them."""
         from studio.training import TrainingView
 
         footage, device = self.context.footage.calibrated, self.context.device

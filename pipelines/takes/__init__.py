@@ -1,1 +1,1 @@
-"""A take's folder: where results lie, how they are written, records, groups, marks."""
+"""A take's folder: where results are, how they are written, records, groups, marks."""

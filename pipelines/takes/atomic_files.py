@@ -1,4 +1,4 @@
-"""Files of a take: atomic writes, JSON, digests, and disk errors as sentences."""
+"""Files of a take: atomic writes, JSON, digests, and disk errors as StudioError."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from pipelines.takes.atomic_files import Result, read_model
 
 MEASURES = ("psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "lpips_trained", "lpips_decoded")
-"""Measures of a row, in order; the last two only with evaluate.lpips."""
+"""Metrics of a row, in order; the last two only with evaluate.lpips."""
 
 
 class Quality(Result):
@@ -22,7 +22,7 @@ class Quality(Result):
 
     @property
     def measures(self) -> dict[str, float]:
-        """Measures by name, in the order of `MEASURES`, without those that were not taken."""
+        """Metrics by name, in the order of `MEASURES`, without those that were not measured."""
         found = {name: getattr(self, name) for name in MEASURES}
         return {name: value for name, value in found.items() if value is not None}
 
@@ -41,7 +41,7 @@ class FrameQuality(Quality):
     splats: int
 
     bytes: float
-    """Size of the group's videos divided by the frames in the group."""
+    """Size of the group's videos divided by its number of frames."""
 
     cameras: dict[str, Quality]
     """By camera name; cameras that do not see the performer in this frame are left out."""
@@ -51,7 +51,7 @@ class EvaluationSummary(Quality):
     """Means over all frames."""
 
     bytes_per_frame: float
-    """Size of the whole stream, manifest included, divided by its frames."""
+    """Size of the whole stream, including the manifest, divided by its number of frames."""
 
     psnr_trained_lowest_frame: float
     psnr_decoded_lowest_frame: float
@@ -86,7 +86,7 @@ class Protocol(Result):
 
 
 class Evaluation(Result):
-    """What evaluation.json holds."""
+    """Contents of evaluation.json."""
 
     summary: EvaluationSummary
     protocol: Protocol
@@ -98,7 +98,7 @@ class Evaluation(Result):
 
     @property
     def has_lpips(self) -> bool:
-        """LPIPS was measured."""
+        """Whether LPIPS was measured."""
         return self.summary.lpips_trained is not None
 
 

@@ -1,4 +1,4 @@
-"""Resolves what a user names: the folder of a stream, the folder of a take, or a URL."""
+"""Resolves a user's argument: the folder of a stream, the folder of a take, or a URL."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""marks.json: frames marked for another look, each with a note."""
+"""marks.json: frames marked for review, each with a note."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Mark(Result):
 
 
 class Marks(Result):
-    """What marks.json holds."""
+    """Contents of marks.json."""
 
     marks: tuple[Mark, ...]
 
@@ -39,7 +39,7 @@ def read_marks(path: Path) -> dict[int, str]:
             "take.marks_damaged",
             f"marks cannot be read: {error.problem}",
             file=path,
-            fix="Fix the file, or move it away to start over.",
+            fix="Fix the file, or move it elsewhere to start over.",
         ) from None
 
 

@@ -25,7 +25,7 @@ def migrate(take: Take) -> bool:
     Results, their digests and the keys of frames do not change, so nothing becomes stale.
 
     Returns:
-        False if the take has the current format already.
+        False if the take already has the current format.
 
     Raises:
         StudioError: take.json cannot be read (`take.damaged`).

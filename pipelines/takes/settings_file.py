@@ -31,10 +31,10 @@ _FIX = "Fix the file, or write a new one with `v3studio config > FILE`."
 
 
 def set_settings(path: Path, values: Mapping[str, Any], *, defaults: str = "") -> None:
-    """Set values in a YAML file, atomically; comments, order and all other values stay.
+    """Set values in a YAML file, atomically; comments, order and all other values are kept.
 
-    Missing sections and settings are appended. A value that does not change is not rewritten, so a file whose values
-    are all set already keeps its bytes.
+    Missing sections and settings are appended. A value that does not change is not rewritten, so a file that
+    already has all values keeps its bytes.
 
     Args:
         path: the file.
@@ -67,9 +67,9 @@ def set_settings(path: Path, values: Mapping[str, Any], *, defaults: str = "") -
 
 
 def save_config(path: Path, config: Config) -> None:
-    """Write all settings to a YAML file; where it exists already, keep its comments and order.
+    """Write all settings to a YAML file; if it already exists, keep its comments and order.
 
-    A file that cannot be kept (damaged, with old or unknown names) is replaced.
+    A file that cannot be updated (damaged, or with old or unknown names) is replaced.
 
     Raises:
         OSError: the file cannot be written.
@@ -134,8 +134,8 @@ def _parse(text: str, path: Path) -> Any:
 
 
 def _check_depth(text: str, path: Path) -> None:
-    """Check nesting and recursive anchors by the parser's events: building the tree would exhaust the stack on the
-    former, and silently drops the latter."""
+    """Check for deep nesting and recursive anchors in the parser's events: building the tree would exhaust the stack
+    on the former and silently drops the latter."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
     from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent

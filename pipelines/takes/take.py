@@ -1,16 +1,16 @@
-"""A take's folder: its layout, and the lock that keeps two runs apart.
+"""A take's folder: its layout, and the lock that prevents two runs at the same time.
 
 Layout::
 
-    take.json                                   format version, what made it
+    take.json                                   format version, program that created it
     config.yaml                                 all settings of the last run
     calibrate/rig.json, report.json             cameras as in the footage (full size, with lens distortion)
     calibrate/points.ply                        sparse points, if the cameras were calibrated from footage
     initialize/group_000/mesh.ply, points.ply   visual hull and initial points of a group's keyframe; report.json
     train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
-    stream/                                     the stream, nothing else
+    stream/                                     the stream and nothing else
     evaluation.json, report.html                measured quality and the report
-    marks.json                                  marked frames with notes, if there are any
+    marks.json                                  marked frames with notes, if any
     .v3studio/                                  lock, records of finished stages, work in progress
 """
 
@@ -57,7 +57,7 @@ class TakeFile(Result):
 
 @dataclass(frozen=True)
 class Take:
-    """The paths in one take. Use `open` or `create`, which check the folder.
+    """The paths in a take. Use `open` or `create`, which check the folder.
 
     Attributes:
         root: the take's folder, absolute.
@@ -238,7 +238,7 @@ class Take:
 
     @property
     def footage_cache(self) -> Path:
-        """Cache of mattes and background plates. Its files never go out of date and may be deleted at any time."""
+        """Cache of mattes and background plates. Its files never become stale and may be deleted at any time."""
         return self.private / "footage"
 
     @property

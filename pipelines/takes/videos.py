@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from studio.stream import StreamReader
 
 FALLBACK_FPS = 30.0
-"""Frame rate if neither the settings nor the stream have one: footage of still images has none."""
+"""Frame rate if neither the settings nor the stream specify one, as for footage of still images."""
 
 
 def is_take(text: str) -> bool:
@@ -82,7 +82,7 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
 
 
 def _is_vector(value: object) -> TypeGuard[list[float]]:
-    """Three finite numbers; metadata of a stream may hold anything."""
+    """Three finite numbers; metadata of a stream may contain anything."""
     return (
         isinstance(value, list)
         and len(value) == 3

@@ -1,4 +1,4 @@
-"""Camera calibration, and reports of its accuracy."""
+"""Camera calibration from images, targets or marked points, with a quality report."""
 
 from typing import TYPE_CHECKING
 

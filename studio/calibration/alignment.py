@@ -17,7 +17,7 @@ class Similarity:
     """Similarity transform x' = scale * rotation @ x + translation.
 
     Attributes:
-        scale: more than 0.
+        scale: greater than 0.
         rotation: (3, 3) rotation matrix.
         translation: (3,).
     """
@@ -27,11 +27,11 @@ class Similarity:
     translation: np.ndarray
 
     def points(self, points: np.ndarray) -> np.ndarray:
-        """Transformed points (N, 3)."""
+        """Transform points (N, 3)."""
         return self.scale * points @ self.rotation.T + self.translation
 
     def rig(self, rig: Rig) -> Rig:
-        """The transformed cameras. Images do not change."""
+        """Transform the cameras of a rig. What they see does not change."""
         cameras = []
         for camera in rig:
             pose = np.eye(4)
@@ -42,7 +42,7 @@ class Similarity:
 
 
 def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
-    """The similarity that maps source (N, 3) to target (N, 3) in least squares (Umeyama 1991).
+    """The least-squares similarity from source (N, 3) to target (N, 3) (Umeyama 1991).
 
     Raises:
         StudioError: there are fewer than 3 points (calibration.too_few_points), or all coincide
@@ -81,7 +81,7 @@ def align_rigs(source: Rig, target: Rig) -> Similarity:
 
 
 def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Similarity:
-    """World coordinates from a rig alone.
+    """The transform to world coordinates that are defined by the cameras alone.
 
     z is the mean of the cameras' up directions, the origin is the point that the cameras look at (the median of the
     points if the viewing axes do not meet in front of the cameras), x points from there toward the first camera, and
@@ -90,7 +90,7 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
     Args:
         rig: the cameras.
         points: (P, 3) sparse points.
-        keep_scale: do not change the scale, for example because it is metric.
+        keep_scale: do not change the scale, for example if it is already metric.
     """
     centers = rig.centers
     focus = rig.focus
@@ -98,7 +98,7 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
     if np.mean(before) < 0.9 and len(points):
         focus = np.median(points, axis=0)
     up = -np.mean([camera.rotation[1] for camera in rig], axis=0)
-    if np.linalg.norm(up) < 0.1:  # cameras on all sides of a sphere have no common up
+    if np.linalg.norm(up) < 0.1:  # cameras all around a sphere have no common up direction
         up = np.array([0.0, 0.0, 1.0])
     up /= np.linalg.norm(up)
     toward = centers[0] - focus
@@ -113,10 +113,10 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
 
 
 def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similarity, FloorReport]:
-    """World coordinates in which the floor is level and at height 0; scale and heading do not change.
+    """The transform to world coordinates in which the floor is level and at height 0; scale and heading do not change.
 
-    The floor is the plane with the most sparse points, among those within 25 degrees of level with 90 % of the points
-    on or above them and all cameras above (RANSAC).
+    The floor is the plane with the most sparse points (RANSAC) among all planes within 25 degrees of horizontal that
+    have 90 % of the points on or above them and all cameras above them.
 
     Args:
         rig: the cameras, with z approximately up, as after `upright`.
@@ -124,7 +124,7 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
         seed: random seed.
 
     Returns:
-        the transform, and figures of the floor.
+        the transform, and a report of the floor plane.
 
     Raises:
         StudioError: there are fewer than 50 points, or no such plane has 5 % of them (calibration.no_floor).
@@ -181,7 +181,12 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
 
 
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
-    """Scaling about the origin that sets the distance of two cameras.
+    """The scaling about the origin that sets the distance between two cameras.
+
+    Args:
+        rig: the cameras.
+        first, second: names of the two cameras.
+        distance: distance between their centers after scaling.
 
     Raises:
         StudioError: a camera is unknown (camera.unknown), the distance is not positive (calibration.distance), or the
@@ -208,11 +213,11 @@ def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Sim
 
 @dataclass(frozen=True)
 class RigDifference:
-    """Difference of a solution from a reference after alignment.
+    """Differences between a solution and a reference after alignment.
 
     Attributes:
-        centers: camera name to distance of the centers, units of the reference.
-        rotations: camera name to angle in degrees.
+        centers: camera name to distance between the two centers, in units of the reference.
+        rotations: camera name to angle between the two orientations, in degrees.
         radius: mean distance of the reference's camera centers from their mean.
     """
 
@@ -222,7 +227,7 @@ class RigDifference:
 
     @property
     def center_percent(self) -> float:
-        """Largest distance of two centers in percent of the radius."""
+        """Largest center distance as a percentage of the radius."""
         return 100.0 * max(self.centers.values()) / self.radius
 
     @property

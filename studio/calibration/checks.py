@@ -1,4 +1,4 @@
-"""Checks shared by all kinds of calibration."""
+"""Checks shared by all calibration methods."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from studio.errors import StudioError
 
 
 def check_intrinsics_size(camera: Camera, size: tuple[int, int]) -> None:
-    """Refuse known intrinsics for images of another size (width, height).
+    """Check that a camera's known intrinsics are for images of the given size (width, height).
 
     Raises:
         StudioError: the size differs (calibration.intrinsics_size).

@@ -1,7 +1,7 @@
 """Models of a calibration's report, as calibrate/report.json stores it.
 
 The same frozen models write it (`CalibrationReport.to_dict`) and read it (`CalibrationReport.model_validate`). Only
-fields that were set are written: the three kinds of calibration set different ones.
+fields that were set are written: the three calibration methods set different fields.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 Quality = Literal["excellent", "acceptable", "review"]
-"""Bands of the mean reprojection error: under 0.5 pixels, under 1 pixel, more (or another reason for doubt)."""
+"""Ratings by mean reprojection error: below 0.5 pixels, below 1 pixel, higher (or doubtful for another reason)."""
 
 
 class _Model(BaseModel):
@@ -33,7 +33,7 @@ class CameraReport(ErrorStatistics):
     observations: int
     """Number of observations."""
     coverage: float
-    """Share of a 4x4 grid over the image with at least one observation, 0 to 1."""
+    """Fraction of the cells of a 4x4 grid over the image with at least one observation, 0 to 1."""
     coverage_map: list[list[int]]
     """Observations in each cell of an 8x8 grid over the image, row by row."""
     focal: float
@@ -41,7 +41,7 @@ class CameraReport(ErrorStatistics):
     distortion: list[float]
     """OpenCV distortion coefficients."""
     usual_focal: float | None = None
-    """Median focal length of the cameras with the same image size, set if this camera's is far from it."""
+    """Median focal length of the cameras with the same image size, set only if this camera's is far from it."""
 
 
 class Neighbor(_Model):
@@ -49,20 +49,20 @@ class Neighbor(_Model):
 
     name: str
     distance: float
-    """Distance of the centers in world units."""
+    """Distance between the centers in world units."""
     angle: float
-    """Degrees between the two cameras, seen from the point that the rig looks at."""
+    """Angle between the two cameras in degrees, as seen from the point that the rig looks at."""
 
 
 class RigGeometry(_Model):
     """Arrangement of the cameras."""
 
     radius: float
-    """Mean distance of the cameras from the point that they look at, world units."""
+    """Mean distance of the cameras from the point that they look at, in world units."""
     neighbors: dict[str, Neighbor]
     """Camera name to its nearest other camera."""
     triangulation_angle: float = 0.0
-    """Median over the points of the widest angle between two of their rays, degrees."""
+    """Median over all points of the widest angle between two of their rays, in degrees."""
 
 
 class SharedIntrinsicsReport(_Model):
@@ -73,37 +73,37 @@ class SharedIntrinsicsReport(_Model):
     shared: bool
     """Whether these cameras share their intrinsics in the result."""
     misfit: float
-    """Growth of the misfit per parameter given up; 1 is expected by chance."""
+    """Increase of the misfit per parameter removed by sharing; 1 is expected by chance."""
 
 
 class CameraMotion(_Model):
-    """Distance of a camera from its pose in the earlier solution."""
+    """Difference of a camera's pose from that in an earlier solution."""
 
     center: float
-    """Distance of the centers, units of the earlier solution."""
+    """Distance between the centers, in units of the earlier solution."""
     degrees: float
-    """Angle of the rotation."""
+    """Angle between the orientations, in degrees."""
 
 
 class TargetReport(_Model):
-    """Figures of a calibration from a target."""
+    """Statistics of a calibration from a target."""
 
     sync_frames: int
     """Sync frames used."""
     views: int
     """Observations of the target used."""
     corners: int
-    """Corners in them."""
+    """Corners in these observations."""
     views_left_out: int
     """Observations rejected as outliers."""
     corners_left_out: int
     """Corners rejected as outliers."""
     shared: dict[str, int]
-    """"cam0 cam1" to the number of sync frames in which both see the target."""
+    """Two camera names ("cam0 cam1") to the number of sync frames in which both see the target."""
     scale_bias: float | None = None
     """Relative error of distances between triangulated corners (0.001 is 1 mm per meter)."""
     corner_error_mm: float | None = None
-    """RMS distance of the triangulated corners from the target, millimeters."""
+    """RMS distance of the triangulated corners from the target, in millimeters."""
 
 
 class IntrinsicsReport(ErrorStatistics):
@@ -114,7 +114,7 @@ class IntrinsicsReport(ErrorStatistics):
 
 
 class TiePointReport(_Model):
-    """Figures of one tie point."""
+    """Statistics of one tie point."""
 
     error: float | None
     """Mean reprojection error in pixels; None without marks."""
@@ -134,14 +134,14 @@ class RejectedMark(_Model):
 
 
 class FloorReport(_Model):
-    """The floor plane that the world was aligned with."""
+    """The floor plane with which the world was aligned."""
 
     tilt: float
-    """Degrees by which the up direction changed."""
+    """Angle by which the up direction changed, in degrees."""
     height: float
-    """Height by which the origin was raised, world units."""
+    """Height by which the origin was raised, in world units."""
     share: float
-    """Share of the points on the floor, 0 to 1."""
+    """Fraction of the points on the floor, 0 to 1."""
 
 
 class ReprojectionReport(_Model):
@@ -178,13 +178,13 @@ class CalibrationReport(ReprojectionReport):
     matches: dict[str, int] = {}
     """Verified matches per camera."""
     match_inlier_ratio: float | None = None
-    """Share of the verified matches that agree with the solution, 0 to 1."""
+    """Fraction of the verified matches that agree with the solution, 0 to 1."""
     sharing: list[SharedIntrinsicsReport] = []
     sync_frames: int | None = None
     """Images per camera."""
     moved: dict[str, CameraMotion] = {}
     seconds: float | None = None
-    """Run time."""
+    """Run time in seconds."""
 
     # calibration target
     boards: TargetReport | None = None
@@ -193,9 +193,9 @@ class CalibrationReport(ReprojectionReport):
     tie_points: dict[str, TiePointReport] = {}
     left_out: list[RejectedMark] = []
     uncertain: dict[str, float] = {}
-    """1-sigma uncertainty of each camera's position, as a share of the distance to the points."""
+    """1-sigma uncertainty of each camera's position, as a fraction of the distance to the points."""
     world_accuracy: float | None = None
-    """Standard deviation of measured positions, meters."""
+    """Standard deviation of measured positions, in meters."""
     known_lenses: list[str] = []
     """Cameras with given intrinsics."""
     metric: bool | None = None

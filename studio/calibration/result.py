@@ -36,12 +36,12 @@ class CalibrationResult:
 
 
 def quality_of(error: float) -> Quality:
-    """Band of a mean reprojection error in pixels."""
+    """Rating of a mean reprojection error in pixels."""
     return "excellent" if error < 0.5 else "acceptable" if error < 1.0 else "review"
 
 
 def image_coverage(pixels: np.ndarray, size: tuple[int, int], cells: int = 4) -> float:
-    """Share of a `cells` x `cells` grid over an image of (width, height) with at least one of the pixels (N, 2)."""
+    """Fraction of a `cells` x `cells` grid over an image of (width, height) with at least one of the pixels (N, 2)."""
     if len(pixels) == 0:
         return 0.0
     column, row = (np.clip(pixels[:, axis] / size[axis] * cells, 0, cells - 1).astype(int) for axis in (0, 1))
@@ -65,7 +65,7 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
     Args:
         rig: the cameras.
         points: (P, 3) world coordinates.
-        observations: camera name to (M, 3): index of the point, column and row of the observation in pixels.
+        observations: camera name to (M, 3): index of the point, column and row of each observation in pixels.
 
     Returns:
         a report with the fields of `ReprojectionReport` set.

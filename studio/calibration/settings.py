@@ -21,18 +21,19 @@ class CalibrateSettings(Settings):
     """Calibration of the cameras, for captures without a calibration file.
 
     Functions of `studio.calibration` take opened footage, a `CalibrationTarget`, observations or tie points, and read
-    here how to solve. Which input a take is calibrated from (`board_images`, `intrinsics_images`, `tie_points`,
-    `frame`, `frames`, `look_at`, `known_cameras`, ...) is up to the caller.
+    only their solver options from this model. The caller selects the input (`board_images`, `intrinsics_images`,
+    `tie_points`, `frame`, `frames`, `look_at`, `known_cameras`, ...).
     """
 
     affects: ClassVar[Affects | None] = Affects("cameras_from_images")
 
     board_images: Annotated[str, Heading("Calibration target"), _TARGET] = ""
-    """Pattern of synchronized footage in which a calibration target (board) is moved in front of the cameras; example:
-    board/{camera}.mp4. The cameras are then calibrated from it. "": use the capture's own footage."""
+    """Path pattern of synchronized footage in which a calibration target (board) is moved in front of the cameras;
+    example: board/{camera}.mp4. If set, the cameras are calibrated from it. "": use the capture's own footage."""
 
     intrinsics_images: Annotated[str, _ALL_WAYS] = ""
-    """Pattern of images of the target per camera, for intrinsics only; example: lenses/{camera}/*_{frame}.jpg."""
+    """Path pattern of additional images of the target for each camera, used for intrinsics only; example:
+    lenses/{camera}/*_{frame}.jpg."""
 
     board: Annotated[CalibrationTarget, _ALL_WAYS] = CalibrationTarget()
     """Layout and size of the calibration target."""
@@ -41,16 +42,17 @@ class CalibrateSettings(Settings):
     """Maximum number of frames per camera that are searched for the target, spread evenly over the footage."""
 
     board_origin: Annotated[int | None, _FRAME_NUMBER, _TARGET] = None
-    """Frame of board_images whose target defines the world: origin at its center, x along its columns, and up. null:
-    origin at the point the cameras look at, and up from the cameras. World units are meters either way."""
+    """Frame of board_images in which the target defines the world: origin at its center, x along its rows of squares,
+    z up (see board_upright). null: the origin is the point that the cameras look at, and up is the mean of their up
+    directions. World units are meters in both cases."""
 
     board_upright: Annotated[bool, _TARGET] = False
-    """The target is upright in frame board_origin. false: it is on the floor."""
+    """true: the target is upright in frame board_origin. false: it lies on the floor."""
 
     tie_points: Annotated[str, Heading("Tie points")] = ""
     """File of tie points marked manually in several cameras (docs/guides/calibrate-points.md), relative to
-    capture.root. The cameras are then calibrated from it. For rigs whose cameras share too few features to be matched
-    automatically."""
+    capture.root. If set, the cameras are calibrated from these points. For rigs whose cameras share too few features
+    to be matched automatically."""
 
     tie_accuracy: Annotated[float, _POINTS] = Field(default=1.0, gt=0, le=100)
     """Standard deviation of the marks, in pixels."""
@@ -62,15 +64,15 @@ class CalibrateSettings(Settings):
     """Frame to calibrate from, as numbered in the files. null: the first frame used."""
 
     frames: Annotated[int, Affects()] = Field(default=1, ge=1, le=100)
-    """Number of frames, spread over the footage, that are calibrated from jointly; the cameras must not move. Each
-    frame takes as long as the first. More frames reduce noise, and the performer occludes less."""
+    """Number of frames, spread over the footage, that are used jointly for calibration; the cameras must not move. Run
+    time is proportional to this number. More frames reduce noise and show more of what the performer occludes."""
 
     look_at: Literal["everything", "room", "performer"] = "everything"
-    """Image region features are detected in: everything; room, excluding the performer; or the performer only. The
-    last two need masks."""
+    """Image region in which features are detected. everything: the whole image. room: everything except the performer.
+    performer: only the performer. The last two need masks."""
 
     camera_model: Annotated[CameraModel, Heading("Intrinsics"), _ALL_WAYS] = "SIMPLE_RADIAL"
-    """COLMAP camera model. More distortion parameters fit stronger distortion, and need more features."""
+    """COLMAP camera model. Models with more distortion parameters fit stronger distortion but need more features."""
 
     shared_intrinsics: Annotated[bool | None, _POINTS] = None
     """true: all cameras of one image size share intrinsics (one camera moved around, or identical fixed lenses). false:
@@ -92,7 +94,7 @@ class CalibrateSettings(Settings):
     full calibration."""
 
     fix_poses: bool = False
-    """With known_poses: keep the extrinsics fixed. false: refine them, for cameras that were moved since."""
+    """With known_poses: keep the extrinsics fixed. false: refine them, in case cameras have moved since."""
 
     scale_between: Annotated[tuple[str, ...], Heading("Scale and floor"), _POINTS] = ()
     """Two cameras whose distance is known, which sets the scale; example: [cam01, cam05]."""
@@ -107,8 +109,8 @@ class CalibrateSettings(Settings):
     """Initial focal length where none is known, as a multiple of the longer image side."""
 
     refine_principal_point: Annotated[bool, _ALL_WAYS] = False
-    """Estimate the principal points. Needs many features, spread over the whole image. With a calibration target, false
-    estimates them only where its views cover 60 % of the image."""
+    """Estimate the principal points. Needs many features, spread over the whole image. With a calibration target, even
+    false estimates the principal point of each camera whose views of the target cover at least 60 % of the image."""
 
     max_features: int = Field(default=8192, ge=100)
     """Maximum number of features per camera."""
@@ -117,7 +119,7 @@ class CalibrateSettings(Settings):
     """Images with a longer side above this many pixels are downscaled for feature detection."""
 
     guided: bool = False
-    """Match a second time along the epipolar lines: more matches, slower."""
+    """Guided matching: match a second time along the epipolar lines. More matches, but slower."""
 
     mapper: Literal["auto", "incremental", "global"] = "auto"
     """COLMAP mapper. auto: incremental, then incremental with relaxed thresholds, then global, until all cameras are

@@ -35,7 +35,7 @@ _USUAL_PATTERNS = ("*.qca.txt", "Calib*.toml")
 
 
 def find_camera_files(folder: Path) -> list[Path]:
-    """Camera files with common names in a folder; the folder itself if it contains a COLMAP model."""
+    """Camera files with common names in a folder, or the folder itself if it contains a COLMAP model."""
     found = [folder / name for name in _USUAL_NAMES if (folder / name).is_file()]
     for pattern in _USUAL_PATTERNS:
         found += sorted(folder.glob(pattern))
@@ -45,7 +45,7 @@ def find_camera_files(folder: Path) -> list[Path]:
 
 
 def read_rig(path: Path | str) -> Rig:
-    """Read cameras; the format is detected from the name and content.
+    """Read cameras; the format is detected from the file's name and content.
 
     Args:
         path: rig.json, a cameras.json with K, R, t, a transforms.json (instant-ngp, nerfstudio, NeuS2, VideoGS), a
@@ -57,8 +57,8 @@ def read_rig(path: Path | str) -> Rig:
         the rig, in the conventions of `studio.cameras` (OpenCV axes, pixel origin at the image corner).
 
     Raises:
-        StudioError: the file is missing, of an unknown format, truncated or otherwise unusable (camera_file.*), or a
-            camera in it is (camera.*). The error has the file.
+        StudioError: the file is missing, of an unknown format, truncated or otherwise unusable (camera_file.*), or one
+            of its cameras is invalid (camera.*). The error contains the file.
     """
     path = Path(path)
     if path.is_dir():
@@ -83,7 +83,7 @@ def read_rig(path: Path | str) -> Rig:
     if start not in "{[":
         raise _unknown_format("not a camera file of a supported format", path)
     values = read_json(path)
-    if isinstance(values.get("cameras"), list):  # cameras.json may say how many "frames" the capture has
+    if isinstance(values.get("cameras"), list):  # a cameras.json may also have "frames", the number of frames
         return rig_from_values(path, values)
     if "frames" in values:
         return rig_from_transforms(path, values)
@@ -136,10 +136,10 @@ def write_rig(rig: Rig, path: Path | str) -> None:
     """Write cameras, atomically.
 
     Args:
-        rig: what to write.
-        path: the name selects the format: `transforms*.json` transforms.json, any other `.json` rig.json, `.csv`
-            ActorsHQ's calibration.csv, `camera_array*.toml` Caliscope, any other `.toml` Pose2Sim, `intri.yml` or
-            `extri.yml` both files of EasyMocap, no extension a folder with a COLMAP text model.
+        rig: the cameras to write.
+        path: the name selects the format. `transforms*.json`: transforms.json; any other `.json`: rig.json; `.csv`:
+            ActorsHQ's calibration.csv; `camera_array*.toml`: Caliscope; any other `.toml`: Pose2Sim; `intri.yml` or
+            `extri.yml`: both files of EasyMocap; no extension: a folder with a COLMAP text model.
 
     Raises:
         StudioError: the extension is unknown (camera_file.unknown_extension), the format cannot express a camera

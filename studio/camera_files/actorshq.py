@@ -1,8 +1,8 @@
 """calibration.csv of ActorsHQ (HumanRF).
 
 One row per camera: name, w, h, rx ry rz (rotation vector, camera to world), tx ty tz (center), fx fy px py as fractions
-of the width and height. OpenCV axes. The principal point is relative to the image corner, as in COLMAP: the data set's
-own exporter passes it on unchanged. The images are undistorted.
+of the width and height. OpenCV axes. The principal point is relative to the image corner, as in COLMAP, from which the
+data set's exporter copies it unchanged. The images are undistorted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def read_actorshq(path: Path) -> Rig:
     """Read a calibration.csv.
 
     Raises:
-        StudioError: the file is unreadable or has no such columns (camera_file.*), or a value is invalid (camera.*).
+        StudioError: the file is unreadable or lacks these columns (camera_file.*), or a value is invalid (camera.*).
     """
     rows = read_csv(path, COLUMNS)
     with naming(path):

@@ -1,8 +1,8 @@
 """COLMAP model folders, text and binary: cameras.{txt,bin} and images.{txt,bin}.
 
-Follows COLMAP's documentation, "Output Format". Only cameras and poses are read, so the number of points does not
-matter. Poses are world to camera with OpenCV axes, and the pixel origin is the image corner: the same conventions as in
-`studio.cameras`. Newer models (rigs, frames) still have the pose of each image.
+Follows COLMAP's documentation, "Output Format". Only cameras and poses are read, so models with many points are read
+equally fast. Poses are world to camera with OpenCV axes, and the pixel origin is the image corner: the conventions of
+`studio.cameras`. Newer models with rigs and frames still contain the pose of each image.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
     if len(parameters) != MODELS[model][1]:
         raise StudioError(
             "camera_file.lens_parameters",
-            f"found {len(parameters)} parameters of the camera model {model}, expected {MODELS[model][1]}",
+            f"found {len(parameters)} parameters for camera model {model}, expected {MODELS[model][1]}",
             value=len(parameters),
             fix="Export the model again.",
             expected=MODELS[model][1],
@@ -125,8 +125,8 @@ def read_colmap(folder: Path) -> Rig:
     """Read a model folder.
 
     Args:
-        folder: has cameras and images as .bin or .txt (binary is preferred, as in COLMAP), itself or in `sparse/0` or
-            `sparse`.
+        folder: contains cameras and images as .bin or .txt (binary is preferred, as in COLMAP), either directly or in
+            `sparse/0` or `sparse`.
 
     Returns:
         one camera per registered image, sorted by name and named after the image.
@@ -155,7 +155,7 @@ def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: l
     if not poses:
         raise StudioError(
             "camera_file.no_cameras",
-            "the model has no registered image",
+            "the model has no registered images",
             file=image_path,
             fix="Run the reconstruction again.",
         )
@@ -193,7 +193,7 @@ def _rig(camera_path: Path, image_path: Path, lenses: dict[int, _Lens], poses: l
 
 
 def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int | str]:
-    """Leading fields of a line by kind: i int, f float, s word, r the rest of the line."""
+    """Leading fields of a line by kind: i: int, f: float, s: word, r: rest of the line."""
     words = line.split()
     if len(words) < len(kinds):
         raise StudioError(

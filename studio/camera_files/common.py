@@ -1,4 +1,4 @@
-"""Shared by the camera file readers: reading, errors with the file name, camera names from image paths."""
+"""Code shared by the camera file readers: reading, errors with the file name, camera names from image paths."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from studio.validation import array, check_finite
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Adds the file to every StudioError raised inside that has none."""
+    """Context manager that adds the file to every StudioError raised inside it that does not have one."""
     try:
         yield
     except StudioError as error:
@@ -53,7 +53,7 @@ def read_text(path: Path) -> str:
 
 
 def unreadable(path: Path, error: OSError) -> StudioError:
-    """The error for a file that the system cannot read (camera_file.unreadable)."""
+    """The error for a file that the operating system cannot read (camera_file.unreadable)."""
     return StudioError(
         "camera_file.unreadable", f"cannot be read ({error.strerror})", file=path, fix="Check the path and permissions."
     )
@@ -112,7 +112,7 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """The rows of a CSV file as column to text. The header line may start with #; other lines with # are comments.
+    """The rows of a CSV file, each as column to text. The header may start with #; other lines with # are comments.
 
     Raises:
         StudioError: a column is missing (camera_file.missing_column), a row is too short (camera_file.truncated) or
@@ -157,7 +157,7 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             )
         rows.append(row)
     if not rows:
-        raise no_cameras("no camera in the file", path)
+        raise no_cameras("no cameras in the file", path)
     return rows
 
 
@@ -165,7 +165,8 @@ def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: st
     """A finite matrix with one of the given row counts.
 
     Raises:
-        StudioError: it has another shape (camera.wrong_shape), or an entry is not a finite number.
+        StudioError: it has another shape (camera.wrong_shape), or an entry is not a finite number (camera.ragged,
+            camera.not_a_number, camera.not_finite).
     """
     result = array(value, key, camera)
     if result.ndim != 2 or result.shape[0] not in rows or result.shape[1] != columns:
@@ -203,7 +204,7 @@ def camera_names(paths: Sequence[str]) -> list[str]:
     """Short camera names from image paths: file names without extension if they are unique, else folder names.
 
     `images/cam00.png` gives `cam00`; `cam00/000000.png`, `cam01/000000.png` give `cam00`, `cam01`. If neither is
-    unique, the path without extension is used (equal paths stay equal, and `Rig` refuses them).
+    unique, the path without extension is used (equal paths stay equal, and `Rig` rejects them).
     """
     parts = [PurePosixPath(path.replace("\\", "/")) for path in paths]
     whole = [str(part.with_suffix("")) if part.name else str(part) for part in parts]

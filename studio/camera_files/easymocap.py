@@ -23,7 +23,7 @@ INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 
 
 class _File:
-    """One of the two files, parsed by OpenCV and checked here."""
+    """One of the two files, parsed by OpenCV and then validated."""
 
     def __init__(self, path: Path) -> None:
         import cv2
@@ -32,7 +32,7 @@ class _File:
         text = read_text(path)
         try:
             self.storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        except (cv2.error, SystemError) as error:  # OpenCV 5's binding raises SystemError for some of its errors
+        except (cv2.error, SystemError) as error:  # OpenCV 5's bindings raise SystemError for some errors
             reason = str(error.__cause__ or error).split("error:")[-1].strip().splitlines()[0]
             raise StudioError(
                 "camera_file.syntax",
@@ -98,8 +98,8 @@ def read_easymocap(folder: Path) -> Rig:
     """Read both files of a folder.
 
     Raises:
-        StudioError: a file is missing or unreadable (camera_file.*), or a camera is invalid or its image size unknown
-            (camera.*).
+        StudioError: a file is missing or unreadable (camera_file.*), or a camera is invalid or its image size is
+            unknown (camera.*).
     """
     for name in (INTRINSICS, EXTRINSICS):
         if not (folder / name).is_file():
@@ -123,7 +123,7 @@ def _camera(folder: Path, name: str, lens: _File, pose: _File) -> Camera:
     distortion = lens.matrix(f"dist_{name}", name)
     vector = pose.matrix(f"R_{name}", name, ((3, 1), (1, 3), (3, 3)))
     rotation = pose.matrix(f"Rot_{name}", name, ((3, 3),))
-    if vector is not None:  # preferred as in EasyMocap: it has more digits than the matrix
+    if vector is not None:  # preferred, as in EasyMocap: it has more digits than the matrix
         rotation = cv2.Rodrigues(vector)[0] if vector.size == 3 else vector
     if rotation is None:
         with naming(pose.path):

@@ -1,4 +1,4 @@
-"""Lens models that OpenCV does not have, approximated by its rational model."""
+"""Approximation of lens models that OpenCV does not support by OpenCV's rational model."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from studio.errors import StudioError
 
 _TOLERANCE = 0.25
-"""Largest allowed difference from the original model in the image, pixels."""
+"""Maximum allowed difference from the original model within the image, in pixels."""
 
 
 def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal: float, camera: str) -> np.ndarray:
@@ -19,7 +19,7 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
         radial: maps undistorted radii r (N,) in normalized coordinates to the factors that multiply them.
         reach: largest r in the image.
         focal: focal length in pixels, for the tolerance.
-        camera: name of the camera, for the message.
+        camera: name of the camera, for the error.
 
     Returns:
         (8,): k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0.
@@ -36,7 +36,7 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
         s = r * r
         return r * (1 + s * (k[0] + s * (k[1] + s * k[2]))) / (1 + s * (k[3] + s * (k[4] + s * k[5])))
 
-    # initial values from the linear problem (numerator - denominator * factor = 0)
+    # initial values from the linear problem numerator - denominator * factor = 0
     s, factor = r * r, radial(r)
     columns = np.column_stack([s, s**2, s**3, -s * factor, -(s**2) * factor, -(s**3) * factor]) * r[:, None]
     start = np.linalg.lstsq(columns, (factor - 1) * r, rcond=None)[0]
@@ -52,12 +52,12 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
 
 
 def reach_of(points: Callable[[np.ndarray], np.ndarray], focal: float, offset: np.ndarray, size: np.ndarray) -> float:
-    """Largest undistorted radius in an image, normalized coordinates.
+    """Largest undistorted radius in an image, in normalized coordinates.
 
     Args:
         points: maps undistorted radii r (N,) to the factors that multiply them.
         focal: focal length in pixels.
-        offset: (2,) principal point, pixels from the upper left corner.
+        offset: (2,) principal point in pixels, relative to the upper left corner.
         size: (2,) width and height in pixels.
     """
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * size - offset

@@ -1,10 +1,11 @@
 """Camera exports of Agisoft Metashape (XML).
 
 Follows the manual's appendix "Camera models" and exported files. A camera's `transform` is camera to chunk, row-major,
-with OpenCV axes; the component's `transform` (in older files the chunk's) is rotation, translation and scale to the
-world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f; the center of the upper left pixel is (0.5, 0.5), as
-in `studio.cameras`. x' and y' follow Brown's model with p1 and p2 swapped with respect to OpenCV. Cameras without a
-transform were not aligned and are skipped. OpenCV has no k4 r^8 term: if it is used, OpenCV's rational model is fitted.
+with OpenCV axes; the `transform` of the component (in older files, of the chunk) contains rotation, translation and
+scale from chunk to world. u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f; the center of the upper left
+pixel is (0.5, 0.5), as in `studio.cameras`. x' and y' follow Brown's model, with p1 and p2 swapped relative to OpenCV.
+Cameras without a transform were not aligned and are skipped. OpenCV has no k4 r^8 term: if a camera uses it, OpenCV's
+rational model is fitted.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
     """A rig from the root element <document> or <chunk>.
 
     Raises:
-        StudioError: there is no aligned camera (camera_file.no_cameras), or a camera is invalid or not a frame camera
+        StudioError: there are no aligned cameras (camera_file.no_cameras), or a camera is invalid or not a frame camera
             (camera.*).
     """
     with naming(path):
@@ -45,7 +46,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
         if not entries:
             raise StudioError(
                 "camera_file.no_cameras",
-                "no aligned camera, that is no <camera> with a <transform>",
+                "no aligned cameras, that is, no <camera> with a <transform>",
                 fix="Align the photos in Metashape, then export again.",
             )
         labels = []
@@ -62,7 +63,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
             if sensor is None:
                 raise StudioError(
                     "camera.unknown_sensor",
-                    f"Camera '{name}': its sensor '{entry.get('sensor_id')}' is not in the file",
+                    f"Camera '{name}': its sensor '{entry.get('sensor_id')}' was not found in the file",
                     value=entry.get("sensor_id"),
                     fix="Export the cameras again.",
                     camera=name,

@@ -1,4 +1,4 @@
-"""Image sizes for camera files without them, from the footage next to the file."""
+"""Image sizes for camera files that do not contain them, from the footage next to the file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
         folder: the folder of the camera file.
         name: name of an image, a video (extension optional) or a folder of images, in the folder itself or in
             images/, videos/ and similar subfolders.
-        camera: name of the camera, for the message.
+        camera: name of the camera, for the error.
 
     Raises:
         StudioError: there is no such footage (camera.size_unknown), or it cannot be read (camera.footage_unreadable).
@@ -34,9 +34,9 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
                 return _size(file, camera)
     raise StudioError(
         "camera.size_unknown",
-        f"Camera '{camera}': the file has no image sizes, and no footage '{name}' is next to it",
+        f"Camera '{camera}': the file has no image sizes, and there is no footage '{name}' next to it",
         value=name,
-        fix="Put the footage next to the camera file, or into images/ or videos/ there.",
+        fix="Put the footage next to the camera file, or into a folder images/ or videos/ there.",
         camera=camera,
     )
 
@@ -57,7 +57,7 @@ def _size(file: Path, camera: str) -> tuple[int, int]:
         raise StudioError(
             "camera.footage_unreadable",
             f"Camera '{camera}': the image size of {file} cannot be read ({error})",
-            fix="Replace that file.",
+            fix="Replace the file.",
             camera=camera,
             footage=file,
         ) from None

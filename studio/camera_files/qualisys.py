@@ -1,13 +1,13 @@
 """Qualisys Track Manager calibrations (.qca.txt, XML).
 
-From files written by the program and by Pose2Sim:
+Derived from files written by the program and by Pose2Sim:
 - `transform` x y z is the camera center in millimeters; r11..r33 is a world-to-camera rotation with the axes x right,
   y up, z back, so y and z are negated here.
-- `intrinsic` is in units of 1/64 pixel: focal lengths and principal point are divided by 64. The principal point is
-  relative to the sensor, of which `fov_video` (bounds inclusive) is the recorded window; its origin is the center of
-  the first pixel, as in OpenCV. Distortion is OpenCV's, without a unit. (Pose2Sim divides the distortion by 64 too; a
-  calibration of the same lens with a board confirms the undivided values.)
-- Cameras that only track markers are skipped if the file has video cameras.
+- `intrinsic` is in units of 1/64 pixel, so focal lengths and principal point are divided by 64. The principal point is
+  relative to the full sensor, of which `fov_video` (inclusive bounds) is the recorded window; its origin is the center
+  of the first pixel, as in OpenCV. Distortion is OpenCV's and has no unit. (Pose2Sim also divides the distortion by 64,
+  but a calibration of the same lens with a board confirms the undivided values.)
+- Cameras that only track markers are skipped if the file contains video cameras.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ def rig_from_qualisys(path: Path, root: ElementTree.Element) -> Rig:
     """A rig in meters from the root element <calibration>.
 
     Raises:
-        StudioError: there is no active camera (camera_file.no_cameras), or a camera is invalid (camera.*).
+        StudioError: there are no active cameras (camera_file.no_cameras), or a camera is invalid (camera.*).
     """
     with naming(path):
         entries = [entry for entry in root.findall("cameras/camera") if entry.get("active", "1") != "0"]
         video = [entry for entry in entries if _records_video(entry)]
         if not entries:
-            raise no_cameras("no active camera (calibration/cameras/camera)")
+            raise no_cameras("no active cameras (calibration/cameras/camera)")
         return Rig(tuple(_camera(entry, index) for index, entry in enumerate(video or entries)))
 
 
@@ -70,7 +70,7 @@ def _camera(entry: ElementTree.Element, index: int) -> Camera:
             for key in (
                 "radialDistortion1",
                 "radialDistortion2",
-                "tangentalDistortion1",  # the spelling in the format
+                "tangentalDistortion1",  # spelled like this in the format
                 "tangentalDistortion2",
                 "radialDistortion3",
             )

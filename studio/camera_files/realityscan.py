@@ -1,10 +1,10 @@
 """The export "Internal/External camera parameters" (CSV) of RealityScan (RealityCapture).
 
-One row per image: #name, x, y, alt (center), heading, pitch, roll in degrees, f in millimeters for 36 mm along the
-longer side, px, py (principal point relative to the image center, as a fraction of the longer side), k1 to k4. Camera
-to world is Rz(-heading) Rx(pitch) Ry(roll) with x right, y up, z back, as in the importers of other programs. The file
-has no image sizes: the images must be next to it. The tangential terms t1, t2, whose order is not documented, must be 0
-(the default lens model has none).
+One row per image: #name, x, y, alt (center), heading, pitch, roll in degrees, f in millimeters for a longer image side
+of 36 mm, px, py (principal point relative to the image center, as fractions of the longer side), k1 to k4. Camera to
+world is Rz(-heading) Rx(pitch) Ry(roll) with x right, y up, z back, as in the importers of other programs. The file
+does not contain image sizes, so the images must be next to it. The tangential terms t1 and t2, whose order is not
+documented, must be 0 (the default lens model does not have them).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def read_realityscan(path: Path) -> Rig:
     """Read the CSV; image sizes come from the images next to it.
 
     Raises:
-        StudioError: the file is unreadable or has no such columns (camera_file.*), a value is invalid or an image is
+        StudioError: the file is unreadable or lacks these columns (camera_file.*), or a value is invalid or an image is
             missing (camera.*).
     """
     rows = read_csv(path, COLUMNS)

@@ -1,9 +1,9 @@
 """CamPose.inf and Intrinsic.inf of ReRF (and NHR).
 
 CamPose.inf has one line of 12 numbers per camera: its z, x and y axes and its center in the world (OpenCV axes).
-Intrinsic.inf has one line with the number and three lines with K per camera. Cameras are numbered from 0; videos are
-named 000.mp4, images img_0000.png. There is no lens distortion. The pixel origin of K is the center of the first pixel,
-as in OpenCV.
+Intrinsic.inf has, per camera, one line with its number and three lines with K. Cameras are numbered from 0; videos are
+named 000.mp4 and images img_0000.png. There is no lens distortion. The pixel origin of K is the center of the first
+pixel, as in OpenCV.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def read_rerf(folder: Path) -> Rig:
     """Read both files of a folder; image sizes come from the footage in image/.
 
     Raises:
-        StudioError: a file is missing or truncated (camera_file.*), a value is invalid or there is no footage
+        StudioError: a file is missing or truncated (camera_file.*), or a value is invalid or there is no footage
             (camera.*).
     """
     for name in (POSES, INTRINSICS):
@@ -40,7 +40,7 @@ def read_rerf(folder: Path) -> Rig:
     if len(poses) != len(lenses):
         raise StudioError(
             "camera_file.camera_count",
-            f"{len(lenses)} cameras in this file, {len(poses)} in {POSES}",
+            f"the file contains {len(lenses)} cameras, but {POSES} contains {len(poses)}",
             file=folder / INTRINSICS,
             value=len(lenses),
             fix="Copy both files again.",
@@ -81,7 +81,7 @@ def _poses(path: Path) -> list[np.ndarray]:
 def _truncated(path: Path, line: int, found: int, expected: int) -> StudioError:
     return StudioError(
         "camera_file.truncated",
-        f"found {found} numbers of a camera from line {line} on, expected {expected}",
+        f"found {found} numbers for the camera at line {line}, expected {expected}",
         file=path,
         value=found,
         fix="The file may be truncated: copy it again.",

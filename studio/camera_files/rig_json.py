@@ -27,7 +27,7 @@ def rig_from_values(path: Path, values: dict[str, Any]) -> Rig:
     """A rig from the JSON object in the file.
 
     Raises:
-        StudioError: the format or version is another one, or there are no cameras (camera_file.*), or a camera is
+        StudioError: the format or version is not supported or there are no cameras (camera_file.*), or a camera is
             invalid (camera.*).
     """
     with naming(path):

@@ -45,7 +45,7 @@ def read_toml(path: Path) -> Rig:
             if isinstance(table, dict) and {"matrix", "rotation", "translation", "distortions"} & set(table)
         }
         if not found:
-            raise no_cameras("no camera in the file (tables with matrix, rotation, translation)")
+            raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)")
         used = {key: table for key, table in found.items() if not table.get("ignore")}
         return Rig(tuple(_camera(key, table, bool(nested)) for key, table in used.items()))
 

@@ -1,10 +1,10 @@
 """transforms.json of instant-ngp, nerfstudio, NeuS2 and VideoGS.
 
-`frames[]` have `file_path` and `transform_matrix`, camera to world with OpenGL axes (x right, y up, z back); with
-`"from_na": true` (NeuS2) the axes are OpenCV's. Intrinsics are at the top level or in each frame: `fl_x`, `fl_y` or
-`camera_angle_x`, `camera_angle_y`, or a matrix `intrinsic_matrix` or `K`; `cx`, `cy`, `w`, `h`; distortion
+Each of the `frames[]` has a `file_path` and a `transform_matrix`, camera to world with OpenGL axes (x right, y up, z
+back); with `"from_na": true` (NeuS2), the axes are OpenCV's. Intrinsics are at the top level or in each frame: `fl_x`,
+`fl_y` or `camera_angle_x`, `camera_angle_y`, or a matrix `intrinsic_matrix` or `K`; `cx`, `cy`, `w`, `h`; distortion
 `k1 k2 p1 p2 k3` of OpenCV's model (`k4` belongs to fisheye lenses, which are not supported). The pixel origin is the
-image corner, as in COLMAP, from whose files these are usually converted.
+image corner, as in COLMAP, since these files are usually converted from COLMAP models.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _size(values: dict[str, Any], path: Path, file: str, camera: str) -> tuple[i
         if found is None:
             raise StudioError(
                 "camera.size_unknown",
-                f"Camera '{camera}': the file has no 'w' and 'h', and the image '{file}' is not next to it",
+                f"Camera '{camera}': the file does not contain 'w' and 'h', and there is no image '{file}' next to it",
                 value=file,
                 fix="Add 'w' and 'h', or put the images next to the file.",
                 camera=camera,
@@ -80,7 +80,7 @@ def _intrinsics(values: dict[str, Any], width: int, height: int, camera: str) ->
             if not 0 < radians < np.pi:
                 raise StudioError(
                     "camera.field_of_view",
-                    f"Camera '{camera}': '{angle}' is {radians:g}, expected between 0 and pi",
+                    f"Camera '{camera}': '{angle}' is {radians:g}, expected a value between 0 and pi",
                     value=radians,
                     fix="Correct it in the camera file; angles are in radians.",
                     camera=camera,
@@ -161,8 +161,8 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
         if np.any(camera.distortion[5:]):
             raise StudioError(
                 "camera_file.not_expressible",
-                f"Camera '{camera.name}': transforms.json has only the distortion terms k1 k2 p1 p2 k3, but "
-                f"this camera has {camera.distortion.size}",
+                f"Camera '{camera.name}': transforms.json only supports the distortion terms k1 k2 p1 p2 k3, but "
+                f"this camera has {camera.distortion.size} terms",
                 file=path,
                 value=camera.distortion.size,
                 fix="Undistort the images first, or write rig.json.",

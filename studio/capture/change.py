@@ -1,7 +1,7 @@
-"""How much a performer's appearance has changed between two frames, independent of position and size in the image.
+"""Change of a performer's appearance between two frames, independent of position and size in the image.
 
-A new group of frames should start where the splats of the keyframe no longer fit: limbs have moved, the performer has
-turned. Both change what the cameras see once position and size are normalized.
+A new group of frames should start where the splats of the keyframe no longer fit because limbs have moved or the
+performer has turned. Both change what the cameras see, even after position and size are normalized.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 LOOK_SIDE = 32
 _MARGIN = 1.2
 _MIN_PIXELS = 16
-"""Foreground pixels below which an image carries no information."""
+"""Minimum number of foreground pixels; images with fewer contain too little information."""
 
 
 def look(image: np.ndarray, matte: np.ndarray, side: int = LOOK_SIDE) -> np.ndarray | None:

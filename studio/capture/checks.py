@@ -1,4 +1,4 @@
-"""Check of a whole capture: decode every frame and matte once, and report what is wrong."""
+"""Check of a whole capture: decode each frame and matte once and report problems."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from studio.capture.mattes.matte_source import FullMatteSource
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
-_EMPTY = 2e-5  # share of the image: 20 pixels per megapixel
+_EMPTY = 2e-5  # fraction of the image: 20 pixels per megapixel
 _FULL = 0.999
 _READERS = 4  # cameras that are decoded in parallel, if there are enough cores
 _MOST_ERRORS = 3  # reported per camera
@@ -44,7 +44,7 @@ def number_ranges(numbers: list[int]) -> str:
 def check_footage(
     footage: Footage, progress: ProgressFn = no_progress, frames: tuple[int, ...] | None = None
 ) -> list[Message]:
-    """Decode every frame and matte, several cameras in parallel, and report problems.
+    """Decode all frames and mattes, several cameras in parallel, and report problems.
 
     Args:
         footage: the capture to check.
@@ -52,8 +52,9 @@ def check_footage(
         frames: frame numbers to check; None checks all.
 
     Returns:
-        `Footage.problems`, then per camera up to three errors (codes of `Footage.image` and `Footage.matte`), and at
-        most one `matte.empty` and one `matte.full` with the fields `camera` and `frames`. Empty if nothing is wrong.
+        `Footage.problems`, then for each camera up to three errors (with the codes of `Footage.image` and
+        `Footage.matte`) and at most one `matte.empty` and one `matte.full` with the fields `camera` and `frames`.
+        Empty if no problems are found.
     """
     frames = footage.frames if frames is None else frames
     total = len(frames) * len(footage.camera_names)
@@ -63,7 +64,7 @@ def check_footage(
 
     def advance(count: int) -> None:
         nonlocal done
-        with lock:  # a `progress` need not be thread safe
+        with lock:  # `progress` need not be thread safe
             if not stop.is_set():
                 progress(done, total)
             done += count
@@ -75,13 +76,13 @@ def check_footage(
                 break
             advance(1)
             try:
-                footage.image(camera, frame)  # fills the cache for training, where a short take fits
+                footage.image(camera, frame)  # also fills the cache for training if the capture fits into it
                 if not masked:
                     continue
                 matte = footage.matte(camera, frame)
             except StudioError as error:
                 found.errors.append(error.message)
-                if len(found.errors) > _MOST_ERRORS:  # a truncated video gives an error per frame
+                if len(found.errors) > _MOST_ERRORS:  # a truncated video gives one error per frame
                     advance(len(frames) - position - 1)
                     break
                 continue

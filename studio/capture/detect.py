@@ -14,7 +14,7 @@ PLATE_FOLDERS = ("clean_plates", "clean_plate", "bg", "background", "backgrounds
 _NOT_FOOTAGE = frozenset(
     (*MASK_FOLDERS, *PLATE_FOLDERS, "intrinsics", "intrinsic", "depth", "depths", "normals", "sparse", "meshes", "mesh")
 )
-# In order of preference: camera recordings before what was derived from them.
+# In order of preference: camera recordings before data derived from them.
 _LAYOUTS = (
     "videos/{camera}.*",
     "video/{camera}.*",
@@ -51,7 +51,7 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
     for layout in _LAYOUTS:
         matches = find_files(root, layout)
         matches = [match for match in matches if match.camera.lower() not in _NOT_FOOTAGE]
-        if layout == "{camera}.*":  # loose files: videos only, loose images are rarely footage
+        if layout == "{camera}.*":  # files directly in the folder: videos only, since images there are rarely footage
             matches = [match for match in matches if match.path.suffix.lower() in VIDEO_EXTENSIONS]
         if layout == "images/{camera}.*" and _numbered(matches):
             continue
@@ -107,7 +107,7 @@ def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
 
 
 def _numbered(matches: Sequence[Match]) -> bool:
-    """Whether names look like cam01_000000, cam01_000001, ...: all frames of all cameras in one folder."""
+    """Whether the names look like cam01_000000, cam01_000001, ..., with all frames of all cameras in one folder."""
     stems: dict[str, int] = {}
     for match in matches:
         head, _, tail = match.camera.rpartition("_")
@@ -118,13 +118,13 @@ def _numbered(matches: Sequence[Match]) -> bool:
 
 
 def _with_extension(layout: str, matches: Sequence[Match]) -> str:
-    """The layout with `.*` replaced by the extension if all files share one."""
+    """The layout, with `.*` replaced by the extension if all files have the same one."""
     extensions = {match.path.suffix for match in matches}
     return layout[:-2] + extensions.pop() if len(extensions) == 1 and layout.endswith(".*") else layout
 
 
 def detect_beside(root: Path, folders: Sequence[str], cameras: Sequence[str]) -> tuple[str, list[Match]] | None:
-    """Find masks or clean plates: the first of `folders` below `root` with files named after the cameras.
+    """Find masks or clean plates in the first of `folders` below `root` that contains files named after the cameras.
 
     Args:
         root: the capture's folder.

@@ -15,11 +15,11 @@ HASH_WHOLE_BELOW = 512 << 20
 def digest_files(root: Path, paths: Iterable[Path]) -> str:
     """SHA-256 of files by name, size and contents.
 
-    If all files together exceed `HASH_WHOLE_BELOW`, modification times are used instead of contents. Below that a
-    copied capture keeps its digest.
+    If the total size of the files exceeds `HASH_WHOLE_BELOW`, modification times are used instead of contents. Below
+    that, a copy of a capture has the same digest.
 
     Args:
-        root: names of files below it are taken relative to it.
+        root: folder to which file names are relative, for files below it.
         paths: the files, in any order.
 
     Returns:

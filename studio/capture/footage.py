@@ -45,11 +45,11 @@ class Footage:
     Attributes:
         spec: the settings it was opened with.
         camera_names: all cameras, in natural order (cam2 before cam10).
-        train_cameras, held_out_cameras: the cameras to train on and those only used for evaluation.
+        train_cameras, held_out_cameras: the cameras to train on, and those used only for evaluation.
         frames: frame numbers as in the files, after start, stop and step.
         fps: frames per second.
-        description: what was found and how it is read, one sentence per line.
-        problems: problems with the set of files; empty unless opened with strict=False.
+        description: the files that were found and how they are read, one sentence per line.
+        problems: problems with the set of files; empty unless the footage was opened with strict=False.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Footage:
         self._warps = dict(warps) if warps is not None else None
         self._pool = pool
         self._cache = cache
-        # A cache of their own: in the shared one the maps of a large rig would evict all images.
+        # A separate cache: in a shared one, the maps of a large rig would evict all images.
         self._undistortion_maps = ByteCache(cache.limit // 4)
         self._rig = Rig(tuple(warp.camera for warp in self._warps.values())) if self._warps is not None else None
         self._digest: str | None = None
@@ -121,7 +121,7 @@ class Footage:
         return tuple(self._source(camera).frames)
 
     def file_of(self, camera: str, frame: int) -> Path | None:
-        """The file that holds a frame of a camera, None if there is none."""
+        """The file that contains a frame of a camera; None if there is none."""
         files = self._source(camera).files([frame])
         return files[0] if files else None
 
@@ -162,7 +162,11 @@ class Footage:
         return self._matte(camera, frame, self._exact_matte_source, "exact").copy()
 
     def view(self, camera: str, frame: int) -> FootageView:
-        """Camera, image and matte together; the frame is decoded once."""
+        """Camera, image and matte together; the frame is decoded only once.
+
+        Raises:
+            StudioError: as `image`, `matte` and `rig`.
+        """
         image, matte = self.image(camera, frame), self.matte(camera, frame)
         return FootageView(self.rig[camera], image, matte, frame, self.plate(camera))
 
@@ -246,7 +250,7 @@ class Footage:
         return cached[0]
 
     def _raw_matte(self, camera: str, frame: int) -> np.ndarray:
-        """Cached only if both the image and the matte need it."""
+        """As `raw_matte`, cached only if both the image and the matte need it."""
         key = ("raw matte", camera, frame)
         cached = self._cache.get(key)
         if cached is None:
@@ -271,8 +275,8 @@ class Footage:
         return cached[0]
 
     def _release(self, camera: str, frame: int) -> None:
-        """Drop the decoded frame once everything derived from it is cached; frames of 81 cameras at 4K would evict
-        the results."""
+        """Drop the decoded frame once everything derived from it is cached; otherwise the frames of 81 cameras at 4K
+        would evict the results."""
         exact = self._exact_matte_source is not None and camera in self.held_out_cameras
         if all(self._cache.holds((kind, camera, frame)) for kind in ("image", "matte", *(("exact",) if exact else ()))):
             for kind in ("raw", "raw matte"):
@@ -291,7 +295,7 @@ class Footage:
         source = self._source(camera)
         if self._warps is not None:
             return self._warps[camera]
-        # Without calibration the images are only scaled; any pinhole camera of that size will do.
+        # Without calibration, images are only scaled; any pinhole camera of that size will do.
         K = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
         plain = Camera(camera, source.width, source.height, K, np.eye(4))
         return Warp(replace(plain), source.width, source.height, self.spec.scale)

@@ -24,7 +24,7 @@ class FrameSource(Protocol):
         frames: sorted frame numbers, as in the files.
         width, height: size of every frame in pixels.
         has_alpha: whether frames have an alpha channel.
-        fps: frames per second, None where the files do not specify it.
+        fps: frames per second; None if the files do not specify it.
     """
 
     camera: str
@@ -38,12 +38,12 @@ class FrameSource(Protocol):
         """(H, W, 3) RGB or (H, W, 4) RGBA uint8.
 
         Raises:
-            StudioError: no such frame, or its file cannot be read.
+            StudioError: there is no such frame, or its file cannot be read.
         """
         ...
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        """The files that hold the given frames (None: all)."""
+        """The files that contain the given frames (None: all)."""
         ...
 
 
@@ -68,7 +68,7 @@ class ImageSource:
         self.fps: float | None = None
 
     def read(self, frame: int) -> np.ndarray:
-        """See `FrameSource`. All images must match the camera's first in size and alpha channel.
+        """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel if any.
 
         Raises:
             StudioError: `footage.no_such_frame`, `footage.size_changed`, `footage.alpha_missing`, or as `read_image`.
@@ -188,7 +188,7 @@ class VideoSource:
 
 
 def decoder_limit(width: int, height: int) -> int:
-    """How many decoders of videos of this size (pixels) fit into a quarter of the free memory; at least 4."""
+    """Number of decoders for videos of this size (in pixels) that fit into a quarter of the free memory; at least 4."""
     import psutil
 
     # A decoder holds up to 16 reference frames and a few more, at 1.5 bytes per pixel.
@@ -199,7 +199,7 @@ def decoder_limit(width: int, height: int) -> int:
 def make_sources(
     matches: list[Match], pool: DecoderPool, color_matrix: str = "auto", offsets: Mapping[str, int] | None = None
 ) -> dict[str, FrameSource]:
-    """One source per camera from the files that match a pattern. Images without `{frame}` become frame 0.
+    """One source per camera, from the files that match a pattern. Images without `{frame}` become frame 0.
 
     Args:
         matches: files from `find_files`.
@@ -223,7 +223,7 @@ def make_sources(
         if videos and (len(group) > 1 or videos[0].frame is not None):
             raise StudioError(
                 "footage.video_as_frame",
-                f"this is a video, but the pattern treats it as a single frame of camera '{camera}'",
+                f"the file is a video, but the pattern treats it as a single frame of camera '{camera}'",
                 file=videos[0].path,
                 fix="Remove {frame} from the pattern.",
                 camera=camera,

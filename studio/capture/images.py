@@ -17,7 +17,7 @@ _FIX = "Replace the file or exclude the frame."
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) in pixels from the file's header, without decoding the image.
+    """(width, height) in pixels, from the file's header, without decoding the image.
 
     Raises:
         StudioError: `footage.image_missing` or `footage.image_unreadable`.
@@ -47,7 +47,7 @@ def read_image(path: Path) -> np.ndarray:
         images are rounded to 8 bits.
 
     Raises:
-        StudioError: `footage.image_missing`, or `footage.image_unreadable` where it is truncated or not an image.
+        StudioError: `footage.image_missing`, or `footage.image_unreadable` if it is truncated or not an image.
     """
     with _open(path) as image:
         try:

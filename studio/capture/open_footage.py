@@ -1,4 +1,4 @@
-"""Open `Footage`: find the files, match cameras with the rig, select frames and the matte source."""
+"""Opens `Footage`: finds the files, matches cameras with the rig, selects frames and the matte source."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ def open_footage(
     device: str = "auto",
     threads: int = 0,
 ) -> Footage:
-    """Open a capture: find and open its files, read one frame per camera. Other frames are decoded on demand.
+    """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
     Args:
         spec: where the capture is and how to read it.
         rig: the cameras, with lens distortion, at the size they were calibrated at; None before calibration
             (`Footage.image` is then only scaled, and `Footage.rig` raises). Names must match the footage; a file
             extension in a rig's camera name, as COLMAP writes it, is ignored.
-        strict: raise if cameras lack frames that others have. Otherwise such problems are listed in
-            `Footage.problems`, and `Footage.frames` are the frames that all cameras have.
+        strict: raise if cameras lack frames that others have. Otherwise, `Footage.problems` lists such problems, and
+            `Footage.frames` contains only the frames that all cameras have.
         cache_folder: where to cache backgrounds estimated from the footage (masks "median_background") and mattes of
             a matting model for other processes; None caches them in memory only.
-        device, threads: what a matting model runs on, as in `OnnxModel`.
+        device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
 
     Returns:
         the footage.
 
     Raises:
         StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
-            unknown camera in the settings, missing frames, an aspect ratio that differs from the calibration's;
+            unknown camera in the settings, missing frames, or an aspect ratio that differs from the calibration's;
             `calibration.camera_missing`; `matte.*`: mattes are missing.
     """
     if not spec.root.is_dir():
@@ -145,7 +145,7 @@ def _chosen(spec: CaptureSettings, matches: list[Match]) -> list[Match]:
 
 
 def _all_of(problems: Sequence[Message]) -> StudioError:
-    """The first problem as an error; its text says how many more there are."""
+    """The first problem as an error; its text includes the number of the others."""
     first = problems[0]
     more = f" ({len(problems) - 1} more like this)" if len(problems) > 1 else ""
     return StudioError(
@@ -161,7 +161,7 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
         return frame >= low and (spec.stop is None or frame < spec.stop) and (frame - low) % spec.step == 0
 
     every_frame = sorted(set().union(*(source.frames for source in sources.values())))
-    if spec.offsets:  # frames that shifted cameras lack at the ends are not an error
+    if spec.offsets:  # frames missing at the ends of shifted cameras are not an error
         shared = set(every_frame).intersection(*(source.frames for source in sources.values()))
         every_frame = [frame for frame in every_frame if shared and min(shared) <= frame <= max(shared)] or every_frame
     wanted = [frame for frame in every_frame if inside(frame, every_frame[0])]
@@ -243,14 +243,14 @@ def _stem(name: str) -> str:
 
 
 def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
-    """Match the cameras of a rig with those of the footage: by equal names, else by names without folder and extension.
+    """Match the cameras of a rig with those of the footage, by name, or else by name without folder and extension.
 
     Args:
         rig: the calibrated cameras.
         names: cameras of the footage.
 
     Returns:
-        name in the footage to the rig's camera, renamed to it.
+        name in the footage to the camera of the rig, renamed to the name in the footage.
 
     Raises:
         StudioError: `calibration.camera_missing`: a camera of the footage is not in the rig;
@@ -292,7 +292,7 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
 
 
 def _and_more(noun: str, names: Sequence[str]) -> str:
-    """Camera 'a', or: Camera 'a' and 3 more."""
+    """`Camera 'a'` or `Camera 'a' and 3 more`."""
     return f"{noun} '{names[0]}'" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 

@@ -61,7 +61,7 @@ def _expression(pattern: str, whole: str) -> re.Pattern[str]:
 
 
 def walk(folder: Path, depth: int) -> Iterator[str]:
-    """Relative paths, with '/', of the files at most `depth` folders below `folder`, sorted within each folder."""
+    """Relative paths, with '/', of files up to `depth` folders below `folder`, sorted within each folder."""
     stack = [("", 0)]
     while stack:
         relative, level = stack.pop()
@@ -99,7 +99,7 @@ def find_files(root: Path, pattern: str) -> list[Match]:
             "footage.bad_pattern",
             f"Pattern '{pattern}' has no {{camera}}",
             value=pattern,
-            fix="Put {camera} where the path holds the camera's name, for example videos/{camera}.mp4.",
+            fix="Put {camera} where the path contains the camera's name, for example videos/{camera}.mp4.",
             placeholder="{camera}",
         )
     components = pattern.split("/")

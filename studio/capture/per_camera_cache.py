@@ -1,4 +1,4 @@
-"""A value per camera, computed once on demand."""
+"""One value per camera, computed once on demand."""
 
 from __future__ import annotations
 

@@ -44,25 +44,26 @@ class FileSettings(Settings):
 
     masks: MaskKind = "auto"
     """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
-    clean_plate: difference to images of the empty set. median_background: difference to the footage's median over time,
-    for static cameras. chroma_key: a screen of one color. plain: the performer is already cut out on plain white or
-    black. model: a matting model. none: everything is foreground. auto: the first of alpha, files, clean_plate and
-    plain that the capture has, else median_background with 10 frames or more, else none. See docs/guides/mattes.md."""
+    clean_plate: difference from images of the empty set. median_background: difference from the footage's median over
+    time, for static cameras. chroma_key: a screen of one color. plain: the performer has already been cut out on plain
+    white or black. model: a matting model. none: everything is foreground. auto: the first of alpha, files, clean_plate
+    and plain that fits the capture; otherwise median_background if there are at least 10 frames; otherwise none. See
+    docs/guides/mattes.md."""
 
     mask_files: str = "auto"
-    """Pattern of the mask files; white is the performer. auto: search folders named mask, masks, matte, mattes,
+    """Pattern of the mask files; white is the performer. auto: search folders named mask, masks, matte, mattes or
     alpha."""
 
     clean_plates: str = "auto"
     """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named
-    clean_plates, clean_plate, bg, background, backgrounds."""
+    clean_plates, clean_plate, bg, background or backgrounds."""
 
     evaluation_mattes: Annotated[str, Affects("evaluation")] = ""
     """Pattern of ground-truth mattes, if the capture has them. Used for evaluation only, never for training."""
 
 
 class DifferenceSettings(Settings):
-    """How a matte is made from the difference to a known background."""
+    """Mattes from the difference between the footage and a known background."""
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
@@ -70,7 +71,7 @@ class DifferenceSettings(Settings):
     """Masks from clean plates, median or screen: above 1 detects more foreground, below 1 less."""
 
     mask_shadows: bool = True
-    """Masks from clean plates, median or screen: treat darker background as shadow, not as performer."""
+    """Masks from clean plates, median or screen: treat darkened background as shadow rather than performer."""
 
     mask_components: int = Field(default=0, ge=0)
     """Masks from clean plates, median, screen or model: maximum number of connected components per camera, largest
@@ -83,8 +84,8 @@ class ScreenSettings(Settings):
     affects: ClassVar[Affects | None] = _DEFAULT
 
     key_color: Annotated[Color | Literal["auto"], Heading("Masks: colored screen")] = "auto"
-    """Masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1); saturated. auto: per
-    camera, the saturated color that covers most of the image."""
+    """Masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1), which must be saturated.
+    auto: for each camera, the saturated color that covers most of the image."""
 
     despill: Annotated[bool, Affects("training_views", "evaluation")] = True
     """Masks from a screen: remove spill from the performer's edges in the images used for training and evaluation."""
@@ -100,7 +101,7 @@ class ScreenSettings(Settings):
 
         try:
             color = check(value)
-        except ValidationError:  # one sentence, not one for each alternative
+        except ValidationError:  # one message instead of one per alternative type
             raise Conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
         if color != "auto" and not saturated(color):
             raise Conflict(
@@ -111,7 +112,7 @@ class ScreenSettings(Settings):
 
 
 class OnnxSettings(Settings):
-    """How a matting model is run on an image."""
+    """How images are passed to a matting model."""
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
@@ -120,8 +121,8 @@ class OnnxSettings(Settings):
     0 to 1. Requires the extra matting (onnxruntime)."""
 
     mask_model_size: int = Field(default=0, ge=0, multiple_of=32)
-    """Masks from a model: longer side that images are resized to, in pixels; a multiple of 32. 0: the model's fixed
-    input size, else the image's own size."""
+    """Masks from a model: longer side to which images are resized, in pixels; a multiple of 32. 0: the model's fixed
+    input size, or the size of the image if the model accepts any."""
 
     mask_model_mean: Color = (0.485, 0.456, 0.406)
     """Masks from a model: mean (red, green, blue; 0 to 1) subtracted from the input. The default (ImageNet) is for
@@ -191,9 +192,9 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     and masks. `v3studio sync` estimates them."""
 
     size_rule: Annotated[SizeRule, Affects("cameras_from_points", "training_views", "evaluation")] = "auto"
-    """What to do if the footage's aspect ratio differs from its calibration. stretch: the axes were scaled
-    independently. crop: it was cropped symmetrically. letterbox: bars were added symmetrically. auto: letterbox if
-    black bars are detected, else an error."""
+    """How the footage was resized if its aspect ratio differs from the calibration's. stretch: the axes were scaled
+    independently. crop: the image was cropped symmetrically. letterbox: bars were added symmetrically. auto: letterbox
+    if black bars are detected, otherwise an error."""
 
     cache_megabytes: Annotated[int | None, Affects()] = Field(default=None, ge=16)
     """Memory limit of the decoded-image cache, in MiB. null: one eighth of the machine's memory, at most 2048."""

@@ -1,4 +1,4 @@
-"""Synchronization check: offsets between cameras, estimated from sound or from motion in the image."""
+"""Synchronization check: offsets between cameras, estimated from sound or from motion in the images."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
 SOUND_RATE = 500
-"""Sample rate of the loudness signals that are compared, per second."""
+"""Sample rate of the compared loudness signals, in Hz."""
 _MIN_CORRELATION = 0.35
-"""Correlation below which the offset of two cameras is unknown."""
+"""Correlation below which the offset between two cameras is unknown."""
 _MIN_FRAMES = 12
 
 
@@ -28,10 +28,10 @@ class SyncReport:
 
     Attributes:
         method: "sound" or "motion".
-        offsets: camera to lag in frames: its frame f + offset was taken at the same time as frame f of the others. The
-            median is 0. Fractions of a frame are included; cameras with an unknown offset are not.
-        confidence: camera to its best correlation with another camera, 0..1.
-        unsure: cameras whose offset is unknown, because their signal correlates with no other.
+        offsets: camera to lag in frames, including fractions: its frame f + offset was taken at the same time as frame
+            f of the others. The median is 0. Cameras with an unknown offset are not included.
+        confidence: camera to its highest correlation with another camera, 0..1.
+        unsure: cameras whose offset is unknown because their signal does not correlate with any other.
     """
 
     method: str
@@ -53,7 +53,7 @@ class SyncReport:
             found.append(
                 Message(
                     "sync.offset",
-                    f"Camera '{name}' is {frames} {'late' if offset > 0 else 'early'}, judged by {self.method}",
+                    f"Camera '{name}' is {frames} {'late' if offset > 0 else 'early'} according to its {self.method}",
                     value=offset,
                     fix=f"Set capture.offsets to {{{name}: {offset}}}.",
                     fields={"camera": name, "method": self.method, "setting": "capture.offsets"},
@@ -63,7 +63,7 @@ class SyncReport:
             found.append(
                 Message(
                     "sync.unknown",
-                    f"Camera '{name}': its {self.method} matches no other camera, so its offset is unknown",
+                    f"Camera '{name}': its {self.method} does not match any other camera, so its offset is unknown",
                     fields={"camera": name, "method": self.method},
                 )
             )
@@ -74,12 +74,12 @@ def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, 
     """Lag of each signal, from the correlations of all pairs.
 
     Args:
-        signals: name to (N,) samples, all at the same rate; if synchronized, all start at the same time.
+        signals: name to (N,) samples, all at the same rate; synchronized signals start at the same time.
         most: largest lag to search, in samples.
 
     Returns:
-        name to lag in samples (the median is 0; NaN where no correlation reaches 0.35), and name to its best
-        correlation, 0..1.
+        name to lag in samples (the median is 0; NaN if no correlation reaches 0.35), and name to highest correlation,
+        0..1.
     """
     names = list(signals)
     pairs = []
@@ -97,7 +97,7 @@ def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, 
 
 
 def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float]:
-    """How many samples b lags behind a, and the Pearson correlation of the overlap at that lag."""
+    """The number of samples by which b lags behind a, and the Pearson correlation of the overlap at that lag."""
     length = min(len(a), len(b))
     most = min(most, length // 2)
     strengths = []
@@ -131,7 +131,7 @@ def _solve(count: int, pairs: Sequence[tuple[int, int, float, float]]) -> np.nda
     trust = np.ones(len(pairs))
     for _ in range(10):
         weight = (weights * trust)[:, None]
-        # pairs only give differences: the last row sets the sum to 0
+        # pairs only determine differences: the last row sets the sum to 0
         left = np.vstack([rows * weight, np.full((1, len(used)), 1e-6)])
         found = np.linalg.lstsq(left, np.append(wanted * weight[:, 0], 0), rcond=None)[0]
         trust = 1 / np.maximum(1, np.abs(rows @ found - wanted))
@@ -150,20 +150,20 @@ def check_sync(
 
     Args:
         footage: opened without offsets.
-        method: "sound", "motion", or "auto": sound if all cameras have it, else motion.
-        seconds: largest offset to search.
-        progress: called for every camera and frame when motion is measured; may raise `Cancelled`.
+        method: "sound", "motion", or "auto": sound if all cameras have it, otherwise motion.
+        seconds: largest offset to search, in seconds.
+        progress: called for each camera and frame when motion is measured; may raise `Cancelled`.
 
     Raises:
         StudioError: `sync.seconds`, `sync.one_camera`, `sync.no_sound` (method "sound"), or `sync.too_few_frames`
-            (motion needs 12).
+            (method "motion" needs 12).
     """
     if not 0 < seconds < float("inf"):
         raise StudioError(
             "sync.seconds",
             f"The largest offset to search is {seconds:g} s",
             value=seconds,
-            fix="It must be above 0 and finite; example: 1.",
+            fix="It must be positive and finite; example: 1.",
         )
     names = footage.camera_names
     if len(names) < 2:
@@ -199,7 +199,7 @@ def check_sync(
 
 
 def motion_signals(footage: Footage, progress: ProgressFn = no_progress) -> dict[str, np.ndarray]:
-    """Camera to (frames - 1,) mean change between consecutive frames, in square roots of gray levels."""
+    """Camera to (frames - 1,) square roots of the mean change between consecutive frames in gray levels."""
     import cv2
 
     found = {}
@@ -214,7 +214,7 @@ def motion_signals(footage: Footage, progress: ProgressFn = no_progress) -> dict
             gray = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
             if before is not None:
                 change = np.abs(gray - before)
-                # noise and compression change all pixels: subtract that
+                # noise and compression change all pixels; their contribution is subtracted
                 values.append(float(np.maximum(change - 2 * np.median(change) - 2, 0).mean()))
             before = gray
         found[name] = np.sqrt(np.array(values))
@@ -237,7 +237,7 @@ def sound_signal(file: Path) -> np.ndarray | None:
     """Increase of a video's loudness over time.
 
     Returns:
-        (N,) float32, `SOUND_RATE` values per second from the first video frame on; None without sound.
+        (N,) float32, `SOUND_RATE` values per second, starting at the first video frame; None without sound.
 
     Raises:
         StudioError: `footage.video_unreadable`.

@@ -1,4 +1,4 @@
-"""Frame-accurate random access to a video, B-frames included; sequential reading is fast."""
+"""Frame-accurate random access to videos, including those with B-frames; sequential reading is fast."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from studio.errors import StudioError
 
 # swscale flags: bicubic, full horizontal chroma interpolation, accurate rounding. The default repeats chroma samples,
-# which is visible at silhouettes and costs about 1 dB of color accuracy in 4:2:0 footage.
+# which is visible at silhouettes and reduces the color accuracy of 4:2:0 footage by about 1 dB.
 _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
 _ENCODE_AGAIN = "Copy or encode the video again."
 
 
 class VideoReader:
-    """One video file. Frames are numbered from 0 in presentation order. Thread safe (one decoder, one lock).
+    """Reads one video file. Frames are numbered from 0 in presentation order. Thread safe (one decoder, one lock).
 
     Args:
         path: the file.
@@ -46,7 +46,7 @@ class VideoReader:
         self._frames: Any = None
         self._next = 0  # index of the frame that the decoder returns next
         self._current: tuple[int, Any] | None = None
-        self._timestamps: list[int] | None = None  # sorted presentation times, None until a seek needs them
+        self._timestamps: list[int] | None = None  # sorted presentation times; None until a seek needs them
         self._keyframes: list[int] = []  # indices of keyframes
         self._seekable = True
         with self._lock:
@@ -55,7 +55,7 @@ class VideoReader:
             self.fps = float(stream.average_rate) if stream.average_rate else None
             entries = stream.index_entries
             listed = [entry for entry in entries if not entry.is_discard] if entries is not None else []
-            # Matroska's and other containers' indices list keyframes only; MP4's lists every frame.
+            # The index of an MP4 lists every frame; those of Matroska and other containers list only keyframes.
             whole = len(listed) > 1 and stream.frames > 0 and len(entries) == stream.frames
             self.frame_count = len(listed) if whole else self._scan()
             if self.frame_count == 0:
@@ -101,7 +101,7 @@ class VideoReader:
             if (frame.width, frame.height) != self._coded:
                 raise StudioError(
                     "footage.size_changed",
-                    f"the size changes from {self._coded[0]}x{self._coded[1]} to {frame.width}x{frame.height} in frame "
+                    f"the size changes from {self._coded[0]}x{self._coded[1]} to {frame.width}x{frame.height} at frame "
                     f"{index}",
                     file=self.path,
                     value=(frame.width, frame.height),
@@ -123,7 +123,7 @@ class VideoReader:
 
     def _to_rgb(self, frame: Any) -> np.ndarray:
         if frame.format.name == "gray":
-            # Stored gray values are the values: no range conversion.
+            # Gray values are used as stored, without range conversion.
             return np.repeat(frame.to_ndarray()[:, :, None], 3, axis=2)
         options: dict[str, Any] = {"interpolation": _SWS_FLAGS}
         if self._matrix != "auto" and not frame.format.is_rgb:
@@ -150,13 +150,13 @@ class VideoReader:
             raise StudioError("footage.no_video_stream", "the file has no video stream", file=self.path)
         self._container = container
         self._stream = container.streams.video[0]
-        # One thread per decoder: a capture keeps many decoders open, and each frame thread would hold a frame buffer.
+        # One thread per decoder: a capture keeps many decoders open, and each frame thread needs its own frame buffer.
         self._stream.codec_context.thread_count = 1
         self._frames = container.decode(self._stream)
         self._next = 0
 
     def _scan(self) -> int:
-        """Read all packets without decoding for the exact presentation times; returns the frame count."""
+        """Read the exact presentation times of all packets without decoding; returns the frame count."""
         import av
 
         times: list[int] = []
@@ -189,7 +189,7 @@ class VideoReader:
         return len(times)
 
     def _decode(self, index: int) -> Any:
-        """The decoded frame `index`, with as little seeking as possible."""
+        """The decoded frame `index`, seeking only if it is faster than decoding forward."""
         if self._current is not None and self._current[0] == index:
             return self._current[1]
         if self._container is None:
@@ -263,7 +263,7 @@ class VideoReader:
         try:
             self._container.seek(self._timestamps[start], stream=self._stream, backward=True, any_frame=False)
             self._frames = self._container.decode(self._stream)
-            # In an open GOP, damaged frames that precede the keyframe may come first: skip them.
+            # In an open GOP, undecodable frames that precede the keyframe may come first: skip them.
             for frame in self._frames:
                 if frame.pts is None or frame.pts > self._timestamps[start]:
                     break

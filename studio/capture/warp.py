@@ -1,4 +1,4 @@
-"""Raw images to images of a pinhole camera: undistort and scale, and map the calibration to the footage's size."""
+"""Undistorts and scales raw images to those of a pinhole camera, and adapts calibrations to the footage's size."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class Fit:
     """The calibrated image within the footage's frames.
 
     Attributes:
-        left, top, width, height: in footage pixels.
-        note: a clause for the user if the fit was guessed, else "".
+        left, top, width, height: rectangle in footage pixels.
+        note: a clause for the user if the fit was guessed, otherwise "".
     """
 
     left: float
@@ -27,7 +27,7 @@ class Fit:
 
 
 def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
-    """Width of the black bars at the borders: (left, top, right, bottom) in pixels.
+    """Widths of the black bars at the borders: (left, top, right, bottom) in pixels.
 
     Args:
         image: (H, W, 3) uint8.
@@ -45,15 +45,15 @@ def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
 
 
 def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarray | None) -> Fit:
-    """Fit the size that `camera` was calibrated at to footage of another size.
+    """Fit the image size at which `camera` was calibrated to footage of another size.
 
-    Equal aspect ratios (within one pixel of rounding) need no rule.
+    If the aspect ratios are equal (within one pixel of rounding), the rule is not used.
 
     Args:
         camera: the calibrated camera.
         width, height: size of the footage in pixels.
         rule: see `CaptureSettings.size_rule`.
-        image: (H, W, 3) uint8 frame of the footage in which "auto" looks for black bars; may be None.
+        image: (H, W, 3) uint8 frame of the footage in which "auto" detects black bars; may be None.
 
     Raises:
         StudioError: `footage.aspect_ratio`: the aspect ratios differ and `rule` does not apply.
@@ -91,7 +91,7 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
 
 
 class Warp:
-    """Undistorts and scales images of one camera.
+    """Undistorts and scales the images of one camera.
 
     Args:
         camera: the calibrated camera, with lens distortion.
@@ -115,7 +115,7 @@ class Warp:
 
     @property
     def is_identity(self) -> bool:
-        """Whether there is nothing to do: no distortion and full size."""
+        """Whether images remain unchanged: no distortion and full size."""
         return self.source.is_pinhole and (self.camera.width, self.camera.height) == (
             self.source.width,
             self.source.height,

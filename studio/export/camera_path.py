@@ -1,4 +1,4 @@
-"""Camera paths with smooth interpolation between keys, and the turntable around the subject.
+"""Camera paths with smooth interpolation between keys, and a turntable path around the subject.
 
 File format (JSON)::
 
@@ -6,9 +6,9 @@ File format (JSON)::
      "keys": [{"time": 0.0, "camera": {"name", "width", "height", "K", "world_to_camera", "distortion"}, "frame": 0},
               ...]}
 
-`time` is in seconds of the movie, ascending; `camera` as in rig.json; `frame` is the frame of the splat video shown at
-that time (it may pause or run backwards), in all keys or in none. Without it, the splat video loops at its own rate. A
-rig.json or cameras.json is accepted as a path through its cameras.
+`time` is the time in the movie in seconds, ascending; `camera` has the format of rig.json; `frame` is the frame of the
+splat video shown at that time (it may pause or run backwards), set in all keys or in none. Without it, the splat video
+loops at its own rate. A rig.json or cameras.json is accepted as a path through its cameras.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _SAMPLED_FRAMES = 5  # frames of the video from which the subject is located
 
 @dataclass(frozen=True, eq=False)
 class Key:
-    """A camera at a time.
+    """A camera at a point in time.
 
     Attributes:
-        time: seconds.
+        time: time in seconds.
         camera: the camera.
-        frame: of the splat video; None for its own rate.
+        frame: frame of the splat video; None: the video plays at its own rate.
     """
 
     time: float
@@ -50,15 +50,19 @@ class Key:
 
 
 class CameraPath:
-    """A camera over time: natural cubic spline for positions and cubic rotation spline for rotations, both with
-    continuous velocity; monotone interpolation for focal lengths and frames. Exact at the keys.
+    """A camera over time that passes exactly through its keys.
+
+    Positions follow a natural cubic spline and rotations a cubic rotation spline, both with continuous velocity; focal
+    lengths and frames are interpolated monotonically.
 
     Args:
-        keys: at least one, times ascending.
-        width, height: of the movie; all keys must have its aspect ratio.
+        keys: at least one key, with ascending times.
+        width, height: size of the movie in pixels; the cameras of all keys must have the same aspect ratio.
 
     Raises:
-        StudioError: no keys, times not ascending, a camera with another aspect ratio, or frames in some keys only.
+        StudioError: there are no keys (camera_path.no_keys), their times are not ascending (camera_path.times), a
+            camera has another aspect ratio (camera_path.aspect_ratio), or only some keys have a frame
+            (camera_path.frames).
     """
 
     def __init__(self, keys: Sequence[Key], width: int, height: int) -> None:
@@ -71,7 +75,7 @@ class CameraPath:
         frames = [key.frame for key in keys if key.frame is not None]
         if frames and len(frames) < len(keys):
             raise StudioError(
-                "camera_path.frames", "some keys have a frame and some do not", fix="Set frame in all keys, or in none."
+                "camera_path.frames", "only some of the keys have a frame", fix="Set frame in all keys or in none."
             )
         cameras = [_fitted(key.camera, width, height) for key in keys]
         self._cameras = cameras
@@ -86,7 +90,7 @@ class CameraPath:
 
     @property
     def duration(self) -> float:
-        """Seconds from the first key to the last."""
+        """Time from the first to the last key in seconds."""
         return float(self._times[-1] - self._times[0])
 
     @property
@@ -95,7 +99,7 @@ class CameraPath:
         return bool(self._frames)
 
     def camera(self, seconds: float) -> Camera:
-        """The camera at a time after the first key; constant before the first and after the last key."""
+        """The camera `seconds` after the first key; constant before the first and after the last key."""
         if len(self._cameras) == 1:
             return self._cameras[0]
         time = float(np.clip(self._times[0] + seconds, self._times[0], self._times[-1]))
@@ -110,7 +114,7 @@ class CameraPath:
         return Camera(f"path at {seconds:.3f} s", first.width, first.height, K, pose)
 
     def frame(self, seconds: float) -> float:
-        """Frame of the splat video at that time; requires `has_frames`."""
+        """The frame of the splat video `seconds` after the first key; requires `has_frames`."""
         if len(self._cameras) == 1:
             return float(self._frames[0])
         assert self._frame is not None
@@ -118,14 +122,14 @@ class CameraPath:
 
 
 def _fitted(camera: Camera, width: int, height: int) -> Camera:
-    """The camera at another size of the same aspect ratio, without lens distortion and skew, as for the rasterizer."""
+    """The camera at another size of the same aspect ratio, without lens distortion and skew, for the rasterizer."""
     if abs(camera.width / camera.height / (width / height) - 1) > 0.01:
         raise StudioError(
             "camera_path.aspect_ratio",
             f"camera {camera.name} is {camera.width}x{camera.height}, which differs in aspect ratio from the movie's "
             f"{width}x{height}",
             value=(camera.width, camera.height),
-            fix="Choose a size of the same aspect ratio.",
+            fix="Choose a size with the same aspect ratio.",
             camera=camera.name,
             expected=(width, height),
         )
@@ -135,10 +139,10 @@ def _fitted(camera: Camera, width: int, height: int) -> Camera:
 
 
 def read_path_keys(path: Path, seconds: float) -> list[Key]:
-    """Keys of a camera path file, or of the cameras of a rig file spread evenly over `seconds`.
+    """The keys of a camera path file, or the cameras of a rig file as keys spread evenly over `seconds`.
 
     Raises:
-        StudioError: the file is missing or not JSON, has another format or version, or a key lacks time or camera.
+        StudioError: the file is missing, not JSON, or has another format or version, or a key has no time or camera.
     """
     values = read_json(path)
     if values.get("format") != FORMAT:
@@ -147,7 +151,7 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
     if values.get("version") != VERSION:
         raise StudioError(
             "camera_path.unsupported_version",
-            f"version {values.get('version')!r}; this program reads version {VERSION}",
+            f"the version is {values.get('version')!r}; only version {VERSION} is supported",
             file=path,
             value=values.get("version"),
             fix="Update V3 Studio.",
@@ -170,7 +174,7 @@ def _key(path: Path, index: int, entry: Any) -> Key:
             "camera_path.invalid_key",
             f"key {index} has no 'camera'",
             file=path,
-            fix="Add one as in rig.json.",
+            fix="Add a camera in the format of rig.json.",
             key=index,
             name="camera",
         )
@@ -192,7 +196,7 @@ def _key(path: Path, index: int, entry: Any) -> Key:
             "camera_path.invalid_key",
             f"key {index} has no 'time'",
             file=path,
-            fix="Add the seconds from the start of the movie.",
+            fix="Add the time in seconds from the start of the movie.",
             key=index,
             name="time",
         )
@@ -200,7 +204,7 @@ def _key(path: Path, index: int, entry: Any) -> Key:
 
 
 def path_to_json(keys: Sequence[Key]) -> dict[str, Any]:
-    """JSON values that `read_path_keys` reads."""
+    """JSON-ready camera path, as read by `read_path_keys`."""
     entries = []
     for key in keys:
         entry: dict[str, Any] = {"time": key.time, "camera": key.camera.to_dict()}
@@ -211,9 +215,9 @@ def path_to_json(keys: Sequence[Key]) -> dict[str, Any]:
 
 
 def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:
-    """Center (3,) and radius of a sphere around the subject in a few sampled frames.
+    """Center (3,) and radius, in world units, of a sphere around the subject in a few sampled frames.
 
-    Ignores splats with an opacity of 0.5 or less and the outermost 2 %, so that floaters do not count.
+    Splats with an opacity of 0.5 or less and the outermost 2 % are ignored, to exclude floaters.
     """
     points = []
     for index in np.unique(np.linspace(0, video.frame_count - 1, _SAMPLED_FRAMES).round().astype(int)):
@@ -238,26 +242,26 @@ def turntable(
     """A camera that circles the subject at the distance at which all of it is visible.
 
     Args:
-        video: provides the subject, the up direction and the start (the side of its view).
-        width, height: of the movie.
-        turns: number of turns; negative for the other direction.
-        elevation: degrees above the subject's center, -89 to 89.
-        field_of_view: degrees, of the shorter side, 1 to 150.
+        video: provides the subject, the up direction and the side from which the path starts (that of its view).
+        width, height: size of the movie in pixels.
+        turns: number of turns; negative for the opposite direction.
+        elevation: angle above the subject's center in degrees, -89 to 89.
+        field_of_view: field of view along the shorter side in degrees, 1 to 150.
 
     Returns:
-        Function from a fraction (0 to 1) of the whole path to the camera.
+        a function from a fraction of the path (0 to 1) to the camera.
 
     Raises:
-        StudioError: an angle out of range.
+        StudioError: an angle is out of range (export.invalid_elevation, export.invalid_field_of_view).
     """
     if not -89 <= elevation <= 89:
         raise StudioError(
-            "export.invalid_elevation", f"elevation is {elevation} degrees; it must be from -89 to 89", value=elevation
+            "export.invalid_elevation", f"elevation is {elevation} degrees; it must be -89 to 89", value=elevation
         )
     if not 1 <= field_of_view <= 150:
         raise StudioError(
             "export.invalid_field_of_view",
-            f"field of view is {field_of_view} degrees; it must be from 1 to 150",
+            f"field of view is {field_of_view} degrees; it must be 1 to 150",
             value=field_of_view,
         )
     center, radius = subject_sphere(video)
@@ -280,5 +284,5 @@ def turntable(
 def look_at(
     name: str, width: int, height: int, K: np.ndarray, eye: np.ndarray, target: np.ndarray, up: np.ndarray
 ) -> Camera:
-    """An upright camera at `eye` that looks at `target`. `up` must not be parallel to the viewing direction."""
+    """An upright camera at `eye` that looks at `target`; `up` must not be parallel to the viewing direction."""
     return Camera(name, width, height, K, look_at_pose(eye, target, up))

@@ -1,4 +1,4 @@
-"""Renders a splat video from a moving camera to an MP4 that every player supports."""
+"""Renders a splat video from a moving camera to a widely supported MP4."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.rasterizer import preferred_device, rasterize
 from studio.splat_video import SplatVideo
 
-_BT709 = 1  # FFmpeg's number for BT.709 matrix, primaries and transfer, which players assume for HD video
+_BT709 = 1  # FFmpeg's number for the BT.709 matrix, primaries and transfer, which players assume for HD video
 _MPEG_RANGE = 1
 MAX_SIDE = 16384
 
@@ -32,19 +32,19 @@ def render_movie(
     crf: int = 18,
     progress: ProgressFn = no_progress,
 ) -> int:
-    """Render and encode. The file appears when it is complete.
+    """Render and encode a movie. The file appears only when it is complete.
 
     Args:
-        video: rendered over its background.
+        video: the splat video, rendered over its background.
         path: .mp4 file; must not exist.
-        camera: camera at a time in seconds; all with the same, even size.
-        frame: frame of the video at a time; rounded down, modulo the number of frames.
-        seconds, fps: duration and frame rate of the movie.
+        camera: returns the camera at a time in seconds; all cameras must have the same, even size.
+        frame: returns the frame of the video at a time in seconds; rounded down, modulo the number of frames.
+        seconds, fps: duration in seconds, above 0 and at most 86,400, and frame rate, above 0 and at most 240.
         crf: constant rate factor of x264, 0 (best) to 51.
-        progress: called with (pictures rendered, pictures).
+        progress: called with rendered and total pictures.
 
     Returns:
-        The number of pictures.
+        the number of pictures.
 
     Raises:
         StudioError: a frame cannot be read, a setting is out of range, or the file exists or cannot be written.
@@ -55,12 +55,12 @@ def render_movie(
             "movies are written as .mp4",
             file=path,
             value=path.suffix,
-            fix="Use that extension.",
+            fix="Use the extension .mp4.",
         )
     for name, value, valid, expected in (
         ("fps", fps, 0 < fps <= 240, "above 0 and at most 240"),
         ("seconds", seconds, 0 < seconds <= 86_400, "above 0 and at most 86,400"),
-        ("crf", crf, 0 <= crf <= 51, "from 0 to 51"),
+        ("crf", crf, 0 <= crf <= 51, "0 to 51"),
     ):
         if not valid:
             problem = f"{name} is {value:g}; it must be {expected}"
@@ -96,7 +96,7 @@ def _picture(gaussians: Gaussians, camera: Camera, background: torch.Tensor) -> 
 
 
 class _Encoder:
-    """H.264 encoder of 8-bit RGB pictures, BT.709, limited range. Use as a context manager."""
+    """Encodes 8-bit RGB pictures as H.264, BT.709, limited range. Use it as a context manager."""
 
     def __init__(self, path: Path, width: int, height: int, fps: float, crf: int) -> None:
         import av

@@ -1,4 +1,4 @@
-"""Atomic outputs: written under a temporary name, then renamed."""
+"""Atomic outputs: files and folders are written under a temporary name, then renamed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _check_target(path: Path, what: str) -> None:
         )
     if os.path.lexists(path):
         raise StudioError(
-            "export.already_exists", f"the {what} exists already", file=path, fix="Delete it, or choose another name."
+            "export.already_exists", f"the {what} already exists", file=path, fix="Delete it, or choose another name."
         )
 
 
@@ -31,7 +31,8 @@ def new_folder(path: Path) -> Iterator[Path]:
     """A temporary folder that becomes `path` when the block succeeds, and is deleted otherwise.
 
     Raises:
-        StudioError: `path` exists, its parent folder does not, or writing fails.
+        StudioError: `path` exists (export.already_exists), its parent folder does not (export.no_parent_folder), or
+            writing fails (export.write_failed).
     """
     path = path.absolute()
     _check_target(path, "folder")
@@ -49,7 +50,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Same for a file. The temporary name has the same extension, since writers choose the format by it."""
+    """As `new_folder`, for a file. The temporary name has the same extension, since writers select the format by it."""
     path = path.absolute()
     _check_target(path, "file")
     temporary = _temporary(path)

@@ -15,14 +15,16 @@ from studio.torch_rotations import quat_multiply
 
 
 def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
-    """Splats rotated about the origin. A camera rotated with them sees the same picture.
+    """Splats rotated about the origin, including their spherical harmonics.
+
+    A camera that is rotated with them sees the same image.
 
     Args:
         gaussians: N splats.
         rotation: (3, 3), orthonormal, determinant 1: new = rotation @ old.
 
     Returns:
-        New Gaussians of the same dtype and device, with unit quaternions.
+        new Gaussians with the same dtype and device and with unit quaternions.
     """
     dtype, device = gaussians.means.dtype, gaussians.device
     matrix = torch.as_tensor(rotation, dtype=torch.float64)
@@ -39,10 +41,10 @@ def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
 
 
 def _sh_rotation(matrix: torch.Tensor, degree: int) -> torch.Tensor:
-    """(K, K) float64 matrix from SH coefficients of a function to those of the rotated function.
+    """(K, K) float64 matrix that maps SH coefficients of a function to those of the rotated function.
 
-    The value at d moves to R d, so Y(R d) new = Y(d) old for all d. Harmonics up to a degree are closed under rotation:
-    enough directions determine the matrix, and least squares has zero residual.
+    The value at d moves to R d, so Y(R d) new = Y(d) old for all d. Harmonics up to a given degree are closed under
+    rotation, so enough directions determine the matrix, and the least-squares residual is zero.
     """
     if degree == 0:
         return torch.ones(1, 1, dtype=torch.float64)
@@ -61,9 +63,9 @@ def _directions(count: int = 64) -> torch.Tensor:
 
 
 def upright(video: SplatVideo) -> np.ndarray:
-    """(3, 3) rotation from the video's world to y up, with the side that its view sees toward +z.
+    """(3, 3) rotation from the video's world to y up, with the side that faces its view toward +z.
 
-    That is the convention of SPZ, glTF and three.js. If the video has no `up`, -y is assumed, as in 3DGS files.
+    This is the convention of SPZ, glTF and three.js. If the video has no `up`, -y is assumed, as in 3DGS files.
     """
     up = np.array([0.0, -1.0, 0.0]) if video.up is None else np.asarray(video.up, np.float64) / np.linalg.norm(video.up)
     toward = np.array([0.0, 0.0, -1.0]) if video.view is None else -video.view.forward

@@ -1,4 +1,4 @@
-"""One numbered PLY, SPZ or GLB file per frame. SuperSplat and others play folders of numbered PLY files."""
+"""Sequences of numbered PLY, SPZ or GLB files, one per frame. SuperSplat and other programs play PLY sequences."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ import numpy as np
 from studio.export.placing import new_file, new_folder
 from studio.export.rigid_motion import turned, upright
 from studio.progress import ProgressFn, no_progress
-from studio.splat_files import UP, write_splats
+from studio.splat_files import SPZ_VERSION, UP, write_splats
 from studio.splat_video import SplatVideo
 
 
 def axes_of(video: SplatVideo, ending: str, upright_for_viewers: bool) -> np.ndarray | None:
-    """(3, 3) rotation to apply for a format, or None to keep the world axes.
+    """The (3, 3) rotation to apply for a file format, or None to keep the world axes.
 
     Args:
         video: provides the up and front directions.
         ending: ".ply", ".spz" or ".glb".
-        upright_for_viewers: rotate to the up convention of the format, with the view's side to the front.
+        upright_for_viewers: rotate to the up convention of the format, with the side that faces the video's view to the
+            front.
     """
     if not upright_for_viewers:
         return None
     rotation = upright(video)
-    # 3DGS files have y down and z away from the viewer: 180 degrees about x
+    # 3DGS files have y down and z pointing away from the viewer: 180 degrees about x
     return np.diag([1.0, -1.0, -1.0]) @ rotation if UP[ending][1] < 0 else rotation
 
 
@@ -34,15 +35,17 @@ def export_sequence(
     ending: str,
     rotation: np.ndarray | None = None,
     progress: ProgressFn = no_progress,
+    spz_version: int = SPZ_VERSION,
 ) -> None:
     """Write `folder/frame_0000.ply`, ..., numbered as in the video.
 
     Args:
         video: the frames.
-        folder: must not exist; appears when it is complete.
+        folder: must not exist; appears only when it is complete.
         ending: ".ply", ".spz" or ".glb".
-        rotation: from `axes_of`.
-        progress: called with (frames written, frames).
+        rotation: (3, 3) rotation from `axes_of`; None: no rotation.
+        progress: called with written and total frames.
+        spz_version: of .spz files, 3 or 4.
 
     Raises:
         StudioError: a frame cannot be read or represented in the format, or the folder exists or cannot be written.
@@ -54,14 +57,16 @@ def export_sequence(
             gaussians = video.read(index)
             if rotation is not None:
                 gaussians = turned(gaussians, rotation)
-            write_splats(temporary / f"frame_{video.number(index):0{digits}d}{ending}", gaussians)
+            write_splats(temporary / f"frame_{video.number(index):0{digits}d}{ending}", gaussians, spz_version)
         progress(video.frame_count, video.frame_count)
 
 
-def export_frame(video: SplatVideo, path: Path, rotation: np.ndarray | None = None) -> None:
-    """Write the first frame as one file, in the format of its extension. Raises StudioError as `export_sequence`."""
+def export_frame(
+    video: SplatVideo, path: Path, rotation: np.ndarray | None = None, spz_version: int = SPZ_VERSION
+) -> None:
+    """Write the first frame to a file, in the format of its extension. Raises StudioError as `export_sequence`."""
     gaussians = video.read(0)
     if rotation is not None:
         gaussians = turned(gaussians, rotation)
     with new_file(path) as temporary:
-        write_splats(temporary, gaussians)
+        write_splats(temporary, gaussians, spz_version)

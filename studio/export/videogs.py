@@ -8,6 +8,11 @@ Attributes in the order of a 3DGS PLY: x y z, normals, f_dc, f_rest, opacity, sc
 opacity 0 to 1, unit quaternion wxyz). Channels 2 i and 2 i + 1 are the low and high byte of position i; attribute
 a >= 3 is channel a + 3. Row-major squares with a side that is a multiple of 8, padded with 0; minimum, maximum and
 number of splats are per frame.
+
+One of the players draws the padding, too. Its opacity must therefore decode to less than 1/255, below which players
+draw nothing. A lossy codec does not keep it at 0: next to opaque splats H.264's deblocking filter alone makes up to 58
+of 255 of it at QP 20 (measured). So opacities are quantized here, by the step that the codec has at the QP, and coded
+without loss: code 0 is opacity 0, and padding is exactly that.
 """
 
 from __future__ import annotations
@@ -35,7 +40,7 @@ POSITIONS, NORMALS = 3, 3
 
 
 def attribute_count(sh_degree: int) -> int:
-    """A: 3 for position, 3 for the normal, SH of three colors, opacity, 3 scales, 4 for rotation."""
+    """Number A of attributes: position (3), normal (3), SH of three colors, opacity, scale (3), rotation (4)."""
     return 14 + 3 * (sh_degree + 1) ** 2
 
 
@@ -47,23 +52,24 @@ def export_videogs(
     threads: int = 0,
     progress: ProgressFn = no_progress,
 ) -> None:
-    """Write the layout described in the module.
+    """Write the layout described in the module docstring.
 
-    QPs follow the paper: high bytes of positions are lossless; above 22, color, scale and rotation stay at 22.
+    QPs follow the paper: high bytes of positions are lossless, and the QP of color, scale and rotation is at most 22.
+    Opacities are quantized by the step of the QP and then lossless.
 
     Args:
         video: the frames and groups.
-        folder: must not exist; appears when it is complete.
-        qp: 0 (lossless) to 51.
-        preset: of x264.
-        threads: channels encoded in parallel; 0 is one per core.
-        progress: called with (frames written, frames).
+        folder: must not exist; appears only when it is complete.
+        qp: quantization parameter, 0 (lossless) to 51.
+        preset: preset of x264.
+        threads: number of channels encoded in parallel; 0: one per core.
+        progress: called with written and total frames.
 
     Raises:
         StudioError: a frame cannot be read or baked, the QP is out of range, or the folder exists or cannot be written.
     """
     if not 0 <= qp <= 51:
-        raise StudioError("export.invalid_qp", f"QP is {qp}; it must be from 0 to 51", value=qp)
+        raise StudioError("export.invalid_qp", f"QP is {qp}; it must be 0 to 51", value=qp)
     groups: dict[str, dict[str, list[int]]] = {}
     frames: dict[str, dict[str, object]] = {}
     with new_folder(folder) as temporary, ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
@@ -77,7 +83,7 @@ def export_videogs(
                     side = plane_side(values.shape[1])
                     if not encoders:
                         encoders = _encoders(place, values.shape[0], side, qp, preset)
-                    low, high = values.min(axis=1).astype(np.float64), values.max(axis=1).astype(np.float64)
+                    low, high = _ranges(values, qp)
                     planes = _planes(values, low, high, side)
                     list(pool.map(PlaneEncoder.add, encoders, planes))
                     info = np.stack([low, high], axis=1).ravel().tolist()
@@ -95,7 +101,7 @@ def export_videogs(
 
 
 def _attributes(video: SplatVideo, group: range) -> Iterator[np.ndarray]:
-    """(A, N) float32 per frame, activated, in Morton order of the group's first frame, which compresses better."""
+    """(A, N) float32 per frame, activated, in Morton order of the group's first frame, which improves compression."""
 
     def frames() -> Iterator[Gaussians]:
         for index in group:
@@ -108,21 +114,42 @@ def _attributes(video: SplatVideo, group: range) -> Iterator[np.ndarray]:
         yield np.concatenate([values[:POSITIONS], normals, values[POSITIONS:-7], scales, values[-4:]])
 
 
+def opacity_levels(qp: int) -> int:
+    """Largest code of an opacity: as many steps as the codec's own quantizer has in 0 to 255 at that QP.
+
+    That step is 2^((QP - 4) / 6) (H.264 / AVC, 8.5.9); below QP 4 it is finer than the codes.
+    """
+    return max(1, min(255, round(255 / 2 ** ((qp - 4) / 6))))
+
+
+def _ranges(values: np.ndarray, qp: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values of the codes 0 and 255 of each attribute, (A,) float64: minimum and maximum, except for the opacity.
+
+    Opacities begin at 0, and their largest code is `opacity_levels`, so that 255 stands for more than the maximum.
+    """
+    low, high = values.min(axis=1).astype(np.float64), values.max(axis=1).astype(np.float64)
+    opacity = _opacity(len(values))
+    low[opacity] = 0.0
+    high[opacity] *= 255 / opacity_levels(qp)
+    return low, high
+
+
+def _opacity(attributes: int) -> int:
+    """Index of the opacity among the attributes."""
+    return attributes - 8
+
+
 def _encoders(folder: Path, attributes: int, side: int, qp: int, preset: str) -> list[PlaneEncoder]:
-    opacity = attributes - 8
+    lossless = {1, 3, 5, _opacity(attributes) + POSITIONS}  # high bytes of positions, opacities
     result = []
     for channel in range(attributes + POSITIONS):
-        attribute = channel - POSITIONS
-        if channel < 2 * POSITIONS:
-            value = qp if channel % 2 == 0 else 0
-        else:
-            value = qp if attribute == opacity else min(qp, QP_KNEE)
+        value = 0 if channel in lossless else qp if channel < 2 * POSITIONS else min(qp, QP_KNEE)
         result.append(PlaneEncoder(folder / f"{channel}.mp4", (side, side), value, preset))
     return result
 
 
 def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) -> Iterator[np.ndarray]:
-    """Pictures of the channels, (side, side) uint8 each."""
+    """One (side, side) uint8 picture per channel."""
 
     def picture(codes: np.ndarray) -> np.ndarray:
         plane = np.zeros(side * side, np.uint8)

@@ -15,7 +15,7 @@ from studio.stream import BakeSettings, Manifest, bake_group, write_manifest
 
 
 class _Frames(Sequence[Gaussians]):
-    """Lazily read frames of one group."""
+    """The frames of one group, read on demand."""
 
     def __init__(self, video: SplatVideo, indices: range) -> None:
         self._video = video
@@ -34,7 +34,11 @@ class _Frames(Sequence[Gaussians]):
 
 
 def cut(video: SplatVideo, group_size: int) -> list[range]:
-    """Groups of the video, split into groups of at most `group_size` frames. Raises StudioError if it is below 1."""
+    """The groups of the video, split into groups of at most `group_size` frames.
+
+    Raises:
+        StudioError: `group_size` is below 1 (import.invalid_group_size).
+    """
     if group_size < 1:
         raise StudioError(
             "import.invalid_group_size", f"group size is {group_size}; it must be at least 1", value=group_size
@@ -50,14 +54,14 @@ def bake_video(
     progress: ProgressFn = no_progress,
     threads: int = 0,
 ) -> Manifest:
-    """Bake all frames to a stream. The folder appears when it is complete.
+    """Bake all frames to a stream. The folder appears only when it is complete.
 
     Args:
-        video: the frames; its groups are kept, and split if they are longer than `group_size`.
+        video: the frames; its groups are kept, but split if they are longer than `group_size`.
         folder: must not exist.
         settings: bake settings.
         group_size: maximum number of frames per group.
-        progress: called with (frames baked, frames).
+        progress: called with baked and total frames.
         threads: CPU threads; 0: one per core.
 
     Raises:

@@ -1,6 +1,7 @@
-"""Reads the layout of the paper's released code (see `studio.export.videogs`), as written by its baker or ours.
+"""Reads the layout of the paper's released code (see `studio.export.videogs`), as written by its baker or by ours.
 
-In `viewer_min_max.json`, the released baker numbers frames as in the footage, ours from 0; both are accepted.
+In `viewer_min_max.json`, the released baker numbers frames as in the footage and ours numbers them from 0; both are
+accepted.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ from studio.gaussians import Gaussians
 from studio.splat_video import SplatVideo
 
 DEFAULT_FPS = 30.0
-"""The layout has no frame rate."""
+"""Default frame rate, because the layout does not store one."""
 
-EXPORT_AGAIN = "Export the sequence again, or copy it again."
+EXPORT_AGAIN = "Export or copy the sequence again."
 
 MAX_FRAMES = 1_000_000
 MAX_SPLATS = 4 << 20
 _DEGREES = {17: 0, 26: 1, 41: 2, 62: 3}  # by the number of attributes
-_JPEG_RANGE = 2  # luma uses 0 to 255
+_JPEG_RANGE = 2  # FFmpeg's number for full range: luma from 0 to 255
 
 
 def is_videogs(folder: Path) -> bool:
-    """True for a folder with the two JSON files of the layout."""
+    """Whether a folder contains the two JSON files of the layout."""
     return (folder / "group_info.json").is_file() and (folder / "viewer_min_max.json").is_file()
 
 
@@ -60,7 +61,7 @@ class _Frame:
         if len(ranges) not in _DEGREES:
             raise invalid("info", f"'info' has {2 * len(ranges)} values; expected 34, 52, 82 or 124", 2 * len(ranges))
         if not np.isfinite(ranges).all() or (ranges[:, 0] > ranges[:, 1]).any():
-            raise invalid("info", "'info' has a value that is not finite, or a minimum above its maximum")
+            raise invalid("info", "'info' contains a value that is not finite, or a minimum above its maximum")
         self.count = count
         self.ranges = ranges
 
@@ -70,11 +71,11 @@ class _Frame:
 
 
 def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
-    """Open the layout in a folder as a video. Frames are decoded when read; sequential reads are the cheapest.
+    """Open a folder in this layout as a video. Frames are decoded when read; sequential reading is fastest.
 
     Raises:
-        StudioError: a JSON file is missing or damaged, groups have gaps, or values are out of bounds. Reading a frame
-            raises it if a video is missing, damaged or too short.
+        StudioError: a JSON file is missing or damaged, there are gaps between groups, or values are out of bounds.
+            Reading a frame raises it if a video is missing, damaged or too short.
     """
     groups = _groups(folder)
     table = _read_json(folder / "viewer_min_max.json")
@@ -102,12 +103,12 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
 
 
 def _named(table: dict[str, Any], groups: list[tuple[range, int]]) -> bool:
-    """Whether the keys are numbers of the footage: then some indices are missing."""
+    """Whether the keys are frame numbers of the footage, in which case some indices are missing."""
     return any(str(index) not in table for frame_range, _ in groups for index in frame_range)
 
 
 def _groups(folder: Path) -> list[tuple[range, int]]:
-    """Frames of each group, and the footage number of the first."""
+    """The frames of each group, and the footage number of its first frame."""
     path = folder / "group_info.json"
     values = _read_json(path)
     result: list[tuple[range, int]] = []
@@ -128,7 +129,7 @@ def _groups(folder: Path) -> list[tuple[range, int]]:
         if first != expected or last < first or last >= MAX_FRAMES:
             raise StudioError(
                 "videogs.invalid_group",
-                f"group {number} has frames {first} to {last}; it must start at {expected} and not end before that",
+                f"group {number} has frames {first} to {last}; it must start at frame {expected} and not end before it",
                 file=path,
                 value=(first, last),
                 fix=EXPORT_AGAIN,
@@ -138,7 +139,7 @@ def _groups(folder: Path) -> list[tuple[range, int]]:
         result.append((range(first, last + 1), name))
         expected = last + 1
     if not result:
-        raise StudioError("videogs.no_groups", "no groups", file=path, fix=EXPORT_AGAIN)
+        raise StudioError("videogs.no_groups", "the file contains no groups", file=path, fix=EXPORT_AGAIN)
     return result
 
 
@@ -157,7 +158,7 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 class _Decoder:
-    """Decodes frames in order; seeking backwards restarts the group. Thread safe."""
+    """Decodes frames in order; seeking backward restarts the group. Thread safe."""
 
     def __init__(self, folder: Path, groups: list[range], frames: list[_Frame]) -> None:
         self._folder = folder
@@ -169,7 +170,7 @@ class _Decoder:
         self._channels: list[Iterator[np.ndarray]] = []
 
     def read(self, index: int) -> Gaussians:
-        """The frame, float32."""
+        """The frame of an index, float32."""
         with self._lock:
             group = next(number for number, frame_range in enumerate(self._groups) if index in frame_range)
             if group != self._group or index < self._next:
@@ -195,7 +196,7 @@ class _Decoder:
 
 
 def _pictures(path: Path) -> Iterator[np.ndarray]:
-    """Pictures of a video as full-range luma, flat uint8."""
+    """The pictures of a video as full-range luma, flattened, uint8."""
     import av
 
     try:

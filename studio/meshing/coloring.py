@@ -13,7 +13,7 @@ from studio.views import ViewLike
 
 
 def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(N, ...) float32 bilinear samples of an image at pixels (N, 2), origin at the corner of the image."""
+    """(N, ...) float32 bilinear samples of an image at pixels (N, 2), with the origin at the image corner."""
     import cv2
 
     at = (pixels - 0.5).astype(np.float32)  # cv2's origin is the center of the first pixel
@@ -46,13 +46,13 @@ def color_points(
         normals: (N, 3) unit normals.
         views: pinhole views; each is read once.
         rays: ray caster of the mesh.
-        best: how many views to take the median of.
-        max_pixels: size of the depth maps in pixels.
+        best: number of views over which the median is computed.
+        max_pixels: maximum number of pixels of a depth map.
         progress: called per view; may raise `Cancelled`.
 
     Returns:
-        colors (N, 3) float32 in 0..1, and (N,) int32 how many views see each point. Points that are not visible take
-        the color of the nearest visible one; all are gray if none is visible.
+        colors (N, 3) float32 in 0..1, and the number of views that see each point, (N,) int32. Points that are not
+        visible take the color of the nearest visible point; if none is visible, all are gray.
     """
     count = len(points)
     scores = np.zeros((best, count), np.float32)
@@ -74,7 +74,7 @@ def color_points(
         at = pixels[candidates] * [reduced.width / camera.width, reduced.height / camera.height]
         column = np.clip(at[:, 0].astype(int), 0, reduced.width - 1)
         row = np.clip(at[:, 1].astype(int), 0, reduced.height - 1)
-        # Depth may vary by several pixel footprints within one pixel of the depth map where the surface is slanted.
+        # Where the surface is slanted, depth may vary by several pixel footprints within one pixel of the depth map.
         slack = 2.0 * depth[candidates] / reduced.fx / np.maximum(facing[candidates], 0.2)
         candidates = candidates[depth[candidates] <= surface[row, column] + slack]
         if len(candidates) == 0:

@@ -1,4 +1,4 @@
-"""Why a visual hull is empty: which cameras' masks disagree with the others."""
+"""Diagnosis of an empty visual hull: finds the cameras whose masks disagree with the others."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from studio.meshing.silhouettes import Silhouettes
 
 
 def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, min_views: int) -> NoReturn:
-    """Name the cameras that reject the points on which most of the others agree.
+    """Raise an error that names the cameras that reject the points on which most other cameras agree.
 
     Args:
         shapes: the silhouettes.
         points: (N, 3) float32 world points that cover the expected hull.
-        slack: how far outside a silhouette cone a point may be and still count as accepted, world units.
-        min_views: how many cameras must see a point of the hull.
+        slack: distance in world units by which an accepted point may be outside a silhouette cone.
+        min_views: number of cameras that must see a point of the hull.
 
     Raises:
         StudioError: always. `hull.no_overlap`: no point is seen by enough cameras; `hull.masks_disagree`: the field
-            `cameras` names the cameras to check.
+            `cameras` contains the cameras to check.
     """
     rejections, visible = [], []
     for index in range(len(shapes)):

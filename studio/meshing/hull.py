@@ -1,12 +1,12 @@
 """The visual hull: the part of space that is inside all masks.
 
-Coarse to fine: a cube that contains the whole rig is split into cells. A cell that is certainly outside the silhouettes
-of more cameras than tolerated is discarded, the others are split again. The remaining cells give the bounds of a voxel
-grid, on which the signed distance to the hull is evaluated in a band around its surface. Nothing is assumed about
-units, orientation or size of the scene.
+Carving is coarse to fine: a cube that contains the whole rig is split into cells. Cells that are certainly outside the
+silhouettes of more cameras than tolerated are discarded; the others are split again. The remaining cells give the
+bounds of a voxel grid, on which the signed distance to the hull is evaluated in a band around its surface. No
+assumptions are made about the units, orientation or size of the scene.
 
-One bad mask must not carve a limb away, but tolerating outliers everywhere would inflate every hull. So the hull is
-carved strictly, and outlier masks are corrected afterwards (`studio.meshing.outlier_masks`).
+A single bad mask must not carve away a limb, but tolerating outliers everywhere would inflate every hull. Therefore the
+hull is carved strictly, and outlier masks are corrected afterwards (`studio.meshing.outlier_masks`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from studio.rays import nearest_point_to_rays
 _CHUNK = 1 << 18
 
 Tick = Callable[[], None]
-"""Called several times a second during long work; may raise `Cancelled`."""
+"""Called several times per second during long computations; may raise `Cancelled`."""
 
 
 def no_tick() -> None:
@@ -38,11 +38,11 @@ class Hull:
     """A signed distance field on a voxel grid.
 
     Attributes:
-        field: (Z, Y, X) float32, world units, positive inside, clamped to +-`band`; border voxels are outside.
+        field: (Z, Y, X) float32 in world units, positive inside, clamped to +-`band`; border voxels are outside.
         origin: (3,) float64 world position of the center of voxel [0, 0, 0].
-        voxel: edge length of a voxel, world units.
-        band: distance to which the field is clamped, world units.
-        min_views: how many cameras had to see a point.
+        voxel: edge length of a voxel in world units.
+        band: distance to which the field is clamped, in world units.
+        min_views: number of cameras that had to see a point.
         restored: number of voxels restored because the cameras that rejected them are outliers.
         outliers: camera name to the number of restored voxels that it had rejected.
     """
@@ -79,7 +79,7 @@ class Hull:
 
 
 def _cells(parents: torch.Tensor, size: float, split: int) -> torch.Tensor:
-    """Centers (N * split^3, 3) of the cells that cubes with centers (N, 3) and edge `size` are split into."""
+    """Centers (N * split^3, 3) of the cells into which cubes with centers (N, 3) and edge `size` are split."""
     steps = ((torch.arange(split, dtype=torch.float32) + 0.5) / split - 0.5) * size
     offsets = torch.cartesian_prod(steps, steps, steps)
     return (parents[:, None] + offsets[None]).reshape(-1, 3)
@@ -110,7 +110,7 @@ def _keep(
 
 
 def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
-    """Center (3,) and edge of a cube that contains everything the cameras may look at."""
+    """Center (3,) and edge length of a cube that contains everything that the cameras may look at."""
     origins, directions = [], []
     for camera, box in zip(shapes.cameras, shapes.boxes, strict=True):
         if box is None:
@@ -122,7 +122,7 @@ def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
     at, to = np.array(origins), np.array(directions)
     centers = np.array([camera.center for camera in shapes.cameras])
     spread = np.linalg.norm(centers - centers.mean(0), axis=1).max()
-    # Nearest point to all rays, reweighted against masks whose center is far off.
+    # Nearest point to all rays, with lower weights for masks whose center is far off.
     weights = np.ones(len(at))
     center = centers.mean(0)
     for _ in range(10):
@@ -139,14 +139,14 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
 
     Args:
         shapes: the silhouettes.
-        allowed: how many cameras may reject a point.
-        min_views: how many cameras must see it.
+        allowed: number of cameras that may reject a point.
+        min_views: number of cameras that must see a point.
 
     Returns:
-        lower and upper corner, (3,) float64, a few percent too wide.
+        lower and upper corner, (3,) float64, in world units; the box is a few percent too wide.
 
     Raises:
-        StudioError: nothing is left; see `raise_disagreement`.
+        StudioError: the volume is empty; see `raise_disagreement`.
     """
     center, edge = _start(shapes)
     cells = torch.from_numpy(center[None].astype(np.float32))
@@ -161,7 +161,7 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
         cells = kept
         low, high = cells.amin(0) - edge / 2, cells.amax(0) + edge / 2
         longest = float((high - low).max())
-        # Large cells extend beyond the images and so are kept; continue until the bounds converge.
+        # Large cells are kept because they extend beyond the images; continue until the bounds converge.
         if (longest > 48 * edge and longest > 0.9 * before) or len(cells) > 200_000:
             break
         before = longest
@@ -171,9 +171,9 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
 def _evaluate(
     shapes: Silhouettes, points: torch.Tensor, allowed: int, min_views: int, band: float, tick: Tick
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Strict field values (N,) clamped to +-band, and (N,) bool: rejected by no more cameras than allowed."""
+    """Strict field values (N,) clamped to +-band; and (N,) bool, true where at most `allowed` cameras reject."""
     strict, tolerated = torch.empty(len(points)), torch.empty(len(points), dtype=torch.bool)
-    # Neighboring cameras are redundant: visit them in strides around the rig to discard outside points early.
+    # Neighboring cameras are redundant: visit cameras in strides around the rig to discard outside points early.
     stride = max(1, round(len(shapes) * 0.382))
     while math.gcd(stride, len(shapes)) > 1:
         stride += 1
@@ -193,7 +193,7 @@ def _evaluate(
             views[alive] += seen
             if turn % 4 == 3:
                 alive = alive[(rejections[alive] <= allowed) | (least[alive] > -band)]
-        # Points discarded early were seen and rejected often enough.
+        # Points that were discarded early were seen and rejected by enough cameras.
         few = (views < min_views) & (rejections <= allowed)
         least[few] = -band
         strict[start : start + _CHUNK] = least
@@ -214,14 +214,14 @@ def carve(
 
     Args:
         shapes: the silhouettes.
-        bounds: lower and upper corner, (3,) each, world units.
+        bounds: lower and upper corner, (3,) each, in world units.
         resolution: voxels along the longest side; fewer if pixels are coarser.
-        allowed: how many cameras may be outliers.
-        min_views: how many cameras must see a point.
+        allowed: number of cameras that may be outliers.
+        min_views: number of cameras that must see a point.
         tick: called often; may raise `Cancelled`.
 
     Returns:
-        the strict hull, and (Z, Y, X) bool on the same grid: rejected by no more cameras than allowed.
+        the strict hull; and (Z, Y, X) bool on the same grid, true where at most `allowed` cameras reject.
     """
     low, high = bounds
     middle = (low + high) / 2
@@ -242,7 +242,7 @@ def carve(
     blocks = torch.cartesian_prod(*axes).to(torch.int64)  # (N, 3) x, y, z
     base = torch.from_numpy(corner.astype(np.float32))
     size = block
-    # A cell is kept while a part of it, or of the band around it, may be inside.
+    # A cell is kept as long as a part of it, or of the band around it, may be inside.
     band = 3.0 * voxel
     while True:
         centers = base + (blocks.float() + 0.5) * (size * voxel)

@@ -18,10 +18,10 @@ from studio.progress import ProgressFn, no_progress
 from studio.views import ViewLike
 
 _DISAGREEMENT = 0.12
-"""Warn above this. Correct masks leave 0.01 to 0.05 (exact mattes, clean plates); 0.12 to 0.19 was measured where
-shadows were classified as performer, or with a background estimated from the footage."""
+"""Disagreement above which a warning is given. Correct masks (exact mattes, clean plates) gave 0.01 to 0.05; masks with
+shadows classified as performer, or from a background estimated from the footage, gave 0.12 to 0.19."""
 _MIN_OUTLIER_SHARE = 0.002
-"""Warn above this share of the hull."""
+"""Fraction of the hull rejected by an outlier mask above which a warning is given."""
 
 
 @dataclass
@@ -33,9 +33,9 @@ class InitResult:
         points: (N, 3) float32 points on the surface.
         normals: (N, 3) float32 unit normals.
         colors: (N, 3) float32 in 0..1.
-        disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1. Above about 0.12 the mask or
+        disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1. Above about 0.12, the mask or
             the pose of that camera should be checked.
-        views_per_point: (N,) int32, how many cameras see each point.
+        views_per_point: (N,) int32, number of cameras that see each point.
         warnings: `hull.mask_mismatch` per camera whose disagreement is high and `hull.outlier_mask` per camera whose
             mask was corrected, with the field `camera`.
     """
@@ -60,8 +60,8 @@ def initialize_points(
 
     Args:
         views: pinhole views of the frame, with image and matte.
-        settings: of hull, mesh and sampling; None: the defaults.
-        seed: of the sampling; the same inputs and seed give the same points.
+        settings: settings of hull, mesh and sampling; None: the defaults.
+        seed: random seed of the sampling; the same inputs and seed give the same points.
         progress: called often; may raise `Cancelled`.
 
     Returns:
@@ -94,7 +94,7 @@ def initialize_points(
     warnings += [
         Message(
             "hull.outlier_mask",
-            f"Camera '{name}': the mask lacks {value:.1%} of the volume that the other cameras agree on; it was "
+            f"Camera '{name}': the mask misses {value:.1%} of the volume that the other cameras agree on; it was "
             "ignored there",
             value=value,
             fields={"camera": name},

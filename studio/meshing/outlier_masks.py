@@ -1,8 +1,8 @@
 """Correction of outlier masks.
 
-After strict carving, the foreground of each mask that the hull does not cover is collected. Space that only a tolerated
-few cameras reject, and that half of the others miss, is restored and carved by those other cameras alone. If all masks
-are good, nothing is uncovered and nothing changes.
+Strict carving leaves foreground of some masks uncovered by the hull if another mask is wrong. Space that at most the
+tolerated number of cameras reject, and that is uncovered in half of the others, is restored and carved by those others
+alone. If all masks are correct, no foreground is uncovered and the hull does not change.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from studio.meshing.silhouettes import Silhouettes
 
 
 def _without(shapes: Silhouettes, points: torch.Tensor, left_out: Collection[int], band: float) -> torch.Tensor:
-    """(N,) signed distance to the hull of all cameras but those left out, clamped to +-band."""
+    """(N,) signed distance to the hull of all cameras except those left out, clamped to +-band."""
     least = torch.full((len(points),), band)
     for index in range(len(shapes)):
         if index not in left_out:
@@ -30,18 +30,18 @@ def _without(shapes: Silhouettes, points: torch.Tensor, left_out: Collection[int
 def restore(
     hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, uncovered: list[np.ndarray], tick: Tick = no_tick
 ) -> Hull:
-    """Restore what outlier masks have carved away.
+    """Restore the volume that outlier masks carved away.
 
     Args:
         hull: the strict hull.
-        tolerant: (Z, Y, X) bool: voxels rejected by no more cameras than may be outliers.
+        tolerant: (Z, Y, X) bool: voxels that at most the tolerated number of cameras reject.
         shapes: the silhouettes.
-        uncovered: per camera, (h, w) bool in the reduced image: foreground that the strict hull does not cover.
+        uncovered: one (h, w) bool per camera, in its reduced image: foreground that the strict hull does not cover.
         tick: called often; may raise `Cancelled`.
 
     Returns:
-        the hull, including the voxels that are uncovered in half of the cameras which see and accept them; these are
-        carved by the other cameras alone.
+        the hull, including the voxels that are uncovered in half of the cameras that see and accept them; these voxels
+        are carved without the outlier cameras.
     """
     flat = np.flatnonzero(tolerant.ravel() & (hull.field.ravel() <= 0))
     if len(flat) == 0:
@@ -64,7 +64,7 @@ def restore(
     back = (missing >= 2) & (missing * 2 >= accepting)
     if not back.any():
         return hull
-    # The cameras that reject much of it are the outliers there; all others still carve.
+    # The cameras that reject much of this space are the outliers there; all others still carve it.
     votes = rejecting[:, back].sum(1)
     allowed = int(rejecting.sum(0).max())
     worst = torch.argsort(votes, descending=True)[:allowed].tolist()

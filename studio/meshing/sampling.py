@@ -1,4 +1,4 @@
-"""Evenly distributed points on a mesh, reproducible for a seed."""
+"""Evenly distributed random points on a mesh, reproducible for a given seed."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from studio.meshing.surface import Mesh
 def sample_surface(mesh: Mesh, count: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Sample points by area.
 
-    The total area is divided into `count` equal parts along the list of faces and one point is drawn from each
-    (stratified sampling). Points are distributed more evenly than by independent draws, without a neighbor search.
+    The total area is divided into `count` equal parts along the list of faces, and one point is drawn from each part
+    (stratified sampling). This distributes points more evenly than independent draws, without a neighbor search.
 
     Args:
         mesh: the surface.
-        count: how many points, at least 1.
+        count: number of points, at least 1.
         seed: the same seed gives the same points.
 
     Returns:

@@ -18,15 +18,15 @@ class InitializeSettings(Settings):
     """Number of points sampled on the surface of the hull."""
 
     resolution: Annotated[int, Heading("Hull")] = Field(default=256, ge=16, le=1024)
-    """Voxels along the longest side of the hull; fewer if pixels are coarser than that."""
+    """Voxels along the longest side of the hull; fewer if the pixels of the images are coarser than the voxels."""
 
     tolerance: float = Field(default=0.1, ge=0, le=0.5)
     """Fraction of the cameras whose masks can be outvoted by the others (at least one camera if there are four or
     more). 0: no voting."""
 
     min_view_share: float | None = Field(default=None, ge=0, le=1)
-    """Minimum fraction of the cameras that must see a point of the hull, at least two cameras. null: one half, and less
-    if that leaves parts of the masks outside the hull."""
+    """Minimum fraction of the cameras that must see a point of the hull; always at least two cameras. null: one half,
+    or less if that leaves parts of the masks outside the hull."""
 
     smoothing: Annotated[float, Heading("Surface")] = Field(default=0.7, ge=0, le=10)
     """Standard deviation of the Gaussian that smooths the surface, in voxels. 0: no smoothing."""
@@ -35,7 +35,7 @@ class InitializeSettings(Settings):
     """Maximum number of faces of the mesh."""
 
     def outvoted(self, cameras: int) -> int:
-        """How many cameras of a rig can be outvoted."""
+        """Number of cameras that can be outvoted in a rig of `cameras` cameras."""
         if self.tolerance == 0 or cameras < 4:
             return 0
         return max(1, round(self.tolerance * cameras))

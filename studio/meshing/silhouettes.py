@@ -1,9 +1,9 @@
 """Silhouettes as signed distance maps.
 
-A mask (matte) becomes a map of signed distances in pixels: positive inside the silhouette, negative outside, zero on
-its outline (with subpixel accuracy where the matte has soft edges). Multiplied by depth / focal length, it is the
-distance in world units of a point from the silhouette's viewing cone. A single pixel of the map also tells whether a
-ball of a given radius can touch the silhouette, which coarse-to-fine carving needs.
+A mask (matte) is converted to a map of signed distances in pixels: positive inside the silhouette, negative outside,
+zero on its outline (with subpixel accuracy where the matte has soft edges). Multiplied by depth / focal length, it is
+the distance in world units between a point and the silhouette's viewing cone. A single pixel of the map also shows
+whether a ball of a given radius can touch the silhouette, which coarse-to-fine carving needs.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def signed_distance(matte: np.ndarray) -> np.ndarray:
         matte: (H, W) uint8, 0 = background, 255 = foreground; the outline is where it crosses one half.
 
     Returns:
-        (H, W) float32 in pixels, positive inside. Without foreground (background) all values are minus (plus) the
-        image diagonal.
+        (H, W) float32 in pixels, positive inside. Without any foreground, all values are minus the image diagonal;
+        without any background, plus the image diagonal.
     """
     import cv2
 
@@ -38,11 +38,12 @@ def signed_distance(matte: np.ndarray) -> np.ndarray:
         return np.full(matte.shape, -diagonal, np.float32)
     if inside.all():
         return np.full(matte.shape, diagonal, np.float32)
-    # distanceTransform measures to the nearest pixel center of the other class; the outline is half a pixel closer.
+    # distanceTransform measures the distance to the nearest pixel center of the other class; the outline is half a
+    # pixel closer.
     within = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)
     beyond = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_5)
     distance = np.where(inside > 0, within - 0.5, 0.5 - beyond).astype(np.float32)
-    # On the outline itself the coverage of the pixel is more accurate.
+    # On the outline itself, the coverage of the pixel is more accurate.
     edge = np.abs(distance) < 0.75
     coverage = matte.astype(np.float32) / 255.0 - 0.5
     return np.where(edge, np.where(inside > 0, np.minimum(coverage, 0.5), np.maximum(coverage, -0.5)), distance)
@@ -53,7 +54,7 @@ class Silhouettes:
 
     Args:
         views: at least two views with pinhole cameras. Each is read once, so a lazy sequence works.
-        max_pixels: upper limit for all maps together, at 4 bytes per pixel; larger mattes are reduced.
+        max_pixels: maximum total number of pixels of all maps, at 4 bytes per pixel; larger mattes are downscaled.
         progress: called per view; may raise `Cancelled`.
 
     Attributes:
@@ -62,7 +63,7 @@ class Silhouettes:
         maps: (1, 1, h, w) float32 per camera: signed distance in pixels of the reduced image.
         boxes: (4,) float64 left, top, right, bottom of the foreground in reduced pixels; None for an empty mask.
         mattes: (h, w) uint8 reduced mattes.
-        footprints: focal lengths in full-size pixels; a pixel covers depth / footprint.
+        footprints: focal lengths in full-size pixels; a pixel covers depth / footprint in world units.
 
     Raises:
         StudioError: `hull.too_few_cameras`, `hull.lens_distortion`, `hull.mask_size`, or `hull.empty_masks`: no mask
@@ -148,7 +149,7 @@ class Silhouettes:
         return result
 
     def project(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Project world points (N, 3) float32: pixels (N, 2) in the reduced image of one camera, and depths (N,)."""
+        """Project world points (N, 3) float32 to pixels (N, 2) in the reduced image of one camera, and depths (N,)."""
         camera = self.cameras[index]
         matrix = torch.from_numpy((camera.K @ camera.world_to_camera[:3]).astype(np.float32))
         local = points @ matrix[:, :3].T + matrix[:, 3]
@@ -159,7 +160,7 @@ class Silhouettes:
         """Signed distance of points to one camera's silhouette cone.
 
         Args:
-            index: of the camera.
+            index: index of the camera.
             points: (N, 3) float32 world coordinates.
 
         Returns:
@@ -179,18 +180,19 @@ class Silhouettes:
         """Conservative test of whether balls may touch one camera's silhouette cone.
 
         Args:
-            index: of the camera.
-            points: (N, 3) float32 centers, world coordinates.
-            radius: of the balls, world units.
+            index: index of the camera.
+            points: (N, 3) float32 centers in world coordinates.
+            radius: radius of the balls in world units.
 
         Returns:
-            rejected (N,) bool: the whole ball is certainly inside the image and outside the silhouette; seen (N,)
+            rejected (N,) bool: the whole ball is certainly inside the image and outside the silhouette; and seen (N,)
             bool: a part of the ball may be inside the image.
         """
         camera = self.cameras[index]
         pixels, depth = self.project(index, points)
         focal = max(camera.fx, camera.fy)
-        # Off the axis a ball projects to an ellipse, elongated by 1 / cos of its angle; margin for the 5x5 transform.
+        # Off the optical axis, a ball projects to an ellipse that is elongated by 1 / cos of its angle; includes a
+        # margin for the error of the 5x5 distance transform.
         away = (pixels - torch.tensor([camera.cx, camera.cy], dtype=torch.float32)) / focal
         stretch = (1 + (away * away).sum(-1)).sqrt()
         reach = focal * radius / (depth - radius).clamp_min(1e-9) * stretch * 1.05 + 1.5

@@ -49,12 +49,12 @@ class Mesh:
 
     @property
     def corners(self) -> np.ndarray:
-        """(F, 3, 3): the vertices of every face."""
+        """(F, 3, 3): the vertices of each face."""
         return self.vertices[self.faces]
 
     @property
     def areas(self) -> np.ndarray:
-        """(F,) world units squared."""
+        """(F,) areas of the faces in square world units."""
         a, b, c = np.moveaxis(self.corners, 1, 0)
         return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
@@ -112,7 +112,7 @@ class Mesh:
 
 
 def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
-    """Gaussian smoothing of a (Z, Y, X) float32 field with `sigma` voxels; border values are replicated."""
+    """Gaussian smoothing of a (Z, Y, X) float32 field, standard deviation `sigma` voxels; replicates border values."""
     if sigma <= 0:
         return field
     reach = max(1, round(3 * sigma))
@@ -120,7 +120,7 @@ def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
     taps /= taps.sum()
     volume = torch.from_numpy(np.ascontiguousarray(field))
     for axis in range(3):
-        # Shifted sums need less memory than conv3d, and are faster on few cores.
+        # Shifted sums need less memory than conv3d and are faster on machines with few cores.
         padded = torch.movedim(volume, axis, 0)
         padded = torch.cat([padded[:1].expand(reach, -1, -1), padded, padded[-1:].expand(reach, -1, -1)])
         length = padded.shape[0] - 2 * reach
@@ -139,12 +139,12 @@ def extract_surface(
     Args:
         hull: the field.
         smoothing: standard deviation in voxels of the field's Gaussian smoothing.
-        min_component: components below this share of the largest one's area are removed.
+        min_component: components whose area is below this fraction of the largest one's are removed.
         max_faces: larger meshes are decimated to this number of faces.
-        taubin: iterations of Taubin smoothing (which does not shrink the mesh).
+        taubin: number of iterations of Taubin smoothing, which does not shrink the mesh.
 
     Returns:
-        a mesh without unreferenced vertices, normals outward; empty if no voxel is inside.
+        a mesh without unreferenced vertices, with normals pointing outward; empty if no voxel is inside.
     """
     o3d = open3d()
 
@@ -160,7 +160,7 @@ def extract_surface(
 
 
 def _large_components(mesh: Mesh, min_component: float) -> Mesh:
-    """The mesh without components below `min_component` of the largest one's area."""
+    """The mesh without components whose area is below the fraction `min_component` of the largest one's."""
     o3d = open3d()
 
     converted = mesh.to_open3d()
@@ -193,7 +193,7 @@ def _refined(mesh: Mesh, taubin: int, max_faces: int) -> Mesh:
 
 
 class MeshViews:
-    """Ray casting of one mesh from many cameras."""
+    """Casts rays at one mesh from many cameras."""
 
     def __init__(self, mesh: Mesh) -> None:
         o3d = open3d()
@@ -204,7 +204,7 @@ class MeshViews:
         )
 
     def depth(self, camera: Camera) -> np.ndarray:
-        """(H, W) float32 depth along the optical axis at every pixel center; infinity where no surface is hit."""
+        """(H, W) float32 depth along the optical axis at each pixel center; infinity where no surface is hit."""
         o3d = open3d()
 
         columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)

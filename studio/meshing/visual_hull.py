@@ -1,4 +1,4 @@
-"""Visual hull and its surface from masks: chooses the required number of views and bounds, corrects outlier masks."""
+"""The visual hull and its surface from masks: chooses bounds and the required number of views, corrects outliers."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from studio.views import ViewLike
 _COMPARE_PIXELS = 120_000
 _COARSE = 96  # voxels along the longest side while searching for bounds
 _COARSE_FACES = 100_000
-_GROSS = 0.05  # a camera that wrongly rejects more than this share of the hull is excluded
+_GROSS = 0.05  # cameras that wrongly reject more than this fraction of the hull are excluded
 
 
 @dataclass
 class HullResult:
-    """A visual hull and how well it fits the masks.
+    """A visual hull, and how well it fits the masks.
 
     Attributes:
         hull: the field.
         mesh: its surface, never empty.
         disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1.
-        uncovered: camera name to the share of the mask that the hull does not cover, 0..1.
-        outlier_shares: camera name to the share of the hull's voxels that its mask wrongly rejects, 0..1; cameras above
-            0.05 were excluded.
+        uncovered: camera name to the fraction of the mask that the hull does not cover, 0..1.
+        outlier_shares: camera name to the fraction of the hull's voxels that its mask wrongly rejects, 0..1; cameras
+            above 0.05 were excluded.
     """
 
     hull: Hull
@@ -56,14 +56,14 @@ def visual_hull(
 
     Args:
         views: at least two views with pinhole cameras; each is read once, so a lazy sequence works.
-        settings: of the hull; None: the defaults.
-        progress: called with percent; may raise `Cancelled`.
+        settings: settings of the hull; None: the defaults.
+        progress: called with percentages; may raise `Cancelled`.
 
     Returns:
         the hull, its mesh, and the disagreement of each camera.
 
     Raises:
-        StudioError: unusable cameras or masks, see `Silhouettes`; or the hull is empty, see `raise_disagreement`.
+        StudioError: cameras or masks are unusable (see `Silhouettes`), or the hull is empty (see `raise_disagreement`).
     """
     settings = settings or InitializeSettings()
     shapes = Silhouettes(views, progress=part_of(progress, 0, 20))
@@ -76,7 +76,7 @@ def visual_hull(
     gross = [name for name, share in shares.items() if share > _GROSS]
     used = shapes
     if gross and len(shapes) - len(gross) >= 3:
-        # Such a mask was ignored where it is wrong, but is not reliable at the seams either.
+        # These masks were ignored where they are wrong, but they are not reliable at the seams either.
         used = shapes.without(gross)
         coarse = _zoom(used, settings, min(coarse.hull.min_views, len(used)), at(50))
     hull, mesh = _carve_corrected(
@@ -98,7 +98,7 @@ def visual_hull(
 
 
 def _outlier_shares(hull: Hull, shapes: Silhouettes) -> dict[str, float]:
-    """Camera name to the share of the hull that its mask wrongly rejects."""
+    """Camera name to the fraction of the hull that its mask wrongly rejects."""
     inside = max(int((hull.field > 0).sum()), 1)
     return {name: hull.outliers.get(name, 0) / inside for name in shapes.names}
 
@@ -118,10 +118,10 @@ class _Coarse:
 
 
 def _choose_min_views(shapes: Silhouettes, settings: InitializeSettings, tick: Tick) -> _Coarse:
-    """Choose how many cameras must see a point of the hull.
+    """Choose the number of cameras that must see a point of the hull.
 
-    Space that few cameras see is carved by few, so it may be anything. Require nearly all cameras, and fewer only if
-    masks stay uncovered because not every camera sees the whole performer.
+    Space that only a few cameras see is carved by only these, so its shape is unreliable. Nearly all cameras are
+    required at first, and fewer only if masks remain uncovered because not every camera sees the whole performer.
     """
     shares = [0.9, 0.7, 0.5, 0.34, 0.2] if settings.min_view_share is None else [settings.min_view_share]
     best: _Coarse | None = None
@@ -134,7 +134,7 @@ def _choose_min_views(shapes: Silhouettes, settings: InitializeSettings, tick: T
             continue
         if best is None or found.mean_disagreement < best.mean_disagreement - 0.01:
             best = found
-        # A quantile, since a few outlier masks never get covered.
+        # A quantile, since a few outlier masks are never covered.
         if np.quantile(list(best.uncovered.values()), 0.75) < 0.04:
             break
     if best is None:
@@ -145,7 +145,7 @@ def _choose_min_views(shapes: Silhouettes, settings: InitializeSettings, tick: T
 
 
 def _zoom(shapes: Silhouettes, settings: InitializeSettings, min_views: int, tick: Tick) -> _Coarse:
-    """The hull at low resolution. Bounds are refined several times: with little camera overlap they start too wide."""
+    """The hull at low resolution. Bounds are refined repeatedly: if cameras overlap little, they start too wide."""
     allowed = settings.outvoted(len(shapes))
     bounds = locate(shapes, allowed, min_views)
     for _ in range(4):
@@ -206,7 +206,7 @@ def _compare(
         disagreement[name] = 1.0 - int((cover & mask).sum()) / union if union else 0.0
         gap = mask & ~cover
         uncovered[name] = int(gap.sum()) / max(int(mask.sum()), 1)
-        # Thin rims come from smoothing and small calibration errors; a missing limb is thicker.
+        # Thin rims are caused by smoothing and small calibration errors; a missing limb is thicker.
         gap = cv2.morphologyEx(gap.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         gap = cv2.dilate(gap, np.ones((3, 3), np.uint8)) * mask.astype(np.uint8)
         uncovered_areas.append(cv2.resize(gap, (camera.width, camera.height), interpolation=cv2.INTER_NEAREST) > 0)

@@ -2,8 +2,8 @@
 
 Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", 2018. This is version 0.1 of the
 metric, as computed by the authors' package `lpips`. That package is not a dependency because it needs torchvision, each
-release of which requires one specific release and build of torch. The fitted linear weights (10 kB) are next to this
-file under their own license; the weights of the network are those that torchvision publishes.
+release of which requires a specific release and build of torch. The fitted linear weights (10 kB) are stored next to
+this file under their own license; the weights of the network are those published by torchvision.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from studio.errors import Message, StudioError
 
 SMALLEST = 32
-"""Minimum width and height of an image, pixels: the last layers of AlexNet have no output below it."""
+"""Minimum width and height of an image in pixels; below it, the last layers of AlexNet have no output."""
 
 _LINEAR_WEIGHTS = Path(__file__).with_name("linear_weights.safetensors")
 _PUBLISHED = "https://download.pytorch.org/models"
@@ -36,9 +36,9 @@ class Network:
 
     Attributes:
         title: display name.
-        url: the weights that torchvision publishes as IMAGENET1K_V1.
+        url: the weights published by torchvision as IMAGENET1K_V1.
         layers: (channels, kernel, stride, padding) of a convolution followed by a ReLU, or (kernel, stride) of a max
-            pooling. Numbered as in torchvision, where each ReLU counts.
+            pooling. Numbered as in torchvision, where each ReLU is a separate layer.
         taps: numbers of the ReLUs whose outputs are compared.
     """
 
@@ -64,15 +64,15 @@ NETWORKS = {
     ),
     "vgg": Network("VGG16", f"{_PUBLISHED}/vgg16-397923af.pth", tuple(_vgg_layers()), (3, 8, 15, 22, 29)),
 }
-"""alex: recommended by the authors for comparisons, and faster; vgg: used by most papers on radiance fields."""
+"""alex: recommended by the authors for comparisons, and faster. vgg: used by most papers on radiance fields."""
 
 
 class Lpips:
     """The LPIPS metric. The constructor loads the network and downloads its weights if they are missing.
 
     Attributes:
-        protocol: how it measures, for reports: version, network, weights file, minimum size.
-        remark: warning `lpips.other_weights` if the weights are not the published file, else None.
+        protocol: description of the measurement for reports: version, network, weights file, minimum size.
+        remark: the warning `lpips.other_weights` if the weights are not the published file, else None.
     """
 
     def __init__(self, net: str, device: str = "cpu") -> None:
@@ -109,7 +109,7 @@ class Lpips:
         if not digest.startswith(published):
             self.remark = Message(
                 "lpips.other_weights",
-                f"not the file that torchvision publishes (SHA-256 {digest[:8]}..., expected {published}...), so LPIPS "
+                f"not the file published by torchvision (SHA-256 {digest[:8]}..., expected {published}...), so LPIPS "
                 "may differ from published results",
                 file=file,
                 value=digest[:8],
@@ -153,12 +153,12 @@ class Lpips:
 
 
 def weights_file(network: Network) -> Path:
-    """Path of the published weights in the cache of torch; the file may not exist."""
+    """Path of the published weights in torch's cache; the file may not exist."""
     return Path(torch.hub.get_dir()) / "checkpoints" / network.url.rsplit("/", 1)[-1]
 
 
 def _loaded(network: Network, file: Path) -> dict[str, Any]:
-    """The published weights; downloaded, and verified by their digest, if `file` does not exist."""
+    """The published weights. If `file` does not exist, it is downloaded and verified by its digest."""
     existed = file.is_file()
     try:
         found = torch.hub.load_state_dict_from_url(
@@ -194,7 +194,7 @@ def _features(network: Network, state: dict[str, Any]) -> nn.Sequential:
     prefix = "features."
     try:
         found.load_state_dict({str(k).removeprefix(prefix): v for k, v in state.items() if str(k).startswith(prefix)})
-    except RuntimeError as error:  # the message lists every missing name
+    except RuntimeError as error:  # the message lists all missing names
         raise _unreadable(network, weights_file(network), str(error).splitlines()[-1].strip()[:200]) from None
     return found
 

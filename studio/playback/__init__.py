@@ -1,6 +1,6 @@
 """Playback of streams: threads that fetch, decode and dequantize, and a clock. Independent of any window.
 
-`Player` is for viewports, `play_headless` for command lines and measurements.
+`Player` is for viewports; `play_headless` is for command lines and measurements.
 """
 
 from studio.playback.headless import play_headless

@@ -1,4 +1,4 @@
-"""A bounded queue between two threads that can be finished (drained, then over) or aborted (over at once)."""
+"""A bounded queue between two threads that can be finished (it ends when empty) or aborted (it ends immediately)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _POLL = 0.01  # seconds between checks of `stale` while the queue is full
 
 
 class BoundedQueue(Generic[T]):
-    """FIFO of at most `capacity` items. None is not a valid item."""
+    """A FIFO queue of at most `capacity` items. None is not a valid item."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
@@ -27,8 +27,8 @@ class BoundedQueue(Generic[T]):
 
         Args:
             item: the item.
-            stale: if the queue is full, the oldest item is dropped when `stale(second oldest)` is true, that is when
-                the second one is due already.
+            stale: if the queue is full, the oldest item is dropped when `stale` is true for the second oldest, that is,
+                when the second oldest is already due. None: no item is dropped.
 
         Returns:
             The number of items dropped to make room, or None if the queue was aborted.
@@ -48,7 +48,7 @@ class BoundedQueue(Generic[T]):
         return dropped
 
     def get(self, timeout: float | None = None) -> T | None:
-        """The oldest item; None if the queue is over, or after `timeout` seconds without an item."""
+        """Remove and return the oldest item; None if the queue is over, or after `timeout` seconds without an item."""
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._finished or self._aborted, timeout)
             if self._aborted or not self._items:
@@ -58,7 +58,7 @@ class BoundedQueue(Generic[T]):
             return item
 
     def take_while(self, wanted: Callable[[T], bool]) -> list[T]:
-        """Remove items from the front while `wanted` is true for them. Does not wait."""
+        """Remove and return items from the front as long as `wanted` is true for them. Does not wait."""
         taken: list[T] = []
         with self._changed:
             while self._items and not self._aborted and wanted(self._items[0]):
@@ -74,12 +74,12 @@ class BoundedQueue(Generic[T]):
 
     @property
     def over(self) -> bool:
-        """True if the queue is empty and nothing will be added."""
+        """Whether the queue is empty and no more items will be added."""
         with self._changed:
             return self._aborted or (self._finished and not self._items)
 
     def finish(self) -> None:
-        """Declare that no more items follow; those in the queue can still be taken."""
+        """Declare that no more items will be added; those in the queue can still be removed."""
         with self._changed:
             self._finished = True
             self._changed.notify_all()

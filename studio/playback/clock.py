@@ -1,11 +1,11 @@
-"""The player's clock: the frame that is due. Its lock is never held while other code is called."""
+"""The player's clock, which determines the frame that is due. It never calls other code while holding its lock."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 
-_ROUNDING = 1e-6  # frames: a frame is due at its time despite floating-point errors
+_ROUNDING = 1e-6  # in frames: makes a frame due at its time despite floating-point errors
 
 
 class Clock:
@@ -17,7 +17,7 @@ class Clock:
         fps: ticks per second at rate 1.
         frame_count: frames in the stream; the clock stops there unless it loops.
         loop, rate: as in `Player`.
-        now: time in seconds.
+        now: returns the time in seconds.
     """
 
     def __init__(self, fps: float, frame_count: int, loop: bool, rate: float, now: Callable[[], float]) -> None:
@@ -43,7 +43,7 @@ class Clock:
         self._anchor_time = self._now()
 
     def due(self) -> int:
-        """The tick to be displayed now."""
+        """The tick to display now."""
         with self._lock:
             tick = int(self._read() + _ROUNDING)
             return tick if self._loop else min(tick, self._frame_count - 1)
@@ -55,14 +55,14 @@ class Clock:
             self._waiting = True
 
     def hold(self, tick: int) -> None:
-        """Stop at a tick and wait for its frame, which is late because of the network."""
+        """Stop at a tick and wait for its frame, which the network has delayed."""
         with self._lock:
             if not self._waiting:
                 self._anchor(float(tick))
                 self._waiting = True
 
     def frame_is_ready(self, tick: int) -> None:
-        """Stop waiting if the ready frame is the awaited one or a later one (frames in between are damaged)."""
+        """Stop waiting if the ready frame is the expected one or a later one (frames in between are damaged)."""
         with self._lock:
             if self._waiting and tick >= int(self._anchor_tick + _ROUNDING):
                 self._anchor(max(self._anchor_tick, float(tick)))
@@ -77,19 +77,19 @@ class Clock:
 
     @property
     def waiting(self) -> bool:
-        """True between `cue` or `hold` and `frame_is_ready`."""
+        """Whether the clock is stopped between `cue` or `hold` and `frame_is_ready`."""
         with self._lock:
             return self._waiting
 
     @property
     def at_end(self) -> bool:
-        """True when the duration of the last frame is over."""
+        """Whether the duration of the last frame is over."""
         with self._lock:
             return not self._loop and not self._waiting and self._read() + _ROUNDING >= self._frame_count
 
     @property
     def playing(self) -> bool:
-        """True unless paused."""
+        """Whether the clock is not paused."""
         with self._lock:
             return self._playing
 
@@ -113,7 +113,7 @@ class Clock:
 
     @property
     def loop(self) -> bool:
-        """Whether the clock continues after the last frame. Set it just before `cue`."""
+        """Whether the clock continues after the last frame. Set it immediately before `cue`."""
         with self._lock:
             return self._loop
 

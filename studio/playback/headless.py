@@ -32,19 +32,19 @@ def play_headless(
 
     Args:
         stream: an open reader (left open), or the folder, URL or source of a stream.
-        realtime: True: at the stream's frame rate, dropping late frames, as on a screen. False: every frame, as fast as
-            possible.
-        start_frame: 0-based.
-        frame_limit: number of frames to play; None plays to the end.
+        realtime: True: play at the stream's frame rate and drop late frames, as on a screen. False: play all frames as
+            fast as possible.
+        start_frame: index of the first frame, 0-based.
+        frame_limit: number of frames to play; None: play to the end.
         on_frame: called with each frame, in order, on the caller's thread.
         draw: renders a frame; its duration becomes the frame's `render_ms`.
-        progress: called with (frames played, frames).
+        progress: called with played and total frames.
 
     Returns:
-        Cost of each delivered frame, number of dropped frames, duration, and skipped groups.
+        cost of each delivered frame, number of dropped frames, duration, and skipped groups.
 
     Raises:
-        StudioError: the stream cannot be opened, none of it can be played, or its server stays unreachable.
+        StudioError: the stream cannot be opened, none of it can be played, or its server remains unreachable.
     """
     owned = not isinstance(stream, StreamReader)
     reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
@@ -119,7 +119,7 @@ def _play_by_clock(
             time.sleep(min(0.25 / reader.fps, 0.01))
         seconds = time.perf_counter() - began
         skipped = _within(player.skipped, start, stop)
-    # frames missing between those shown; the player's own count may include some after the end
+    # frames missing between those shown; the player's own count may include frames after the end
     lost = sum(1 for group in skipped for frame in _frames(group) if start <= frame <= last)
     dropped = (last + 1 - start) - len(stats) - lost if stats else 0
     return PlaybackReport(tuple(stats), dropped, seconds, skipped)
@@ -130,5 +130,5 @@ def _frames(group: SkippedGroup) -> range:
 
 
 def _within(skipped: tuple[SkippedGroup, ...], start: int, stop: int) -> tuple[SkippedGroup, ...]:
-    """Those within the played range; fetching runs ahead of it."""
+    """The skipped groups within the played range; fetching runs ahead of it."""
     return tuple(group for group in skipped if _frames(group).stop > start and group.first_frame < stop)

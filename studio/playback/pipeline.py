@@ -1,11 +1,11 @@
 """The threads of a player: fetch -> decode -> dequantize, with bounded queues between them.
 
-A `Run` delivers frames in order from a start frame. Seeking ends the run and starts another; what they share (fetched
-files, the open decoder) is in `Shared`. Frames are numbered by *ticks*, which keep increasing when the stream loops:
-frame = tick % frame_count.
+A `Run` delivers frames in order from a start frame. Seeking ends the run and starts another; the state that runs share
+(fetched files, the open decoder) is in `Shared`. Frames are numbered by *ticks*, which keep increasing when the stream
+loops: frame = tick % frame_count.
 
 A group that cannot be fetched or decoded is skipped and recorded in `Shared.skipped`. A run ends with an error if
-nothing can be played or the server stays unreachable.
+nothing can be played or the server remains unreachable.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats, SkippedGroup
 from studio.stream import DecodedFrame, GroupEntry, SourceUnavailable
 
-FETCHED_GROUPS = 1  # in the queue; one more is being decoded and one fetched, so up to three are in memory
+FETCHED_GROUPS = 1  # in the queue; one more is being decoded and another fetched, so up to three are in memory
 DECODED_FRAMES = 3
 READY_FRAMES = 4
 STARVED_AFTER = 0.5
-"""Seconds after which a fetch counts as slow: playback then waits for it instead of dropping its frames."""
+"""Time in seconds after which a fetch is considered slow: playback then waits for it instead of dropping its frames."""
 
-_JOIN_SECONDS = 1.0  # a fetch that hangs is abandoned; its thread ends with the network timeout
+_JOIN_SECONDS = 1.0  # after this time, a hanging fetch is abandoned; its thread ends with the network timeout
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class PlayedFrame:
     """A frame ready for rendering.
 
     Attributes:
-        run: number of seeks before it; frames are delivered in the order of (run, tick).
-        tick: number since the start of the stream, increasing through loops.
+        run: number of preceding seeks; frames are delivered in the order of (run, tick).
+        tick: number of the frame since the start of the stream, increasing through loops.
         frame: 0-based index in the stream.
-        gaussians: float32, CPU.
-        stats: its cost.
+        gaussians: the splats, float32 on the CPU.
+        stats: cost of the frame.
     """
 
     run: int
@@ -74,9 +74,9 @@ class Run:
         shared: reader and caches.
         start_tick: the first frame to deliver.
         loop: continue with frame 0 after the last frame.
-        due: the tick to be displayed now; frames before a later due one are dropped. None: every frame is delivered,
-            no matter how slow the consumer is.
-        number: for `PlayedFrame.run`.
+        due: returns the tick to display now; frames are dropped if a later one is already due. None: every frame is
+            delivered, no matter how slow the consumer is.
+        number: number of the run, see `PlayedFrame.run`.
     """
 
     def __init__(
@@ -123,16 +123,16 @@ class Run:
 
     @property
     def alive(self) -> bool:
-        """True while any of its threads is running."""
+        """Whether any of its threads is running."""
         return any(thread.is_alive() for thread in self._threads)
 
     def stop(self) -> None:
-        """Ask the run to end; does not wait."""
+        """Request the run to end; does not wait."""
         for queue in (self._fetched, self._decoded, self.ready):
             queue.abort()
 
     def join(self) -> None:
-        """Wait for the threads after `stop`, except for a fetch that hangs in the network."""
+        """Wait for the threads after `stop`, except for a fetch that hangs on the network."""
         fetching, *others = self._threads
         for thread in others:
             thread.join()
@@ -140,7 +140,7 @@ class Run:
 
     @property
     def starved_at(self) -> int | None:
-        """First tick that waits for a slow fetch; None if there is none."""
+        """The first tick that waits for a slow fetch; None if there is none."""
         fetching = self._fetching
         if fetching is None or time.monotonic() - fetching[1] < STARVED_AFTER:
             return None
@@ -157,11 +157,11 @@ class Run:
             queue.finish()
 
     def _late(self, tick: int) -> bool:
-        """True if `tick` is due already, so that earlier frames need not be shown."""
+        """Whether `tick` is already due, so that earlier frames need not be shown."""
         return self._due is not None and tick <= self._due()
 
     def _groups(self) -> Iterator[tuple[int, GroupEntry]]:
-        """(tick of the first frame, group) from the start frame."""
+        """(tick of its first frame, group) for each group, beginning with that of the start frame."""
         count = self._manifest.frame_count
         lap, frame = divmod(self._start, count)
         first = self._manifest.group_of(frame).index
@@ -194,7 +194,7 @@ class Run:
                 return
 
     def _files(self, group: GroupEntry, start_tick: int) -> dict[str, bytes] | None:
-        """Files of the group; None if they cannot be fetched, which is recorded."""
+        """The files of a group; None if they cannot be fetched, which is recorded."""
         if self._shared.is_lost(group):
             return None
         self._fetching = (max(start_tick, self._start), time.monotonic())
@@ -202,11 +202,11 @@ class Run:
             files = self._shared.files(group)
         except StudioError as error:
             if self._fetched.over:
-                return None  # closed in the meantime, which says nothing about the group
+                return None  # the reader was closed in the meantime; the group may be intact
             self._shared.note_damage(group, group.first_frame, group.end_frame, error.message)
             self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
             if self._unavailable == 2:
-                raise  # twice in a row: the server is gone, not just a file
+                raise  # twice in a row: the server is unreachable, not just a file
             return None
         finally:
             self._fetching = None
@@ -225,7 +225,7 @@ class Run:
                     self._shared.note_damage(group, max(group.first_frame, decoded), group.end_frame, error.message)
 
     def _decode_group(self, fetched: _Fetched) -> bool:
-        """Decode one group from the required frame on; False if the run is over."""
+        """Decode one group, starting at the required frame; False if the run is over."""
         shared, group = self._shared, fetched.group
         end_tick = fetched.start_tick + group.frame_count
         first = max(fetched.start_tick, self._start)
@@ -239,7 +239,7 @@ class Run:
         try:
             while decoder.next_frame < group.end_frame:
                 tick = fetched.start_tick + decoder.next_frame - group.first_frame
-                # late by the rest of the group, and the next one is here: continue there
+                # the next group is already due and has been fetched: continue with it
                 if self._late(end_tick) and self._fetched.peek() is not None:
                     self.count_dropped(end_tick - max(tick, first))
                     break
@@ -286,11 +286,11 @@ class Run:
         if not self._delivered and not self.ready.over and self.error is None and self._shared.skipped:
             frame = self._start % count
             left_out = [item for item in self._shared.skipped if item.first_frame + item.frame_count > frame]
-            raise nothing_playable(f"no frame can be played from frame {frame} on", left_out[0])
+            raise nothing_playable(f"no frame at or after frame {frame} can be played", left_out[0])
 
 
 def nothing_playable(problem: str, skipped: SkippedGroup) -> StudioError:
-    """The error for a stream, or the rest of one, without a playable frame; its cause is that of `skipped`."""
+    """The error for a stream, or the rest of one, without any playable frame; its cause is that of `skipped`."""
     cause = skipped.cause
     return StudioError(
         "playback.nothing_playable",
@@ -303,7 +303,7 @@ def nothing_playable(problem: str, skipped: SkippedGroup) -> StudioError:
 
 
 def raise_for_user(error: BaseException) -> None:
-    """Raise the error that ended a run: a StudioError as is, others wrapped in one."""
+    """Raise the error that ended a run: StudioErrors unchanged, other exceptions wrapped in one."""
     if isinstance(error, StudioError):
         raise error
     raise StudioError("playback.failed", f"playback stopped ({type(error).__name__}: {error})") from error

@@ -1,4 +1,4 @@
-"""The player: a clock and the pipeline. Play, pause, seek, loop, rate; a viewport polls the current frame."""
+"""The player: a clock and the pipeline, with play, pause, seek, loop and rate. A viewport polls the current frame."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from studio.stream.manifest import no_such_frame
 class Player:
     """Plays a stream at its frame rate. Thread safe.
 
-    The clock starts when the first frame after opening or seeking is ready. Frames decoded too late are dropped, and
-    the newest due frame is shown. The clock only waits for slow fetches (a slow network, a server restart). Frames are
-    never out of order.
+    The clock starts when the first frame after opening or seeking is ready. Frames that are decoded too late are
+    dropped, and the newest due frame is shown. The clock only waits for slow fetches (a slow network, a server
+    restart). Frames are never out of order.
 
-    Damaged groups are skipped: the previous frame stays on screen for their duration, then playback continues. See
+    Damaged groups are skipped: the previous frame remains on screen for their duration, then playback continues. See
     `skipped`.
 
     Args:
         stream: an open reader (left open by `close`), or the folder, URL or source of a stream.
         loop: start over at the end.
-        rate: playback speed, 1 is the stream's frame rate.
-        start_frame: 0-based.
-        now: time in seconds; for tests.
+        rate: playback speed, above 0 and at most 100; 1 is the stream's frame rate.
+        start_frame: index of the first frame, 0-based.
+        now: returns the time in seconds; for tests.
 
     Raises:
-        StudioError: the stream cannot be opened, no such frame, or the rate is out of range.
+        StudioError: the stream cannot be opened, there is no such frame, or the rate is out of range
+            (playback.invalid_rate).
     """
 
     # Lock order: player, queue, clock.
@@ -77,7 +78,7 @@ class Player:
     # Controls
 
     def play(self) -> None:
-        """Start or resume; at the end, start over."""
+        """Start or resume playback; at the end, start over."""
         with self._lock:
             if self.finished:
                 self.seek(0)
@@ -89,10 +90,10 @@ class Player:
             self._clock.playing = False
 
     def seek(self, frame: int) -> None:
-        """Go to a frame, still playing or paused. The current frame stays until the new one is ready.
+        """Go to a frame without changing whether it plays. The current frame is shown until the new one is ready.
 
         Raises:
-            StudioError: no such frame.
+            StudioError: there is no such frame.
         """
         with self._lock:
             if self._closed:
@@ -118,7 +119,7 @@ class Player:
     # State
 
     def frame(self) -> PlayedFrame | None:
-        """The frame to show now: the same object until a newer one is due, None before the first is ready.
+        """The frame to show now: the same object until a newer one is due; None before the first frame is ready.
 
         Raises:
             StudioError: no further frame can be played, or the server is unreachable; playback has stopped.
@@ -147,12 +148,12 @@ class Player:
 
     @property
     def playing(self) -> bool:
-        """True while the clock runs, or will run as soon as the first frame is ready."""
+        """Whether the clock is running, or will run as soon as the first frame is ready."""
         return self._clock.playing
 
     @property
     def buffering(self) -> bool:
-        """True until `frame` has returned the first frame after opening or seeking, and during slow fetches."""
+        """Whether `frame` has yet to return the first frame after opening or seeking, or a fetch is slow."""
         return self._clock.waiting
 
     @property
@@ -167,12 +168,12 @@ class Player:
 
     @property
     def position(self) -> int:
-        """Frame of the clock, which may be ahead of the frame that `frame` returns."""
+        """The frame at the clock's position, which may be ahead of the one returned by `frame`."""
         return self._clock.due() % self.reader.frame_count
 
     @property
     def finished(self) -> bool:
-        """True when the duration of the last frame is over and nothing follows."""
+        """Whether the duration of the last frame is over and nothing follows."""
         with self._lock:
             return self._clock.at_end and self._run.ready.over
 

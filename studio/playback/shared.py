@@ -1,4 +1,4 @@
-"""State shared by consecutive runs: the reader, files of recent groups, the open decoder, and damaged groups."""
+"""State shared by consecutive runs: the reader, the files of recent groups, the open decoder, and damaged groups."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from studio.errors import Message
 from studio.playback.statistics import SkippedGroup
 from studio.stream import GroupDecoder, GroupEntry, StreamReader, fetch_group
 
-_CACHED_GROUPS = 6  # so that scrubbing does not fetch again
-_RETRY_AFTER = 10.0  # seconds before a damaged group is tried again: it may have been repaired or uploaded
+_CACHED_GROUPS = 6  # so that scrubbing does not fetch them again
+_RETRY_AFTER = 10.0  # seconds after which a damaged group is tried again: it may have been repaired or uploaded
 
 
 class Shared:
-    """See the module. Thread safe, except for `decoder`, which belongs to the holder of `decode_lock`."""
+    """See the module docstring. Thread safe, except for `decoder`, which requires `decode_lock`."""
 
     def __init__(self, reader: StreamReader) -> None:
         self.reader = reader
-        self.decode_lock = threading.Lock()  # one run decodes at a time; an ended run releases it within a frame
+        self.decode_lock = threading.Lock()  # one run decodes at a time; an ended run releases it within one frame
         self.decoder: GroupDecoder | None = None
         self._files: OrderedDict[int, dict[str, bytes]] = OrderedDict()
         self._skipped: dict[int, tuple[SkippedGroup, float]] = {}
         self._lock = threading.Lock()
 
     def files(self, group: GroupEntry) -> dict[str, bytes]:
-        """Files of the group, from the cache or fetched and verified now."""
+        """The files of a group, from the cache, or fetched and verified."""
         with self._lock:
             if group.index in self._files:
                 self._files.move_to_end(group.index)
@@ -39,7 +39,7 @@ class Shared:
         return files
 
     def close_decoder(self) -> None:
-        """Release the decoder; the caller holds `decode_lock`."""
+        """Release the decoder; the caller must hold `decode_lock`."""
         if self.decoder is not None:
             self.decoder.close()
             self.decoder = None
@@ -56,14 +56,14 @@ class Shared:
             self._files.pop(group.index, None)
 
     def note_intact(self, group: GroupEntry) -> None:
-        """Forget that a whole group could not be fetched: it has been repaired."""
+        """Forget that a whole group could not be fetched, because it has been repaired."""
         with self._lock:
             known = self._skipped.get(group.index)
             if known is not None and known[0].frame_count == group.frame_count:
                 del self._skipped[group.index]
 
     def is_lost(self, group: GroupEntry) -> bool:
-        """True for a group that could not be played at all when it was tried recently."""
+        """Whether no frame of a group could be played when it was last tried, recently."""
         with self._lock:
             known = self._skipped.get(group.index)
             if known is None or known[0].frame_count < group.frame_count:
@@ -72,6 +72,6 @@ class Shared:
 
     @property
     def skipped(self) -> tuple[SkippedGroup, ...]:
-        """Everything that could not be played, in the order of the groups."""
+        """All groups, or parts of groups, that could not be played, in order."""
         with self._lock:
             return tuple(self._skipped[index][0] for index in sorted(self._skipped))

@@ -1,4 +1,4 @@
-"""Cost of playback, per frame and in summary."""
+"""Cost of playback per frame, and its summary."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class FrameStats:
 
     Attributes:
         frame: 0-based index in the stream.
-        group: its group.
-        bytes: its share of the group's files, which are fetched as a whole.
-        fetch_ms: its share of reading the group's files and verifying their SHA-256.
-        decode_ms: video decoding; for a keyframe including opening the files.
-        dequantize_ms: decoded pictures to Gaussians.
-        render_ms: rendering; None if the frame was not rendered.
+        group: index of its group.
+        bytes: its share of the size of the group's files, which are fetched as a whole.
+        fetch_ms: its share of the time to read the group's files and verify their SHA-256.
+        decode_ms: time of video decoding; for a keyframe, including the time to open the files.
+        dequantize_ms: time to convert decoded pictures to Gaussians.
+        render_ms: time of rendering; None if the frame was not rendered.
     """
 
     frame: int
@@ -37,9 +37,9 @@ class SkippedGroup:
     """Frames that could not be played because their group is damaged, missing or unreachable.
 
     Attributes:
-        group: its index.
+        group: index of the group.
         first_frame, frame_count: the skipped frames, 0-based.
-        cause: the error of the file.
+        cause: the error that made them unplayable.
     """
 
     group: int
@@ -53,7 +53,7 @@ class SkippedGroup:
 
     @property
     def reason(self) -> str:
-        """The sentence of `cause`."""
+        """The text of `cause`."""
         return str(self.cause)
 
     def to_dict(self) -> dict[str, Any]:
@@ -78,7 +78,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread:
-        """Of any number of values; zeros if there are none."""
+        """The statistics of any number of values; zeros if there are none."""
         if not values:
             return cls(0.0, 0.0, 0.0, 0.0)
         ordered = sorted(values)
@@ -94,9 +94,9 @@ class PlaybackReport:
     """Statistics of a playback.
 
     Attributes:
-        frames: of each delivered frame, in order.
+        frames: cost of each delivered frame, in order.
         dropped: number of late frames that were dropped.
-        seconds: from the first request to the last frame.
+        seconds: time from the first request to the last frame.
         skipped: damaged groups; their frames count as neither shown nor dropped.
     """
 
@@ -121,7 +121,7 @@ class PlaybackReport:
         return Spread.of([value for value in values if value is not None])
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready: the summary, then every frame."""
+        """JSON-ready: the summary, then all frames."""
         figures = [field.name for field in fields(FrameStats) if field.name not in ("frame", "group")]
         if all(stats.render_ms is None for stats in self.frames):
             figures.remove("render_ms")

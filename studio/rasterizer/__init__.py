@@ -1,4 +1,4 @@
-"""Differentiable splat rasterization: `rasterize`, with three backends that are tested against one definition.
+"""Differentiable splat rasterization: `rasterize`, with three backends, all tested against the same definition.
 
 - `reference`: plain PyTorch, any floating dtype. This is the definition (`reference.py`).
 - `cpu`: multithreaded C++ kernels for the forward and backward passes (`cpu.py`, `csrc/`).

@@ -1,7 +1,7 @@
 """The CPU backend: the C++ kernels as a differentiable torch function, in float32 and float64.
 
-The kernels in `csrc/` take raw arrays and do not link to torch, so one build works with any version of torch. They use
-their own thread pool (`csrc/threads.h`), which tolerates a busy machine better than torch's.
+The kernels in `csrc/` take raw arrays and do not link to torch, so one build works with any version of torch. They have
+their own thread pool (`csrc/threads.h`), which is less affected by other load on the machine than torch's.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def kernel_threads() -> int:
 
 
 def camera_numbers(pinhole: Pinhole) -> np.ndarray:
-    """(23,) float64 in the order that the kernels read: rotation, translation, center, fx, fy, cx, cy, limits."""
+    """(23,) float64 in the order expected by the kernels: rotation, translation, center, fx, fy, cx, cy, limits."""
     intrinsics = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *pinhole.limits]
     return np.concatenate([pinhole.rotation.reshape(-1), pinhole.translation, pinhole.center, intrinsics])
 
@@ -146,8 +146,9 @@ def rasterize_cpu(
     """Render with the C++ kernels. Arguments as in `studio.rasterizer.rasterize`, already validated.
 
     Raises:
-        StudioError: `rasterizer.dtype`: not float32 or float64; `rasterizer.image_too_large`: wider or higher than
-            32000 pixels; `rasterizer.mixed_tensors`: `screen_offsets` on another device or of another dtype.
+        StudioError: `rasterizer.dtype`: the splats are not float32 or float64; `rasterizer.image_too_large`: the image
+            is wider or higher than 32000 pixels; `rasterizer.mixed_tensors`: `screen_offsets` has another device or
+            dtype than the splats.
     """
     if gaussians.means.dtype not in (torch.float32, torch.float64):
         raise StudioError(

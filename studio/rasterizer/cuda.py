@@ -2,7 +2,7 @@
 
 gsplat compiles its kernels on first use, which takes minutes and needs nvcc; the build is cached. It is imported only
 here, and only if torch finds a GPU. Its alpha clamp is a compile-time constant, 0.999 up to release 1.5.3; any other
-`alpha_max` is an error instead of being ignored.
+`alpha_max` raises an error.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ TILE = 16
 
 @functools.cache
 def load_gsplat() -> Any:
-    """The module gsplat.
+    """The gsplat module.
 
     Raises:
         StudioError: `rasterizer.gsplat_missing`: it is not installed or fails to import.
     """
     try:
         return importlib.import_module("gsplat")
-    except Exception as error:  # importing can fail with any error of its build
+    except Exception as error:  # the import can raise any error of gsplat's build
         raise StudioError(
             "rasterizer.gsplat_missing",
             f"gsplat cannot be imported ({error})",
@@ -45,7 +45,7 @@ def compiled_alpha_max() -> float:
     """The alpha clamp of the installed gsplat.
 
     Raises:
-        StudioError: `rasterizer.gsplat_version`: a release whose clamp is unknown; also as `load_gsplat`.
+        StudioError: `rasterizer.gsplat_version`: the clamp of this release is unknown; also as `load_gsplat`.
     """
     gsplat = load_gsplat()
     try:  # releases after 1.5.3 define it
@@ -73,11 +73,11 @@ def rasterize_cuda(
 ) -> Render:
     """Render with gsplat. Arguments as in `studio.rasterizer.rasterize`, already validated.
 
-    `radii` are those of gsplat, rounded up to whole pixels.
+    The `radii` are those of gsplat, which are rounded up to whole pixels.
 
     Raises:
-        StudioError: `rasterizer.dtype`: not float32; `rasterizer.alpha_max`: gsplat has another clamp; also as
-            `load_gsplat` and `compiled_alpha_max`.
+        StudioError: `rasterizer.dtype`: the splats are not float32; `rasterizer.alpha_max`: gsplat was compiled with
+            another clamp; also as `load_gsplat` and `compiled_alpha_max`.
     """
     means = gaussians.means
     if means.dtype != torch.float32:
@@ -103,7 +103,7 @@ def rasterize_cuda(
         empty = means.new_zeros((height, width))
         return Render(image=image, alpha=empty, depth=empty.clone(), radii=means.new_zeros(0))
 
-    # Splats with a non-finite value are replaced by harmless values with opacity 0, so that they get no gradient.
+    # Splats with non-finite values are replaced by finite ones with opacity 0, so that they get no gradient.
     with torch.no_grad():
         parts = [tensor.reshape(count, -1).isfinite().all(-1) for _, tensor in gaussians.items()]
         finite = torch.stack(parts).all(0) & (gaussians.quats.norm(dim=-1) > 0)
@@ -149,7 +149,7 @@ def rasterize_cuda(
     directions = (means - tensor(pinhole.center))[None]
     colors = gsplat.spherical_harmonics(gaussians.sh_degree, directions, sh[None], masks=shown)
     features = torch.cat([(colors + 0.5).clamp_min(0.0), depths[..., None]], -1)
-    # gsplat leaves the values of culled splats uninitialized. No tile uses them, but NaN times 0 would reach gradients.
+    # gsplat does not initialize the values of culled splats. No tile uses them, but NaN times 0 would reach gradients.
     features = torch.where(shown[..., None], features, torch.zeros_like(features))
 
     tiles_x, tiles_y = math.ceil(width / TILE), math.ceil(height / TILE)

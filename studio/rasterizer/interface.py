@@ -19,7 +19,7 @@ BACKENDS = ("reference", "cpu", "cuda")
 
 @functools.cache
 def _unavailable(backend: str) -> tuple[str, str] | None:
-    """None if the backend can be used here, else (problem, fix)."""
+    """None if the backend can be used on this machine, else (problem, fix)."""
     if backend == "cpu":
         if importlib.util.find_spec("studio.rasterizer._kernels") is None:
             return (
@@ -122,17 +122,17 @@ def rasterize(
         gaussians: N splats, N may be 0.
         camera: a pinhole camera without distortion. The principal point may be outside the image, so
             `camera.cropped(...)` renders a part of the image at the cost of that part.
-        background: (3,) RGB, or None for black.
+        background: (3,) RGB; None: black.
         backend: "reference", "cpu", "cuda", or "auto": cuda for splats on a GPU, else cpu.
-        screen_offsets: (N, 2) pixels, added to the 2D means. Pass zeros that require a gradient to get the screen-space
-            gradient (loss per pixel of shift), which densification uses.
+        screen_offsets: (N, 2) offsets in pixels, added to the 2D means. Pass zeros that require a gradient to get the
+            screen-space gradient (loss per pixel), which densification uses.
         near: near plane, world units, above 0. Splats whose mean is closer along the viewing axis are not drawn.
         alpha_max: upper clamp of alpha per splat and pixel, 0.5 to 1. None: the default of the backend, 0.99 as in 3DGS
             (reference, cpu) or 0.999 as in gsplat 1.5.3 (cuda).
         checked: raise an error for non-finite values. Otherwise, splats with such values are not drawn.
 
     Returns:
-        Render, on the device and in the dtype of the splats.
+        The `Render`, with the device and dtype of the splats.
 
     Raises:
         StudioError: `camera.distortion`, `camera.skew`: not a pinhole camera; `rasterizer.*`: a shape, device, dtype or

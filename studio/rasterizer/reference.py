@@ -1,9 +1,9 @@
 """The definition of the rasterizer in plain PyTorch: any floating dtype, any device, gradients by autograd.
 
 The other backends are tested against this one. It follows 3DGS (Kerbl et al. 2023, sections 4 and 6), and gsplat where
-the two differ: EWA projection with a dilation of 0.3 square pixels, footprints end only where alpha falls below 1/255,
-front-to-back blending, and a pixel stops before the splat that would reduce its transmittance to 1e-4. Splats of equal
-depth are blended in their order in the tensors.
+the two differ: EWA projection with a dilation of 0.3 square pixels; footprints that end only where alpha falls below
+1/255; front-to-back blending, in which a pixel stops before the splat that would reduce its transmittance to 1e-4.
+Splats of equal depth are blended in their order in the tensors.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from studio.rasterizer.types import ALPHA_MIN, DILATION, TRANSMITTANCE_MIN, Pinh
 from studio.torch_rotations import quats_to_matrices
 
 TILE = 16
-"""Tile size, pixels. It only affects memory use."""
+"""Tile size in pixels. It only affects memory use."""
 
 
 def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
@@ -65,7 +65,7 @@ def visible_radii(gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None
 
     Returns:
         (N, 2) half sizes in pixels of the box outside which alpha is below 1/255, 0 for splats that are not drawn; and
-        (N,) depths, world units.
+        (N,) depths in world units.
     """
     finite = torch.isfinite(gaussians.means).all(-1) & torch.isfinite(gaussians.log_scales).all(-1)
     finite &= torch.isfinite(gaussians.quats).all(-1) & (gaussians.quats.norm(dim=-1) > 0)

@@ -19,12 +19,12 @@ ALPHA_MIN = 1.0 / 255.0
 TRANSMITTANCE_MIN = 1.00001e-4
 """A pixel stops before the splat that would reduce its transmittance to this value or below (3DGS: 1e-4).
 
-Slightly above 1e-4, because two splats at the alpha clamp of 0.99 leave exactly 1e-4. With the margin they stop the
-pixel for any rounding, as in 3DGS.
+Slightly above 1e-4, because two splats at the alpha clamp of 0.99 leave exactly 1e-4. With this margin they stop the
+pixel regardless of rounding, as in 3DGS.
 """
 
 ALPHA_MAX = 0.99
-"""Upper clamp of alpha in 3DGS. gsplat 1.5.3 has 0.999 compiled in."""
+"""Upper clamp of alpha in 3DGS. gsplat 1.5.3 is compiled with 0.999."""
 
 FIELD = 2.0
 """The projection of a splat is linearized at its mean, with |x / z| and |y / z| clamped to this value.
@@ -34,7 +34,7 @@ image, which makes a crop differ from the same part of the full view. A fixed bo
 """
 
 FIELD_MARGIN = 0.3
-"""In views wider than `FIELD`, the bound is outside the image by this fraction of half its size, as in gsplat."""
+"""In views wider than `FIELD`, the bound is this fraction of half the image size outside the image, as in gsplat."""
 
 
 @dataclass(eq=False)
@@ -59,7 +59,7 @@ class Render:
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A validated pinhole camera as plain numbers, as the kernels take it.
+    """A validated pinhole camera as plain numbers, as the kernels expect it.
 
     Attributes:
         width, height: image size, pixels.
@@ -86,7 +86,7 @@ class Pinhole:
         """Convert a Camera.
 
         Raises:
-            StudioError: `camera.distortion` or `camera.skew`, which splats cannot be rendered with.
+            StudioError: `camera.distortion` or `camera.skew`: splats cannot be rendered with either.
         """
         if not camera.is_pinhole:
             raise StudioError(

@@ -24,10 +24,10 @@ _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
 
 def write_glb(path: Path, gaussians: Gaussians) -> None:
-    """Write a GLB file of one node, mesh and primitive.
+    """Write a GLB file with one node, mesh and primitive.
 
     Raises:
-        StudioError: no splats, values that are not finite, or 4 GiB or more.
+        StudioError: there are no splats, a value is not finite, or the file would have 4 GiB or more.
     """
     arrays = to_arrays(path, gaussians)
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
@@ -50,7 +50,7 @@ def write_glb(path: Path, gaussians: Gaussians) -> None:
     chunks: list[bytes] = []
     offset = 0
     for name, values in attributes.items():
-        data = np.ascontiguousarray(values).tobytes()  # lengths are multiples of 4 already
+        data = np.ascontiguousarray(values).tobytes()  # lengths are already multiples of 4
         views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": _ARRAY_BUFFER})
         accessor: dict[str, Any] = {
             "bufferView": len(accessors),
@@ -106,6 +106,6 @@ def write_glb(path: Path, gaussians: Gaussians) -> None:
 
 
 def _fallback_color(sh0: np.ndarray, opacities: np.ndarray) -> np.ndarray:
-    """(N, 4) uint8 RGBA."""
+    """(N, 4) uint8 RGBA colors for viewers that only draw points."""
     rgba = np.concatenate([SH_C0 * sh0 + 0.5, opacities[:, None]], axis=1)
     return np.rint(np.clip(rgba, 0, 1) * 255).astype(np.uint8)

@@ -2,6 +2,7 @@
 
 One element `vertex` of float32 properties, little endian: x y z, nx ny nz (zeros), f_dc_0..2, f_rest_0.. (all
 coefficients of red, then of green, then of blue), opacity (logit), scale_0..2 (logarithm), rot_0..3 (wxyz).
+Compressed PLY has the same extension and is recognized by its elements; see `compressed_ply`.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.splat_files.checks import MAX_SPLATS, from_arrays, to_arrays
+from studio.splat_files.checks import check_count, from_arrays, to_arrays
+from studio.splat_files.compressed_ply import compressed_size, is_compressed, read_compressed
 
 if TYPE_CHECKING:
-    from plyfile import PlyElement
+    from plyfile import PlyData, PlyElement
 
 _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
 _NEEDED = (
@@ -26,7 +28,11 @@ _NEEDED = (
 
 
 def write_ply(path: Path, gaussians: Gaussians) -> None:
-    """Write a 3DGS PLY. Raises StudioError: no splats or values that are not finite."""
+    """Write a 3DGS PLY file.
+
+    Raises:
+        StudioError: there are no splats, or a value is not finite.
+    """
     from plyfile import PlyData, PlyElement
 
     arrays = to_arrays(path, gaussians)
@@ -53,17 +59,23 @@ def _columns(prefix: str, names: str | range, values: np.ndarray) -> dict[str, n
 
 def ply_size(path: Path) -> tuple[int, int]:
     """Number of splats and SH degree from the header. Raises StudioError as `read_ply`, except for invalid values."""
-    element = _vertices(path)
+    ply = _opened(path)
+    if is_compressed(ply):
+        return compressed_size(path, ply)
+    element = _vertices(path, ply)
     return element.count, _degree(path, element)
 
 
 def read_ply(path: Path) -> Gaussians:
-    """Read a 3DGS PLY. Properties that do not belong to splats are ignored.
+    """Read a 3DGS PLY file or a compressed PLY file. Properties that do not belong to splats are ignored.
 
     Raises:
-        StudioError: missing or damaged file, not a PLY, a point cloud or mesh without splats, or a compressed PLY.
+        StudioError: the file is missing, damaged, not a PLY, or a point cloud or mesh without splats.
     """
-    element = _vertices(path)
+    ply = _opened(path)
+    if is_compressed(ply):
+        return read_compressed(path, ply)
+    element = _vertices(path, ply)
     degree = _degree(path, element)
     rest = (degree + 1) ** 2 - 1
     data = element.data
@@ -88,27 +100,25 @@ def read_ply(path: Path) -> Gaussians:
     )
 
 
-def _vertices(path: Path) -> PlyElement:
-    """The element with the splats, with validated properties."""
-    from plyfile import PlyData, PlyListProperty, PlyParseError
+def _opened(path: Path) -> PlyData:
+    """The file, mapped into memory if it is binary."""
+    from plyfile import PlyData, PlyParseError
 
     try:
-        ply = PlyData.read(str(path), mmap="r")
+        return PlyData.read(str(path), mmap="r")
     except FileNotFoundError:
         raise StudioError("splat_file.not_found", "no such file", file=path) from None
     except (PlyParseError, OSError, ValueError, MemoryError, OverflowError) as error:
         raise StudioError(
             "splat_file.unreadable", f"not a readable PLY file ({error})", file=path, fix="Export or copy it again."
         ) from None
-    names = [element.name for element in ply.elements]
-    if "chunk" in names and "vertex" in names and "packed_position" in ply["vertex"].data.dtype.names:
-        raise StudioError(
-            "splat_file.compressed_ply",
-            "compressed PLY files are not supported",
-            file=path,
-            fix="Convert it to an uncompressed PLY, with SuperSplat for example.",
-        )
-    if "vertex" not in names:
+
+
+def _vertices(path: Path, ply: PlyData) -> PlyElement:
+    """The element with the splats, with validated properties."""
+    from plyfile import PlyListProperty
+
+    if "vertex" not in [element.name for element in ply.elements]:
         raise StudioError(
             "splat_file.not_splats",
             "the PLY file has no element 'vertex'",
@@ -127,13 +137,7 @@ def _vertices(path: Path) -> PlyElement:
             fix="Choose a file written by 3DGS or a compatible tool.",
             missing=missing[0],
         )
-    if not 0 < element.count <= MAX_SPLATS:
-        raise StudioError(
-            "splat_file.splat_count",
-            f"the PLY file has {element.count} splats; expected 1 to {MAX_SPLATS}",
-            file=path,
-            value=element.count,
-        )
+    check_count(path, element.count)
     return element
 
 

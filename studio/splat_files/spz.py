@@ -1,44 +1,55 @@
-"""SPZ, Niantic's compressed splat format: writes version 3, reads versions 2 and 3, plain or gzipped.
+"""SPZ, Niantic's compressed splat format: writes versions 3 and 4, reads versions 2 to 4.
 
-Source: README and source code of github.com/nianticlabs/spz. A 16-byte header, then one attribute after the other, all
-gzipped: positions (24-bit fixed point), opacities (8 bits), colors (8 bits over a wider range than 0 to 1), log scales
-(8 bits, steps of 1/16), rotations (version 2: x y z in 8 bits each; version 3: the smallest three components in 10 bits
-each) and SH (8 bits, of which degree 1 uses 5 and higher degrees 4).
+Source: README and source code of github.com/nianticlabs/spz (MIT). Six attributes, one after the other: positions
+(24-bit fixed point), opacities (8 bits), colors (8 bits over a wider range than 0 to 1), log scales (8 bits, steps of
+1/16), rotations (version 2: x y z in 8 bits each; later: the smallest three components in 10 bits each) and SH (8 bits,
+of which degree 1 uses 5 and higher degrees 4). `spz_container` has what is around them.
 """
 
 from __future__ import annotations
 
-import gzip
 import math
-import struct
-import zlib
 from pathlib import Path
 
 import numpy as np
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.splat_files.checks import MAX_SPLATS, from_arrays, to_arrays
+from studio.splat_files.checks import from_arrays, logits, to_arrays
+from studio.splat_files.spz_container import WRITTEN_VERSIONS, Head, read_container, read_head, write_container
 
-_HEAD = struct.Struct("<IIIBBBB")  # magic, version, splats, SH degree, fractional bits, flags, reserved
-_MAGIC = 0x5053474E  # "NGSP"
-_WRITTEN_VERSION = 3
-_EXTENSIONS = 0x2  # flag: vendor extensions between header and positions
+DEFAULT_VERSION = 4
+"""Which version is written: what other converters write by default."""
+
 _LARGEST = (1 << 23) - 1  # largest integer of a position
-_FRACTION_BITS = (12, 20)  # 12 is what the reference implementation writes
+_FRACTION_BITS = (12, 20)  # range of fractional bits; the reference implementation writes 12
 _COLOR_SCALE = 0.15
 _SH_BITS = (5, 4)  # degree 1, higher degrees
 _SMALLEST = 511  # 9 bits for a quaternion component of at most sqrt(1/2)
 
 
-def write_spz(path: Path, gaussians: Gaussians) -> None:
-    """Write an SPZ file of version 3. The same splats give the same bytes.
+def write_spz(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION) -> None:
+    """Write an SPZ file. The same splats give the same bytes.
 
     Positions have at least 12 fractional bits and at least 16 bits over the extent of the splats, if that fits.
 
+    Args:
+        path: file to write.
+        gaussians: one frame.
+        version: 4 (Zstandard), or 3 (gzip) for older viewers; both have the same splats.
+
     Raises:
-        StudioError: no splats, values that are not finite, or positions too far out for 24 bits.
+        StudioError: the version is another one, there are no splats, a value is not finite, or a position is too far
+            from the origin for 24 bits.
     """
+    if version not in WRITTEN_VERSIONS:
+        raise StudioError(
+            "splat_file.unsupported_version",
+            f"SPZ is written in versions 3 and 4, not {version}",
+            file=path,
+            value=version,
+            fix="Choose 3 or 4.",
+        )
     arrays = to_arrays(path, gaussians)
     means = arrays["means"].astype(np.float64)
     farthest, extent = float(np.abs(means).max()), float(np.ptp(means, axis=0).max())
@@ -55,8 +66,7 @@ def write_spz(path: Path, gaussians: Gaussians) -> None:
     fixed = np.rint(means * (1 << bits)).astype("<i4")
     sh = arrays["sh"]
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
-    parts = [
-        _HEAD.pack(_MAGIC, _WRITTEN_VERSION, len(means), gaussians.sh_degree, bits, 0, 0),
+    attributes = [
         fixed.view(np.uint8).reshape(-1, 3, 4)[:, :, :3].tobytes(),
         _byte(opacities * 255),
         _byte(sh[:, 0] * (_COLOR_SCALE * 255) + 127.5),
@@ -64,7 +74,7 @@ def write_spz(path: Path, gaussians: Gaussians) -> None:
         _pack_quats(arrays["quats"]).astype("<u4").tobytes(),
         _byte_buckets(sh[:, 1:4], _SH_BITS[0], sh[:, 4:], _SH_BITS[1]),
     ]
-    path.write_bytes(gzip.compress(b"".join(parts), mtime=0))
+    write_container(path, Head(version, len(means), gaussians.sh_degree, bits), attributes)
 
 
 def _byte(values: np.ndarray) -> bytes:
@@ -72,7 +82,7 @@ def _byte(values: np.ndarray) -> bytes:
 
 
 def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_bits: int) -> bytes:
-    """SH, rounded to bucket centers for better compression."""
+    """SH coefficients as bytes, rounded to bucket centers for better compression."""
 
     def rounded(values: np.ndarray, bits: int) -> np.ndarray:
         bucket = 1 << (8 - bits)
@@ -83,7 +93,7 @@ def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_
 
 
 def _pack_quats(wxyz: np.ndarray) -> np.ndarray:
-    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits of the other three."""
+    """(N,) uint32: index of the largest of x y z w in the upper 2 bits, then sign and 9 bits for each of the others."""
     xyzw = wxyz[:, [1, 2, 3, 0]].astype(np.float64)
     largest = np.abs(xyzw).argmax(axis=1)
     rows = np.arange(len(xyzw))
@@ -113,112 +123,40 @@ def _unpack_quats(packed: np.ndarray) -> np.ndarray:
 
 
 def spz_size(path: Path) -> tuple[int, int]:
-    """Number of splats and SH degree. Raises StudioError as `read_spz`."""
-    count, degree, _, _, _ = _read_head(path)
-    return count, degree
-
-
-def _read_head(path: Path) -> tuple[int, int, int, int, bytes]:
-    """Splats, SH degree, version, fractional bits and the bytes after the header, never more than it declares."""
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise StudioError("splat_file.not_found", "no such file", file=path) from None
-    except OSError as error:
-        raise StudioError("splat_file.unreadable", f"cannot be read ({error.strerror})", file=path) from None
-    if data[:2] == b"\x1f\x8b":
-        inflater = zlib.decompressobj(wbits=31)
-        try:
-            head = inflater.decompress(data, _HEAD.size)
-            count, degree, version, bits = _checked_head(path, head)
-            size = _body_size(count, degree, version)
-            body = inflater.decompress(inflater.unconsumed_tail, size + 1)
-        except zlib.error as error:
-            raise StudioError(
-                "splat_file.unreadable",
-                f"the SPZ file is damaged ({error})",
-                file=path,
-                fix="Export or copy it again.",
-            ) from None
-    else:
-        count, degree, version, bits = _checked_head(path, data[: _HEAD.size])
-        size, body = _body_size(count, degree, version), data[_HEAD.size :]
-    if len(body) < size:
-        raise StudioError(
-            "splat_file.truncated",
-            f"the SPZ file ends after {len(body)} of {size} bytes",
-            file=path,
-            value=len(body),
-            fix="Export or copy it again.",
-            expected=size,
-        )
-    return count, degree, version, bits, body[:size]
-
-
-def _checked_head(path: Path, head: bytes) -> tuple[int, int, int, int]:
-    if len(head) < _HEAD.size or head[:4] != _MAGIC.to_bytes(4, "little"):
-        raise StudioError("splat_file.unreadable", "not an SPZ file", file=path, fix="Export or copy it again.")
-    _, version, count, degree, bits, flags, _ = _HEAD.unpack(head)
-    if version not in (2, 3):
-        raise StudioError(
-            "splat_file.unsupported_version",
-            f"SPZ version {version}; versions 2 and 3 are supported",
-            file=path,
-            value=version,
-            fix="Convert it, to PLY for example.",
-        )
-    if not 0 < count <= MAX_SPLATS or degree > 3 or bits > 23:
-        raise StudioError(
-            "splat_file.invalid_header",
-            f"{count} splats of SH degree {degree} with {bits} fractional bits; expected 1 to {MAX_SPLATS} splats, "
-            "degree 0 to 3 and 0 to 23 bits",
-            file=path,
-            value=(count, degree, bits),
-        )
-    if flags & _EXTENSIONS:
-        raise StudioError(
-            "splat_file.extensions",
-            "SPZ extensions are not supported",
-            file=path,
-            fix="Export the file without them.",
-        )
-    return count, degree, version, bits
-
-
-def _body_size(count: int, degree: int, version: int) -> int:
-    return count * (9 + 1 + 3 + 3 + (4 if version == 3 else 3) + 3 * ((degree + 1) ** 2 - 1))
+    """Number of splats and SH degree from the header. Raises StudioError as `read_spz`, for the header."""
+    head = read_head(path)
+    return head.count, head.degree
 
 
 def read_spz(path: Path) -> Gaussians:
-    """Read an SPZ file of version 2 or 3.
+    """Read an SPZ file of version 2, 3 or 4.
 
     Raises:
-        StudioError: missing or damaged file, not an SPZ file, an unsupported version, or extensions.
+        StudioError: the file is missing, damaged, not an SPZ file, of an unsupported version, or has extensions that
+            change the meaning of the values.
     """
-    count, degree, version, bits, body = _read_head(path)
-    values = np.frombuffer(body, np.uint8)
-    position = 0
-
-    def take(columns: int) -> np.ndarray:
-        nonlocal position
-        part = values[position : position + count * columns].reshape(count, columns)
-        position += count * columns
-        return part
-
-    packed = take(9).reshape(count, 3, 3).astype(np.int32)
+    head, attributes = read_container(path)
+    count = head.count
+    positions, opacities, colors, scales, rotations, harmonics = (
+        np.frombuffer(data, np.uint8).reshape(count, -1) for data in attributes
+    )
+    packed = positions.reshape(count, 3, 3).astype(np.int32)
     fixed = packed[..., 0] | packed[..., 1] << 8 | packed[..., 2] << 16
-    means = np.where(fixed & 0x800000, fixed - (1 << 24), fixed) / (1 << bits)
-    opacities = take(1)[:, 0] / 255
-    colors = (take(3) / 255 - 0.5) / _COLOR_SCALE
-    log_scales = take(3) / 16 - 10
-    if version == 3:
-        quats = _unpack_quats(take(4).copy().view("<u4")[:, 0])
-    else:
-        xyz = take(3) / 127.5 - 1
+    means = np.where(fixed & 0x800000, fixed - (1 << 24), fixed) / (1 << head.bits)
+    if head.version == 2:
+        xyz = rotations / 127.5 - 1
         quats = np.column_stack([np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1))), xyz])
-    rest = (degree + 1) ** 2 - 1
-    sh = np.concatenate([colors[:, None], (take(3 * rest).reshape(count, rest, 3) - 128.0) / 128], axis=1)
-    with np.errstate(divide="ignore"):
-        logits = np.log(opacities) - np.log1p(-opacities)
-    arrays = {"means": means, "quats": quats, "log_scales": log_scales, "logit_opacities": logits, "sh": sh}
+    else:
+        quats = _unpack_quats(rotations.copy().view("<u4")[:, 0])
+    rest = (head.degree + 1) ** 2 - 1
+    sh = np.concatenate(
+        [((colors / 255 - 0.5) / _COLOR_SCALE)[:, None], (harmonics.reshape(count, rest, 3) - 128.0) / 128], axis=1
+    )
+    arrays = {
+        "means": means,
+        "quats": quats,
+        "log_scales": scales / 16 - 10,
+        "logit_opacities": logits(opacities[:, 0] / 255),
+        "sh": sh,
+    }
     return from_arrays(path, arrays)

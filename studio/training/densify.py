@@ -22,7 +22,7 @@ _HUGE_SHARE = 0.1
 def density_control(
     count: int, extent: float, settings: TrainSettings, device: torch.device
 ) -> DensityControl | Relocation:
-    """The densification strategy that `settings.strategy` selects; arguments as for `DensityControl`."""
+    """The densification strategy selected by `settings.strategy`; arguments as for `DensityControl`."""
     return Relocation(settings) if settings.strategy == "mcmc" else DensityControl(count, extent, settings, device)
 
 
@@ -70,7 +70,7 @@ class DensityControl:
         self._seen += drawn
 
     def after_step(self, iteration: int, optimizer: SplatOptimizer, generator: torch.Generator) -> None:
-        """Densify and reset opacities if they are due; `iteration` counts from 1."""
+        """Densify and reset opacities if due; `iteration` counts from 1."""
         settings = self._settings
         due = settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0
         if due:
@@ -112,7 +112,7 @@ class DensityControl:
 
 
 def _halves(gaussians: Gaussians, generator: torch.Generator) -> Gaussians:
-    """Two children per splat, sampled from its distribution and 1.6 times smaller."""
+    """Two children per splat, with means sampled from its distribution and scales 1.6 times smaller."""
     twice = Gaussians.cat(gaussians, gaussians)
     draws = torch.randn(twice.means.shape, generator=generator).to(twice.device) * twice.scales
     twice.means = twice.means + rotate_vectors(twice.unit_quats, draws)

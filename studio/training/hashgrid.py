@@ -1,8 +1,8 @@
 """Multiresolution hash encoding (paper equation 5; Mueller et al. 2022, section 3) in plain PyTorch, CPU and CUDA.
 
 The encoded positions are fixed during the motion stage of a frame, so the table rows that each position reads and their
-trilinear weights form a constant sparse matrix. It is built once. Each step is then a sparse-dense product, and its
-gradient is the product with the transpose. This is exact, deterministic, and on a CPU over ten times faster than
+trilinear weights form a constant sparse matrix, which is built once. Each step is then a sparse-dense product, whose
+gradient is the product with the transpose. This is exact, deterministic, and on CPUs more than ten times faster than
 gathering and scattering the corners in each step.
 """
 
@@ -44,7 +44,7 @@ class _Interpolate(torch.autograd.Function):
 
 
 class HashGrid(nn.Module):
-    """L levels of F features for positions in [0, 1]^3.
+    """A hash grid with L levels of F features, for positions in [0, 1]^3.
 
     Level l has floor(base_resolution * growth^l) cells per axis. A level that fits into 2^log2_size rows is stored as a
     dense grid; finer levels are hashed.

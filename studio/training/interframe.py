@@ -34,8 +34,8 @@ class InterframeResult:
     """A trained frame.
 
     Attributes:
-        gaussians: after fine-tuning.
-        warped: after the motion stage only: the splats of the previous frame, moved.
+        gaussians: the splats after fine-tuning.
+        warped: the splats of the previous frame after the motion stage, before fine-tuning.
         motion: weights of the motion network, for `warm_start` of the next frame; empty without a motion stage.
     """
 
@@ -45,7 +45,7 @@ class InterframeResult:
 
 
 def interframe_steps(settings: TrainSettings, first: bool = False) -> int:
-    """Number of training steps of a frame after the keyframe; `first`: it is the one right after the keyframe."""
+    """Number of training steps of a frame after the keyframe; `first`: it immediately follows the keyframe."""
     return settings.motion_steps(first) + settings.finetune_iterations
 
 
@@ -67,12 +67,12 @@ def train_interframe(
         previous: splats of frame t-1, as trained.
         views: training cameras at frame t.
         settings: see `TrainSettings`.
-        before_previous: splats of frame t-2 of the same group, None if t-1 is the keyframe; they give the velocity
-            (with `settings.motion_velocity`).
+        before_previous: splats of frame t-2 of the same group, from which the velocity is computed (with
+            `settings.motion_velocity`); None if t-1 is the keyframe.
         warm_start: `InterframeResult.motion` of frame t-1 (with `settings.motion_warm_start`).
         seed: equal seeds and inputs give equal splats, bit for bit.
-        progress: called with the steps done and in total, `phase` ("motion" or "fine-tune"), and regularly with `loss`,
-            `psnr` (dB) and `splats`.
+        progress: called with completed and total steps and `phase` ("motion" or "fine-tune"), and regularly also with
+            `loss`, `psnr` (dB) and `splats`.
         snapshot: called with the splats every `snapshot_every` steps.
         snapshot_every: steps between these calls.
 
@@ -186,8 +186,8 @@ def _move(
 def _rate(fraction: float) -> float:
     """Learning rate factor of the motion network: constant in the first half, then decaying exponentially.
 
-    The decay removes noise from large steps: on a walking figure, the error fell from 0.29 to 0.27 of the distance
-    moved, and PSNR rose by 1.4 dB.
+    The decay removes the noise of large steps: for a walking person, it reduced the error from 0.29 to 0.27 of the
+    distance moved and increased PSNR by 1.4 dB.
     """
     return float(_LAST_RATE ** max(0.0, 2 * fraction - 1))
 
@@ -245,7 +245,7 @@ def _fine_tune(
 
 
 def performer_box(means: Tensor) -> tuple[Tensor, Tensor]:
-    """(3,) low and high corners of a box that excludes the outermost 0.1 % of the splats on each side."""
+    """(3,) lower and upper corner of a box that excludes the outermost 0.1 % of the splats on each side."""
     ordered = means.sort(dim=0).values
     margin = int(len(means) * _BOX_QUANTILE)
     return ordered[margin], ordered[len(means) - 1 - margin]

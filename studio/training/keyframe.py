@@ -69,9 +69,9 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int) -> Gaussia
 
 
 def scene_extent(points: Tensor) -> float:
-    """Diagonal of the bounding box of (N, 3) points, world units. Learning rates and size limits are relative to it.
+    """Diagonal of the bounding box of (N, 3) points in world units. Learning rates and size limits are relative to it.
 
-    3DGS uses the spread of the cameras instead; the size of a performer does not depend on the camera distance.
+    3DGS uses the spread of the cameras instead, but the size of a performer does not depend on the camera distance.
     """
     return float((points.amax(0) - points.amin(0)).norm().clamp_min(1e-9))
 
@@ -82,7 +82,7 @@ def keyframe_steps(settings: TrainSettings, splats: int) -> int:
 
 
 def prune_rounds(settings: TrainSettings, splats: int) -> int:
-    """Number of pruning rounds: at least `settings.prune_rounds`, and enough to get down to `settings.max_splats`."""
+    """Number of pruning rounds: at least `settings.prune_rounds`, and enough to reach `settings.max_splats`."""
     rounds = 0
     while rounds < settings.prune_rounds or splats > settings.max_splats:
         splats -= max(1, int(splats * settings.prune_ratio))
@@ -111,8 +111,8 @@ def train_keyframe(
         colors: (N, 3) RGB of the points, 0 to 1.
         settings: see `TrainSettings`.
         seed: equal seeds and inputs give equal splats, bit for bit.
-        progress: called with the steps done and in total, and regularly with `loss`, `psnr` (dB, of the last training
-            crop) and `splats`.
+        progress: called with completed and total steps, and regularly also with `loss`, `psnr` (dB, of the last
+            training crop) and `splats`.
         snapshot: called with the splats every `snapshot_every` steps.
         snapshot_every: steps between these calls.
         checkpoint: called with the complete state every `settings.checkpoint_every` steps.
@@ -139,7 +139,7 @@ def train_keyframe(
 
 
 class _Run:
-    """A keyframe in training: the state that changes from step to step."""
+    """Training of one keyframe: the state that changes in each step."""
 
     def __init__(
         self,
@@ -171,7 +171,7 @@ class _Run:
         return self._settings.keyframe_iterations + self._rounds * self._settings.prune_finetune_iterations
 
     def step(self) -> None:
-        """Run one step, with the pruning or densification that is due."""
+        """Run one step, including pruning or densification if due."""
         settings = self._settings
         if self.done < settings.keyframe_iterations:
             self._grow()
@@ -254,14 +254,14 @@ class _Run:
         except KeyError as error:
             raise StudioError(
                 "training.checkpoint_incomplete",
-                f"the keyframe checkpoint has no entry {error}",
+                f"the keyframe checkpoint does not contain {error}",
                 value=str(error.args[0]),
                 fix="Delete the checkpoint to train the keyframe from the start",
             ) from None
 
 
 def prune_by_opacity(optimizer: SplatOptimizer, ratio: float) -> None:
-    """Remove the fraction `ratio` of the splats with the lowest opacity: at least one splat, but never the last."""
+    """Remove the fraction `ratio` of the splats with the lowest opacity: at least one splat, but never all."""
     count = len(optimizer)
     drop = min(count - 1, max(1, int(count * ratio)))
     order = torch.argsort(optimizer.gaussians.logit_opacities.detach(), stable=True)

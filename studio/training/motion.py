@@ -17,7 +17,8 @@ class MotionField(nn.Module):
     """Translation of each splat from frame t-1 to frame t: x_t = x_{t-1} + MLP(h(x_{t-1})).
 
     Positions are normalized by the performer's bounding box, and the output is in units of its longest side, so the
-    field does not depend on the scale of the scene. The last layer is initialized to zero: the initial motion is zero.
+    field does not depend on the scale of the scene. The last layer is initialized to zero, so the initial motion is
+    zero.
 
     Args:
         low, high: (3,) corners of the performer's bounding box, world units.

@@ -14,7 +14,7 @@ from studio.rasterizer.cpu import kernel_threads, load_kernels
 
 
 class _Fused(torch.autograd.Function):
-    """The loss and its gradient with respect to the image, computed in one sweep."""
+    """The loss and its gradient with respect to the image, computed in one pass."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, target: Tensor, weight: float) -> Tensor:
@@ -33,7 +33,7 @@ class _Fused(torch.autograd.Function):
 
 
 def photometric_loss_torch(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -> Tensor:
-    """`photometric_loss` in plain PyTorch for any device and dtype. This is the definition."""
+    """`photometric_loss` in plain PyTorch, for any device and dtype. This is the definition of the loss."""
     l1 = (image - target).abs().mean()
     return (1 - dssim_weight) * l1 + dssim_weight * (1 - ssim(image, target))
 

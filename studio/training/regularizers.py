@@ -1,8 +1,8 @@
 """Residual entropy and temporal losses (paper section 4.2, equations 8 to 12).
 
 Both act on the values that a stream profile codes (`studio.stream.profiles`). The paper sums over rotation, scale,
-opacity, color and SH; means belong to the motion stage. All channels are columns of one (N, C) tensor, since many small
-tensors would cost more in overhead than in arithmetic.
+opacity, color and SH; means belong to the motion stage. All channels are columns of one (N, C) tensor, since the
+overhead of many small tensors would exceed the time of the arithmetic.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from studio.stream.profiles import SplatCoding
 Quantizer = tuple[Tensor, Tensor]
 
 _TAIL = 1e-3
-"""Below this probability, the float32 difference of two CDF values has lost too many digits."""
+"""Below this probability, the float32 difference of two CDF values has lost too many digits to be used."""
 
 
 class _Bits(torch.autograd.Function):
@@ -34,7 +34,7 @@ class _Bits(torch.autograd.Function):
         lower = (centered - 0.5) * inverse
         probability = 0.5 * (torch.erf(upper * math.sqrt(0.5)) - torch.erf(lower * math.sqrt(0.5)))
         bits = -torch.log2(probability.clamp_min(_TAIL))
-        # Derivative of Phi at both ends, divided by P: the gradients are made of these.
+        # Derivative of Phi at both ends, divided by P; all gradients are combinations of these.
         scale = 1 / (math.sqrt(2 * math.pi) * probability.clamp_min(_TAIL))
         upper_slope = torch.exp(-0.5 * upper * upper) * scale
         lower_slope = torch.exp(-0.5 * lower * lower) * scale
@@ -57,7 +57,7 @@ class _Bits(torch.autograd.Function):
 def _fix_tail(
     tail: Tensor, centered: Tensor, inverse: Tensor, bits: Tensor, upper_slope: Tensor, lower_slope: Tensor
 ) -> None:
-    """Recompute values far from the mean in float64 and in the log domain. P is symmetric, so use the lower tail."""
+    """Recompute values far from the mean in float64 in the log domain. P is symmetric, so the lower tail is used."""
     sign = torch.where(centered[tail] > 0, -1.0, 1.0).double()
     scale = inverse[tail].double()
     near = (-centered[tail].double().abs() + 0.5) * scale
@@ -66,7 +66,7 @@ def _fix_tail(
     log_p = log_near + torch.log1p(-torch.exp((torch.special.log_ndtr(far) - log_near).clamp(max=-1e-12)))
     near_slope = torch.exp(-0.5 * near * near - 0.5 * math.log(2 * math.pi) - log_p)
     far_slope = torch.exp(-0.5 * far * far - 0.5 * math.log(2 * math.pi) - log_p)
-    below = sign > 0  # not mirrored: the upper end is closer to the mean
+    below = sign > 0  # not mirrored; the upper end is closer to the mean
     bits[tail] = (-log_p / math.log(2)).to(bits.dtype)
     upper_slope[tail] = torch.where(below, near_slope, far_slope).to(bits.dtype)
     lower_slope[tail] = torch.where(below, far_slope, near_slope).to(bits.dtype)
@@ -88,7 +88,7 @@ class ResidualEntropy(nn.Module):
     """Equations 8 to 11: expected bits per splat of the quantized frame-to-frame residuals.
 
     Each attribute has a learnable mean and standard deviation, in quantization steps. The constant y_min that equation
-    9 subtracts from the residual is part of the learnable mean here.
+    9 subtracts from the residual is included in the learnable mean.
 
     Args:
         previous: (N, C) coded values of frame t-1.
@@ -149,9 +149,9 @@ def simulate_quantization(coding: SplatCoding, gaussians: Gaussians, values: Ten
     """The splats with attributes rounded as the baker rounds them; gradients pass straight through the rounding.
 
     Args:
-        coding: the profile's.
-        gaussians: N splats; means and the number of coefficients are taken from here.
-        values: (N, C) their coded values.
+        coding: the coding of the stream profile.
+        gaussians: N splats, from which means and the number of SH coefficients are taken.
+        values: (N, C) coded values of the splats.
         quantizer: (C,) offset and (C,) step of each channel.
     """
     low, steps = quantizer

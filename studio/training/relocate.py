@@ -1,4 +1,4 @@
-"""The strategy `mcmc`: relocation of dead splats, and noise.
+"""The densification strategy `mcmc`: relocation of dead splats, and exploration noise.
 
 Kheradmand et al., "3D Gaussian Splatting as Markov Chain Monte Carlo", 2024.
 """
@@ -18,7 +18,7 @@ from studio.training.splat_optimizer import SplatOptimizer
 _DEAD = 0.005
 """Splats at or below this opacity are dead."""
 _GROWTH = 1.05
-"""Largest growth factor per densification step."""
+"""Maximum growth factor per densification step."""
 _MOST_COPIES = 51
 _NOISE_RATE = 5e5
 _NOISE_SHARPNESS, _NOISE_OPACITY = 100.0, 0.005
@@ -27,11 +27,11 @@ _NOISE_SHARPNESS, _NOISE_OPACITY = 100.0, 0.005
 class Relocation:
     """Moves dead splats onto live ones, sampled in proportion to opacity, and adds splats up to the maximum.
 
-    A splat that becomes N copies divides its opacity and scale among them so that the render stays the same (equation
-    9). Noise on the means of nearly transparent splats lets them explore (equation 8).
+    When a splat becomes N copies, their opacities and scales are chosen so that the render does not change (equation
+    9). Noise on the means of nearly transparent splats makes them explore (equation 8).
 
     Args:
-        settings: `densify_from`, `densify_until`, `densify_every`, `densify_max_splats`, `mcmc_noise`.
+        settings: uses `densify_from`, `densify_until`, `densify_every`, `densify_max_splats` and `mcmc_noise`.
     """
 
     wants_screen_gradients = False

@@ -1,4 +1,4 @@
-"""Settings of training. Defaults are the paper's where the paper names a value, unless the field says otherwise."""
+"""Settings of training. Defaults are the paper's values where it gives one, unless the field says otherwise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field
 from studio.settings import Affects, Heading, Settings
 
 _LATER = Affects("later_frames")
-"""Of settings that only frames after the keyframe are trained with: changing them keeps the keyframes."""
+"""For settings that only affect frames after the keyframe: changing them does not invalidate keyframes."""
 
 
 class LearningRates(Settings):
@@ -63,14 +63,14 @@ class TrainSettings(Settings):
     """Keyframe: weight of the mean scale relative to the performer's size (Kheradmand et al. 2024, section 4.4)."""
 
     background: Literal["random", "black", "white"] = "random"
-    """Background color behind the performer during training. random: a new color at each step, which teaches
-    coverage."""
+    """Background color behind the performer during training. random: a new color at each step, from which splats learn
+    their coverage."""
 
     dropout: float = Field(default=0.2, ge=0, lt=1)
     """Fraction of the splats left out of each step of the keyframe and of fine-tuning. Improves held-out views."""
 
     use_plates: bool = True
-    """If the capture has clean plates, compare the unmasked footage with splats rendered over the plate, rather than
+    """If the capture has clean plates, compare the unmasked footage with splats rendered over the plate instead of
     masking the performer. Reduces the effect of matte errors."""
 
     crop_margin: float = Field(default=0.15, ge=0, le=10)
@@ -106,7 +106,7 @@ class TrainSettings(Settings):
     """Steps between opacity resets; none in the last quarter of densification."""
 
     sh_degree_every: int = Field(default=1_000, ge=1)
-    """Steps after which the next degree of spherical harmonics is trained, up to sh_degree."""
+    """Steps after which the next degree of the spherical harmonics is added to training, up to sh_degree."""
 
     prune_ratio: Annotated[float, Heading("Pruning")] = Field(default=0.3, gt=0, lt=1)
     """Fraction of the splats, lowest opacity first, removed in each pruning round. The paper uses 0.3."""
@@ -144,7 +144,8 @@ class TrainSettings(Settings):
     """Initialize the network with the previous frame's weights (and without the velocity) instead of from scratch."""
 
     motion_neighbors: Annotated[int, _LATER] = Field(default=0, ge=0, le=1000)
-    """Rotate each splat with the offsets to this many nearest neighbors. 0: translation only, as in the paper."""
+    """Number of nearest neighbors from whose relative motion each splat's rotation is estimated. 0: translation only,
+    as in the paper."""
 
     hash_levels: Annotated[int, Heading("Motion network"), _LATER] = Field(default=16, ge=1, le=32)
     """Levels of the motion network's hash grid."""
@@ -174,8 +175,8 @@ class TrainSettings(Settings):
     """Fine-tune the means as well; the paper fine-tunes the other attributes only."""
 
     entropy_weight: Annotated[float, _LATER] = Field(default=1e-5, ge=0)
-    """Weight of the residual entropy loss: lambda_e in equation 13. Not the paper's 1e-4, which was measured to need
-    14 % more bytes at equal quality (docs/measurements/training.md)."""
+    """Weight of the residual entropy loss: lambda_e in the paper's equation 13. Lower than the paper's 1e-4, which
+    needed 14 % more bytes at equal quality (docs/measurements/training.md)."""
 
     temporal_weight: Annotated[float, _LATER] = Field(default=1e-3, ge=0)
     """Weight of the temporal loss: lambda_t in the paper's equation 13."""
@@ -189,7 +190,7 @@ class TrainSettings(Settings):
     profile that is baked. planes: as in the paper."""
 
     simulate_quantization: Annotated[bool, _LATER] = False
-    """Fine-tuning renders attributes as rounded by the baker (straight-through estimator)."""
+    """During fine-tuning, render attributes as the baker quantizes them (straight-through estimator)."""
 
     rates: LearningRates = LearningRates()
     """Learning rates of the splats."""

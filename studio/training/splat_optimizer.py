@@ -10,7 +10,7 @@ from studio.training.settings import LearningRates
 
 
 class SplatOptimizer:
-    """Holds each attribute as a leaf tensor with its own Adam parameter group. Splats can be added and removed.
+    """Stores each attribute as a leaf tensor with its own Adam parameter group. Splats can be added and removed.
 
     Args:
         gaussians: initial values (copied).
@@ -47,7 +47,7 @@ class SplatOptimizer:
 
     @property
     def gaussians(self) -> Gaussians:
-        """The current splats; gradients flow to the leaf tensors."""
+        """The current splats; gradients propagate to the leaf tensors."""
         sh = self._leaves["sh_dc"]
         if "sh_rest" in self._leaves:
             sh = torch.cat([sh, self._leaves["sh_rest"]], dim=1)

@@ -1,4 +1,4 @@
-"""Rotates splats with the surface they are on: rotations estimated from the motion of neighboring splats."""
+"""Rotates splats with the surface they represent, by rotations estimated from the motion of neighboring splats."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def local_median(values: Tensor, near: Tensor) -> Tensor:
 def local_rotations(before: Tensor, after: Tensor, near: Tensor) -> Tensor:
     """(N, 4) unit quaternions, wxyz: the rotation of each splat's neighborhood from `before` to `after`.
 
-    The least-squares rotation of the offsets to the neighbors (Kabsch 1976), with the reflection excluded for flat
+    This is the least-squares rotation of the offsets to the neighbors (Kabsch 1976), with reflections excluded for flat
     neighborhoods. Splats with fewer than two neighbors get the identity.
 
     Args:

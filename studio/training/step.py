@@ -27,8 +27,8 @@ class Step:
     """Result of one step.
 
     Attributes:
-        loss: scalar, equation 7, plus the alpha loss if enabled; backward() was not called yet.
-        target: (H, W, 3) image that the render was compared with.
+        loss: scalar, equation 7, plus the alpha loss if enabled; backward() has not been called yet.
+        target: (H, W, 3) image with which the render was compared.
         render: the render; `radii` has an entry for every splat, 0 for dropped ones.
         view: the training view.
     """
@@ -75,7 +75,7 @@ class Stepper:
         return Step(loss, target, render, view)
 
     def state(self) -> dict[str, Tensor]:
-        """Position in the sequence of views. The state of the generator belongs to the caller."""
+        """Position in the sequence of views. The caller stores the state of the generator."""
         return {"views": self._views.state()}
 
     def restore(self, state: dict[str, Tensor]) -> None:
@@ -87,7 +87,7 @@ def dropped(gaussians: Gaussians, share: float, generator: torch.Generator) -> t
     """Drop a random fraction of the splats; the opacities of the others are divided by 1 - `share` to compensate.
 
     With few cameras, splats overfit jointly: one hides the error of another in the training views. Dropping a random
-    subset in each step regularizes this and improves held-out views (DropGaussian, Park et al. 2025, equation 6).
+    subset in each step reduces this and improves held-out views (DropGaussian, Park et al. 2025, equation 6).
 
     Args:
         gaussians: N splats.

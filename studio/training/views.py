@@ -13,23 +13,24 @@ from studio.errors import StudioError
 from studio.views import CapturedView
 
 CACHED_PIXELS = 400_000
-"""Views of up to this many pixels also cache their images as floats: 1.4 of 23 ms per step for 32 bytes per pixel."""
+"""Views of up to this many pixels also cache their images as floats, which saves 1.4 of 23 ms per step and takes 32
+bytes per pixel."""
 
 
 class TrainingView:
     """One camera's image of one frame.
 
-    Large images are stored as they are and converted to floats on access: 81 cameras at 4K take 2 GiB as bytes and
-    16 GiB as floats.
+    Large images are stored as bytes and converted to floats on access: 81 cameras at 4K take 2 GiB as bytes and 16 GiB
+    as floats.
 
     Args:
         camera: pinhole camera of `image`.
-        image: (H, W, 3) RGB as filmed, uint8 or float32 in 0 to 1.
+        image: (H, W, 3) RGB of the footage, uint8 or float32 in 0 to 1.
         matte: (H, W), same dtype; 255 or 1 is the performer.
         full_size: (width, height) of the uncropped image, pixels.
         plate: (H, W, 3) clean plate, same dtype, or None. With a plate, the performer is not cut out: on and around the
-            performer, the filmed image is compared with the splats over the plate. This models soft edges correctly and
-            tolerates small errors of the matte.
+            performer, the footage is compared with the splats rendered over the plate. This models soft edges correctly
+            and tolerates small matte errors.
 
     Attributes:
         camera, full_size: as above.
@@ -78,12 +79,12 @@ class TrainingView:
         Args:
             view: image, matte, camera and optional clean plate.
             device: device of the tensors.
-            crop_margin: crop to the bounding box of the matte, padded by this fraction of its size and 16 pixels; None
-                keeps the full image.
+            crop_margin: crop to the bounding box of the matte, padded by this fraction of its size plus 16 pixels;
+                None: keep the full image.
             use_plate: False ignores the clean plate.
 
         Raises:
-            StudioError: `matte.empty`: no pixel of the matte is the performer.
+            StudioError: `matte.empty`: the matte does not contain any performer pixels.
         """
         camera, image, matte, plate = view.camera, view.image, view.matte, view.plate if use_plate else None
         size = (camera.width, camera.height)
@@ -103,15 +104,15 @@ class TrainingView:
     def composited(self, background: Tensor) -> Tensor:
         """(H, W, 3) target image over a (3,) background color.
 
-        Without a plate: the performer, composited over the color by the matte. With a plate: the filmed image on and
+        Without a plate: the performer, composited over the color with the matte. With a plate: the footage on and
         around the performer, and the color elsewhere.
         """
         image, rest, _ = self._cached or self._parts()
         return torch.addcmul(image, rest, background)
 
     def backdrop(self, background: Tensor) -> Tensor | None:
-        """(H, W, 3) background of the splats when they are compared with `composited`: the plate on and around the
-        performer, and the (3,) color elsewhere. None without a plate: the background is the color."""
+        """(H, W, 3) background over which splats are rendered for comparison with `composited`: the plate on and around
+        the performer, and the (3,) color elsewhere. None without a plate: the background is the color."""
         if self._plate is None:
             return None
         _, rest, plate = self._cached or self._parts()
@@ -125,7 +126,7 @@ class TrainingView:
 
 
 def _floats(image: Tensor) -> Tensor:
-    """An image as floats in 0 to 1."""
+    """An image converted to floats in 0 to 1."""
     return image if image.is_floating_point() else image / 255
 
 
@@ -146,8 +147,8 @@ def matte_box(matte: np.ndarray, margin: float, name: str) -> tuple[int, int, in
 
     Args:
         matte: (H, W) uint8; pixels above one half are the performer.
-        margin: padding as a fraction of the size of the box; another 16 pixels are added.
-        name: camera, for the error.
+        margin: padding as a fraction of the size of the box; 16 pixels are added to it.
+        name: name of the camera, for the error.
 
     Raises:
         StudioError: `matte.empty`: no pixel of the matte is above one half.
@@ -184,7 +185,7 @@ class Shuffled:
             raise StudioError(
                 "training.no_views",
                 "there are no training views",
-                fix="Keep at least one camera out of capture.held_out",
+                fix="Remove at least one camera from capture.held_out",
                 setting="capture.held_out",
             )
         self._views, self._generator = views, generator

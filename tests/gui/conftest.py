@@ -25,12 +25,12 @@ from tests.support.waiting import POLL, wait_until
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
 STILL = 25
-"""Ticks without a change after which a widget stands still. The panels follow a change only when they are next drawn,
+"""Ticks without a change after which a widget counts as still. Panels show a change only when they are next drawn,
 up to `gui.window.LONGER_PAUSE` later; a tick takes at least 9.5 ms."""
 
 
 def body(frame: int, splats: int = 600) -> Gaussians:
-    """An upright ellipsoid shell that walks along x; its color tells direction."""
+    """An upright ellipsoid shell that moves along x; its color shows the direction."""
     generator = torch.Generator().manual_seed(5)
     shell = torch.nn.functional.normalize(torch.randn(splats, 3, generator=generator), dim=1)
     means = shell * torch.tensor([0.3, 0.25, 0.8]) + torch.tensor([0.15 * math.sin(0.4 * frame), 0.0, 0.9])
@@ -58,7 +58,7 @@ def stream_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def tiny_capture() -> Any:
-    """The pipeline tests' module that makes a capture of a ball, small enough to be run in seconds."""
+    """The module of the pipeline tests that makes a capture of a ball, small enough to run in seconds."""
     spec = importlib.util.spec_from_file_location(
         "tiny_capture", Path(__file__).parents[1] / "pipelines" / "conftest.py"
     )
@@ -71,7 +71,7 @@ def tiny_capture() -> Any:
 
 @pytest.fixture(scope="session")
 def footage_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with `capture/` and `ball.yaml`, to be looked at only."""
+    """A folder with `capture/` and `ball.yaml`. Read-only."""
     folder = tmp_path_factory.mktemp("footage")
     tiny_capture().write_capture(folder / "capture")
     (folder / "ball.yaml").write_text(tiny_capture().SETTINGS)
@@ -80,7 +80,7 @@ def footage_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def finished_project(footage_project: Path) -> Path:
-    """The same with a take in `take/` that ran to its end. Use `take_copy` to change it."""
+    """The same with a finished take in `take/`. Read-only; use `take_copy` to change it."""
     tiny = tiny_capture()
     command = tiny.command("run", footage_project / "ball.yaml", "--take", footage_project / "take")
     done = subprocess.run(
@@ -131,13 +131,13 @@ def display() -> Iterator[str]:
 
 
 class RunningWindow:
-    """`v3studio-gui` in a process of its own.
+    """`v3studio-gui` in a separate process.
 
     Args:
         display: the X server.
         log: file for its state lines.
-        arguments: of the command.
-        program: what Python runs.
+        arguments: arguments of the command.
+        program: arguments of Python that start the program.
     """
 
     def __init__(self, display: str, log: Path, *arguments: str, program: tuple[str, ...] = ("-m", "gui.app")) -> None:
@@ -164,13 +164,13 @@ class RunningWindow:
             with self.log.open("rb") as file:
                 file.seek(self._read)
                 data = file.read()
-            whole = data[: data.rfind(b"\n") + 1]  # the last line may be half written
+            whole = data[: data.rfind(b"\n") + 1]  # the last line may be incomplete
             self._read += len(whole)
             self._states += [json.loads(line) for line in whole.splitlines()]
         return self._states
 
     def wait_for(self, what: str, accept: Callable[[dict[str, Any]], bool], seconds: float = 120.0) -> dict[str, Any]:
-        """The newest state, once it is accepted; fails with `what` after so many seconds."""
+        """Wait for a state that is accepted and return it; fail with `what` after a number of seconds."""
         end = time.monotonic() + seconds
         state: dict[str, Any] = {}
         while time.monotonic() < end:
@@ -194,7 +194,7 @@ class RunningWindow:
         return done.stdout
 
     def point(self, widget: str, across: float = 0.5, down: float = 0.5) -> tuple[int, int]:
-        """Screen pixels of a place on a widget, 0 to 1 each way."""
+        """Screen pixel of a position on a widget, 0 to 1 on both axes."""
         left, top, width, height = self._place(widget)
         window = self.xdotool("search", "--name", "V3 Studio").split()[0]
         geometry = dict(
@@ -206,8 +206,8 @@ class RunningWindow:
         )
 
     def ticks(self, count: int = 3, seconds: float = 60.0) -> None:
-        """Wait until the window has ticked so often since now. It polls events in each tick: what the X server had for
-        it has been handled by then, however busy the machine is. A tick takes at least 9.5 ms."""
+        """Wait for a number of ticks of the window. It polls events in each tick, so pending X events have been handled
+        by then, however busy the machine is. A tick takes at least 9.5 ms."""
         file = self.log.with_name(self.log.name + ".ticks")
         start = int(file.read_bytes())
         wait_until(f"{count} ticks", lambda: int(file.read_bytes()) >= start + count or self._ended, seconds)
@@ -217,9 +217,9 @@ class RunningWindow:
         return self.process.poll() is not None
 
     def drawn(self) -> None:
-        """Wait until the window has handled what the X server had for it, and has been drawn. To be drawn, it sends
-        itself an Expose event through the X server, which may take longer than some ticks: a query afterwards makes
-        sure that the event is back."""
+        """Wait until the window has handled pending X events and has been drawn. To be drawn, it sends itself an Expose
+        event through the X server, which may take longer than some ticks; a query afterwards makes sure that the event
+        has arrived."""
         self.ticks()
         self.xdotool("getmouselocation")
         self.ticks()
@@ -235,10 +235,10 @@ class RunningWindow:
                 return list(place)
             self.ticks(still)
             self.drawn()
-        pytest.fail(f"{widget} never stood still; its frame is {place}")
+        pytest.fail(f"{widget} never stopped moving; its frame is {place}")
 
     def across_frame(self, frame: int) -> float:
-        """Where on the timeline's widget a frame lies, 0 to 1."""
+        """Position of a frame on the timeline widget, 0 to 1."""
         state = self.states()[-1]
         left, width = state["timeline_left"], state["widgets"]["timeline"][2]
         return float((left + (frame + 0.5) / state["frames"] * (width - left)) / width)
@@ -248,12 +248,12 @@ class RunningWindow:
         names = ["capture", "calibrate", "initialize", "train", "bake", "review"]
         self.click("stages", 0.3, (names.index(name) + 0.5) / len(names))
         at = self.wait_for(name, lambda s: s["stage"] == name)["pictures"]
-        # while it plays there is always another picture to make
+        # during playback there is always another picture to render
         self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)
 
     def menu(self, title: str, row: int, separators: int = 0) -> None:
-        """Choose an item of a menu: the row-th, below so many separators. The toolkit draws menus and does not report
-        their frames; the offsets were measured at its default font size."""
+        """Choose an item of a menu by its row and the number of separators above it. The toolkit draws menus without
+        reporting their frames; the offsets were measured at its default font size."""
         left, top = self.point("stages", 0.0, 0.0)
         across = left + {"File": 22, "View": 64, "Mark": 111, "Export": 160, "Help": 208}[title]
         self.press(across, top - 12)
@@ -264,20 +264,20 @@ class RunningWindow:
         self.press(*self.point(widget, across, down))
 
     def press(self, x: int, y: int) -> None:
-        """Press and release the left button at a place of the screen. The toolkit loses a click if the press and the
+        """Press and release the left button at a position on the screen. The toolkit loses a click if the press and the
         release reach it between two drawn frames."""
         self.send("mousemove", x, y)
         self.send("mousedown", 1)
         self.send("mouseup", 1)
 
     def send(self, *arguments: object) -> None:
-        """An input event; returns when the window has handled it and has been drawn. The query after the event makes
-        sure that the X server has processed it."""
+        """Send an input event; return when the window has handled it and has been drawn. The query after the event
+        makes sure that the X server has processed it."""
         self.xdotool(*arguments, "getmouselocation")
         self.drawn()
 
     def drag(self, widget: str, start: tuple[float, float], end: tuple[float, float], button: int = 1) -> None:
-        """Drag over a widget in steps."""
+        """Drag across a widget in steps."""
         self.send("mousemove", *self.point(widget, *start))
         places = [
             self.point(widget, *(a + step / 8 * (b - a) for a, b in zip(start, end, strict=True)))
@@ -299,14 +299,14 @@ class RunningWindow:
         self.enter_text(widget, text)
 
     def enter_text(self, widget: str, text: str, selected: bool = False) -> None:
-        """Type into the field that has the keyboard focus, and wait until it holds the text: at its end, or in place of
-        its text if that is selected."""
+        """Type into the field with the keyboard focus, and wait until it contains the text: appended, or replacing its
+        text if that is selected."""
         whole = text if selected else self.states()[-1]["texts"].get(widget, "") + text
         self.xdotool("type", "--delay", 40, text)
         self.wait_for(f"{whole!r} in {widget}", lambda s: s["texts"].get(widget) == whole)
 
     def key(self, name: str) -> None:
-        """Press a key, with the pointer in the window: no window manager runs here that would give it the focus."""
+        """Press a key, with the pointer in the window, because there is no window manager to give it the focus."""
         if not self._entered:
             self._entered = True
             self.send("mousemove", *self.point("stages", 0.9, 0.98))
@@ -327,7 +327,7 @@ class RunningWindow:
 
 @pytest.fixture
 def open_window(display: str, tmp_path: Path) -> Iterator[Callable[..., RunningWindow]]:
-    """`open_window("PATH", ...)` starts the window; it is ended after the test whatever happens."""
+    """`open_window("PATH", ...)` starts the window; it is always closed after the test."""
     windows: list[RunningWindow] = []
 
     def start(*arguments: str, **options: Any) -> RunningWindow:
@@ -343,7 +343,7 @@ def open_window(display: str, tmp_path: Path) -> Iterator[Callable[..., RunningW
 
 @pytest.fixture(scope="session")
 def artifacts() -> Path:
-    """Folder for screenshots to look at; git ignores it."""
+    """Folder for screenshots, ignored by git."""
     folder = Path(__file__).parents[2] / "test-artifacts"
     folder.mkdir(exist_ok=True)
     return folder

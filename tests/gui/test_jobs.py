@@ -1,4 +1,4 @@
-"""Runs followed: events gathered, child processes, crashes, logs that grow; and the workspace over a real take."""
+"""Following runs: collected events, child processes, crashes, growing logs; and the workspace on a real take."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def test_a_run_told_by_its_events() -> None:
     run.apply(RunStarted(take="t", stages=("train", "bake"), done=("calibrate",), pid=7, version="1"))
     run.apply(StageStarted(stage="train", reason="never run"))
     run.apply(progress(0.25, loss=0.5, psnr=20.0, splats=100))
-    assert (run.stage, run.stage_words()) == ("train", "25 %, 1 min 30 s left")
+    assert (run.stage, run.stage_words()) == ("train", "25%, 1 min 30 s left")
     run.apply(progress(0.5, loss=0.4, psnr=21.0, splats=120))
     run.apply(progress(0.6, loss=0.9, psnr=15.0, splats=80, group=1))
     assert run.curves["loss"][0].positions == [0.25, 0.5]
     assert run.curves["splats"][0].values == [100.0, 120.0]
-    assert run.curves["loss"][1].values == [0.9], "groups that train side by side have curves of their own"
+    assert run.curves["loss"][1].values == [0.9], "groups that train in parallel have separate curves"
     before = run.results
     run.apply(Metrics(stage="train", values={"splats": 120}, group=0, frame=3))
     run.apply(StageFinished(stage="train", seconds=2.0))
@@ -44,12 +44,12 @@ def test_a_run_told_by_its_events() -> None:
     run.apply(RunFinished(outcome="failed", seconds=3.0, message="The disk is full."))
     assert (run.outcome, run.failed) == ("failed", {"bake": "The disk is full."})
     assert [kind for kind, _ in run.lines].count("error") == 2
-    assert sum("disk is full" in text for _, text in run.lines) == 1, "said once"
+    assert sum("disk is full" in text for _, text in run.lines) == 1, "reported once"
     following = run.followed()
     assert following.outcome == ""
     assert following.curves["psnr"][0].values == [20.0, 21.0]
     following.apply(progress(0.1, loss=0.7))
-    assert following.curves["loss"][0].values == [0.7], "another training begins anew"
+    assert following.curves["loss"][0].values == [0.7], "a new training run starts over"
     assert "psnr" not in following.curves
 
 
@@ -104,7 +104,7 @@ def test_a_job_shows_its_events_and_other_output_as_log_lines(tmp_path: Path) ->
         hello.to_json()[:20],
         '{"event": "half',
     ]
-    assert max(map(len, others)) < 1000, "a huge line is cut"
+    assert max(map(len, others)) < 1000, "a huge line is truncated"
     assert job.crash() is None
     run = RunState()
     for event in events:
@@ -254,7 +254,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         process = psutil.Process(terminal.pid)
         wait_until("halted", lambda: process.status() == psutil.STATUS_STOPPED)
         halted, written = process.cpu_times(), take_copy.joinpath(".v3studio", "events.jsonl").stat().st_size
-        workspace.poll()  # what it had written is read
+        workspace.poll()  # read what it had written
         wait(workspace, "seen as paused", lambda: workspace.paused)
         assert process.cpu_times() == halted
         assert take_copy.joinpath(".v3studio", "events.jsonl").stat().st_size == written
@@ -263,7 +263,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         steps = workspace.run.changes
         wait(workspace, "going on", lambda: workspace.run.changes > steps)
         workspace.pause()
-        workspace.cancel()  # a run that is paused stops as well
+        workspace.cancel()  # cancelling works on a paused run too
         assert terminal.wait(60) == 130
     finally:
         terminal.kill()

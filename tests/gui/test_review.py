@@ -1,4 +1,4 @@
-"""The review's presenters over a take that was really made: figures, ground truth, marks, strips."""
+"""The presenters of the review on a real take: figures, ground truth, marks, timeline plots."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_ground_truth_is_what_the_camera_filmed_and_splats_are_drawn_from_there(
     filmed = footage.image("cam4", footage.frames[0]).astype(float) * (
         footage.matte("cam4", footage.frames[0])[..., None] / 255
     )
-    shrunk = truth.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown four times as large
+    shrunk = truth.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown enlarged four times
     assert np.abs(shrunk - filmed).mean() < 3.0
     assert player.choose("trained")
     trained = image(player)
@@ -88,9 +88,9 @@ def test_comparing_without_a_camera_compares_decoded_with_trained(player: Player
     left, right = picture[:, :126].astype(float), picture[:, 130:].astype(float)
     assert np.abs(left[40:] - right[40:]).mean() < 4.0  # below the labels: nearly the same
     player.look_through("cam2")
-    assert player.image_zoom != ImageZoom(), "the performer is brought near"
+    assert player.image_zoom != ImageZoom(), "zoomed to the performer"
     player.drag_orbit(10, 0)
-    assert player.camera == "", "turning leaves the camera"
+    assert player.camera == "", "orbiting leaves the camera"
 
 
 def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> None:
@@ -164,7 +164,7 @@ def test_strips_show_the_frame_and_clicks_find_it() -> None:
     assert plots_view.frame_at(plots_view.left + (first + last) / 2) == 7
     assert plots_view.frame_at(0) == 0
     assert plots_view.frame_at(10_000) == 19
-    # higher values stand higher: count the accent's pixels of the decoded strip at the last frame and the first
+    # higher values are drawn higher: count the accent pixels of the decoded plot at the last and the first frame
     high = plots_view.picture(19, plots)[:, plots_view.left + plots_view.timeline.span(19)[0] + 1]
     low = plots_view.picture(0, plots)[:, plots_view.left + 1]
     rows = slice(37, 66)

@@ -1,4 +1,4 @@
-"""The window itself, as a person would use it: a process of its own, real X events, pixels read from the screen."""
+"""The window as a user would operate it: a separate process, real X events, pixels read from the screen."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_plays_seeks_turns_and_closes(
     window.drag("timeline", (window.across_frame(1), 0.3), (window.across_frame(10), 0.3))
     window.wait_for("frame 10 by a drag", lambda s: s["frame"] == 10 and s["shown"] == 10)
 
-    # what is on the screen shows the colors of the body, and turning changes them
+    # the screen shows the colors of the body, and orbiting changes them
     shot = tmp_path / "before.png"
     wait_until("on the screen", lambda: _colored(_pixels(window.screenshot(shot))) > 5000)
     one = _pixels(shot)
@@ -77,5 +77,5 @@ def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path:
 
 
 def _colored(pixels: np.ndarray) -> int:
-    """How many pixels are no gray."""
+    """Number of pixels that are not gray."""
     return int(((pixels.max(-1).astype(int) - pixels.min(-1)) > 60).sum())

@@ -1,6 +1,6 @@
-"""Windows opened and closed, frames played: memory stays. In a process of its own.
+"""Memory does not grow when windows are opened and closed and frames are played. Runs in a separate process.
 
-V3STUDIO_SLOW_TESTS=1 takes 20 windows and 2,000 frames (minutes), else it is 5 and 300.
+V3STUDIO_SLOW_TESTS=1 uses 20 windows and 2,000 frames (minutes), otherwise 5 and 300.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def test_memory_stays_while_windows_open_and_frames_play(display: str, stream_fo
     assert len(opened) == windows
     assert len(played) == frames // 100
     # The first windows warm up the drivers' and the allocator's caches (it levels off after about eight). A leak of
-    # 2 MB a frame, as Open3D has without its scene, or of a window's buffers would show at once.
+    # 2 MB per frame, as in Open3D without a scene, or of a window's buffers would be obvious.
     warm = min(8, windows - 3)
     assert opened[-1] - opened[warm] < 60, opened
     assert played[-1] - played[1] < 40, played

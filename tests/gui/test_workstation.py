@@ -1,4 +1,4 @@
-"""The whole way in the window alone, with real mouse and keyboard events: from a folder of footage to a wipe."""
+"""The whole workflow in the window, with real mouse and keyboard events: from a folder of footage to a wipe."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.wait_for("thumbnails", lambda s: s["settled"])
     window.screenshot(artifacts / "workstation_2_capture.png")
 
-    # a setting that is refused, and one that is taken; letters typed into a field are no shortcuts
+    # a setting that is refused, and one that is accepted; letters typed into a field are not shortcuts
     window.stage("bake")
     window.retype("setting bake.qp", "77w")
     window.key("Return")
@@ -96,7 +96,7 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
 def test_nothing_overlaps_and_nothing_is_cut_off(
     open_window: Callable, finished_project: Path, artifacts: Path, size: tuple[int, int]
 ) -> None:
-    """No two widgets of the layout share a place, and all lie in the window."""
+    """No two widgets of the layout overlap, and all are inside the window."""
     width, height = size
     window = open_window(str(finished_project / "take"), "--size", f"{width}x{height}")
     state = window.wait_for("a picture", lambda s: s["shown"] is not None and done(s) and s["camera"] == "")

@@ -25,7 +25,7 @@ def test_a_job_outlives_the_window_and_is_found_again(open_window: Callable, tak
     assert window.process.wait(60) == 0
     lock = json.loads((take_copy / ".v3studio" / "lock").read_text())
     try:
-        os.kill(lock["pid"], 0)  # it lives
+        os.kill(lock["pid"], 0)  # it is alive
         again = open_window(str(take_copy))
         again.wait_for("the job, found again", lambda s: s["busy"] and s["stages"]["train"][0] == "running")
         again.stage("train")
@@ -82,7 +82,7 @@ BROKEN: tuple[tuple[Callable[[Path], None], str], ...] = (
 
 
 def test_broken_takes_are_sentences(open_window: Callable, finished_project: Path, tmp_path: Path) -> None:
-    """One window, one broken take after another by the recent list's way in; it never goes down."""
+    """One window opens one broken take after another, as from the recent list, and never crashes."""
     for number, (damage, _) in enumerate(BROKEN):
         take = Path(shutil.copytree(finished_project / "take", tmp_path / f"take{number}"))
         damage(take)
@@ -99,7 +99,7 @@ def test_broken_takes_are_sentences(open_window: Callable, finished_project: Pat
         assert len(state["widgets"]) > len(shown)
         window.click(f"dialog choice{shown.index(names[number])}")
         state = window.wait_for(damage.__name__, lambda s: s["dialog"] == "" and s["opening"] == "")
-        if said.startswith("left out: "):  # the other group plays on
+        if said.startswith("left out: "):  # the other group still plays
             said = said.removeprefix("left out: ")
             window.wait_for(
                 f"{damage.__name__}: {said}", lambda s, said=said: any(said in one for one in s["left_out"])

@@ -1,4 +1,4 @@
-"""A capture small enough to go through the whole pipeline in seconds: a textured ball that moves."""
+"""A capture small enough to go through the whole pipeline in seconds: a moving textured ball."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def look_at(eye: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def ball(K: np.ndarray, R: np.ndarray, t: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """(H, W, 4) uint8 RGBA: the ball by ray casting, colored by its own surface coordinates."""
+    """(H, W, 4) uint8 RGBA: the ray-cast ball, colored by its surface coordinates."""
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
     rays = np.stack([(columns - K[0, 2]) / K[0, 0], (rows - K[1, 2]) / K[1, 1], np.ones_like(rows)], -1) @ R
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -99,7 +99,7 @@ def project(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A project whose take `take/` ran to its end, unbroken. Copy it before changing it."""
+    """A project with the finished take `take/`, made without interruption. Copy it before changing it."""
     folder = tmp_path_factory.mktemp("finished")
     write_capture(folder / "capture")
     (folder / "ball.yaml").write_text(SETTINGS)
@@ -110,7 +110,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def long_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Settings of footage that is long enough to estimate offsets from."""
+    """Settings of footage that is long enough to estimate time offsets."""
     folder = tmp_path_factory.mktemp("long")
     write_capture(folder / "capture", frames=12)
     (folder / "ball.yaml").write_text(SETTINGS)
@@ -122,21 +122,21 @@ def command(*arguments: object) -> list[str]:
 
 
 def v3studio(*arguments: object, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """Run the command line in a process of its own, as a user or the window would."""
+    """Run the command line in a separate process, as a user or the window would."""
     return subprocess.run(
         command(*arguments), capture_output=True, text=True, cwd=cwd, timeout=120, env=environment(), check=False
     )
 
 
 def environment() -> dict[str, str]:
-    """The checkout on the path, wherever the command starts."""
+    """Environment with the checkout on the path, wherever the command starts."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return {**os.environ, "PYTHONPATH": path, "COLUMNS": "200"}
 
 
 @pytest.fixture
 def start() -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start the command line and leave it running."""
+    """Start the command line without waiting for it."""
     started: list[subprocess.Popen[str]] = []
 
     def go(*arguments: object) -> subprocess.Popen[str]:
@@ -159,7 +159,7 @@ def cli() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 
 class Done(NamedTuple):
-    """What a command said and how it ended."""
+    """Output and exit code of a command."""
 
     returncode: int
     stdout: str
@@ -168,7 +168,7 @@ class Done(NamedTuple):
 
 @pytest.fixture
 def here(capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
-    """Run the command line inside this process: starting another one for each command costs seconds of imports."""
+    """Run the command line in this process; a new process per command would cost seconds of imports."""
     from pipelines.cli import execute
 
     def run(*arguments: object) -> Done:

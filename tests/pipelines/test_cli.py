@@ -111,7 +111,7 @@ def test_status_of_a_new_and_of_a_finished_take(cli, project, finished):
 
 def test_a_second_run_on_the_take_is_refused_at_once(cli, project, start):
     process = start("run", project / "ball.yaml", "--take", project / "take", "--json")
-    process.stdout.readline()  # the run holds the take now
+    process.stdout.readline()  # the run has locked the take now
     os.kill(process.pid, signal.SIGSTOP)
     try:
         second = cli("run", project / "ball.yaml", "--take", project / "take")
@@ -143,7 +143,7 @@ def test_the_last_lines_of_a_run_are_the_table(cli, finished, tmp_path):
 
 def test_stdout_of_json_is_events_only(cli, finished, tmp_path):
     shutil.copytree(finished, tmp_path / "copy")
-    done = cli("bake", tmp_path / "copy" / "take", "--force", "--json")  # the take's folder alone will do
+    done = cli("bake", tmp_path / "copy" / "take", "--force", "--json")  # the take's folder is enough
     assert done.returncode == 0, done.stderr
     kinds = [parse_event(line).kind for line in done.stdout.splitlines()]
     assert kinds[0] == "run_started"
@@ -163,8 +163,8 @@ def test_status_answers_without_torch(finished):
 
 
 def test_bake_to_a_target(cli, finished, tmp_path):
-    """Smaller for a lower PSNR, never above the kilobytes asked for; a new target replaces the one that the
-    take remembers."""
+    """Smaller for a lower PSNR, never above the requested kilobytes; a new target replaces the one stored in the
+    take."""
     take = tmp_path / "take"
     shutil.copytree(finished / "take", take)
 

@@ -1,4 +1,4 @@
-"""With --json, standard output holds JSON only, whatever libraries print in between, at exit or in child processes."""
+"""With --json, standard output is only JSON, whatever libraries print in between, at exit or in child processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Takes, footage, cameras and exports whose names have spaces, signs and letters beyond ASCII, in a minimal locale."""
+"""Takes, footage, cameras, exports with spaces, symbols and non-ASCII letters in their names, in a minimal locale."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TAKE = "prise é 影 #1 50%"
 
 @pytest.fixture(scope="module")
 def run_in(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., subprocess.CompletedProcess[bytes]]:
-    """The command line in a locale of its own."""
+    """The command line with a given locale."""
     import sys
 
     root = Path(__file__).parents[2]
@@ -39,7 +39,7 @@ def run_in(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., subprocess
 
 @pytest.fixture(scope="module")
 def place(finished: Path, tmp_path_factory: pytest.TempPathFactory, run_in: Callable) -> Path:
-    """A project whose take ran to its end under LC_ALL=C: cameras renamed, masks in files of their own."""
+    """A project with a take finished under LC_ALL=C: renamed cameras, masks in separate files."""
     folder = tmp_path_factory.mktemp("lieu") / "studio é 影"
     shutil.copytree(finished / "capture", folder / "footage à & co")
     capture = folder / "footage à & co"
@@ -101,7 +101,7 @@ def test_names_stand_in_the_results_as_they_are(place: Path, run_in: Callable) -
 
 
 def test_the_report_needs_no_file_beside_it(place: Path) -> None:
-    """Nothing in it would have to be quoted: pictures are inside, and links lead within the page."""
+    """Images are embedded and links stay within the page, so no file name has to be quoted."""
     found: list[str] = []
 
     class Links(HTMLParser):

@@ -1,4 +1,4 @@
-"""The scripts as modules (they are no package, since they run before anything is installed), and copies of them."""
+"""The scripts as modules (they are not a package, since they run before anything is installed), and copies of them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def fresh_test() -> ModuleType:
 
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
-    """A folder with spaces and letters beyond ASCII in its name, and nothing but our scripts in it."""
+    """A folder that contains only our scripts and has spaces and non-ASCII characters in its name."""
     folder = tmp_path / "my clone é 三"
     shutil.copytree(SCRIPTS, folder / "scripts", ignore=shutil.ignore_patterns("__pycache__"))
     return folder
@@ -44,7 +44,7 @@ def clone(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def programs(tmp_path: Path) -> Path:
-    """A folder to use as PATH: links to this system's programs, to be replaced or removed one by one."""
+    """A folder for PATH with links to the programs of this system, which tests replace or remove individually."""
     folder = tmp_path / "programs"
     folder.mkdir()
     for source in ("/usr/local/bin", "/usr/bin", "/bin", "/usr/sbin", "/sbin"):

@@ -1,11 +1,11 @@
-"""Writes wheels of a few bytes, and is the build backend of the small project in test_install.py."""
+"""Writes wheels of a few bytes; also the build backend of the small project in test_install.py."""
 
 import zipfile
 from pathlib import Path
 
 
 def write_wheel(folder: Path, name: str, version: str, files: dict[str, str]) -> str:
-    """A pure Python wheel of `files` ({path: text}) in `folder`; returns its file's name."""
+    """Write a pure Python wheel with `files` (path to text) to `folder`; returns its file name."""
     module = name.replace("-", "_")
     info = f"{module}-{version}.dist-info"
     files = files | {
@@ -21,7 +21,7 @@ def write_wheel(folder: Path, name: str, version: str, files: dict[str, str]) ->
 
 
 def build_editable(wheel_directory: str, config_settings: object = None, metadata_directory: object = None) -> str:
-    """PEP 660: pip calls it in the project's folder."""
+    """PEP 660; called by pip in the project's folder."""
     files = {
         "v3studio.pth": f"{Path.cwd()}\n",
         "v3studio-0.1.dist-info/entry_points.txt": "[console_scripts]\nv3studio = hello:main\n",

@@ -1,4 +1,4 @@
-"""Which Python scripts/find_python.sh chooses, and what it says to a wrong PYTHON."""
+"""The Python that scripts/find_python.sh selects, and its errors for an invalid PYTHON."""
 
 import subprocess
 import sys
@@ -21,7 +21,7 @@ def find(clone: Path, programs: Path, python: str | None = None) -> subprocess.C
 
 
 def an_old_python(file: Path) -> Path:
-    """This Python, but it says that it is 3.9.2."""
+    """This Python, but it reports version 3.9.2."""
     return write_program(
         file,
         f'#!/bin/sh\nexec "{sys.executable}" -c \'import sys; sys.version_info = (3, 9, 2); exec(sys.argv[1])\' "$2"\n',

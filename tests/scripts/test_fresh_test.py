@@ -1,4 +1,4 @@
-"""The test of freshness: what it carries over, what it reads, and when it refuses. The systems are built in CI only."""
+"""scripts/fresh_test.py: the settings that it copies, the output that it parses, and when it is skipped."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ def test_pip_settings_certificates_and_folders_are_carried_over(fresh_test: Modu
         "PIP_CACHE_DIR": "/cache",
         "https_proxy": "http://proxy:3128",
         "SSL_CERT_FILE": str(bundle),
+        "NODE_EXTRA_CA_CERTS": str(bundle),
         "SECRET": "x",
     }
     carried = fresh_test.carry(config, environment)
-    assert carried.folders == (str(index.parent), str(wheels))  # an index's pages link to files beside it
+    assert carried.folders == (str(index.parent), str(wheels))  # the pages of an index link to files next to it
     [(inside, outside)] = carried.certificates.items()
     assert outside == str(bundle)
     assert carried.pip_conf == (
@@ -39,6 +40,7 @@ def test_pip_settings_certificates_and_folders_are_carried_over(fresh_test: Modu
         "PIP_FIND_LINKS": str(wheels),
         "https_proxy": "http://proxy:3128",
         "SSL_CERT_FILE": inside,
+        "NODE_EXTRA_CA_CERTS": inside,
     }
 
 

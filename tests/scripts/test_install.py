@@ -1,4 +1,4 @@
-"""scripts/install.py on a small project with small wheels in the place of ours: the same steps, in seconds."""
+"""scripts/install.py on a small project with small wheels instead of ours: the same steps in seconds."""
 
 import importlib.util
 import json
@@ -54,7 +54,7 @@ def write_project(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def offers(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of wheels that pip's configuration names."""
+    """A folder of wheels, as specified in pip's configuration."""
     folder = tmp_path_factory.mktemp("offers")
     write_wheel: Callable[[Path, str, str, dict[str, str]], str]
     write_wheel = load(Path(__file__).with_name("small_wheels.py")).write_wheel
@@ -70,14 +70,14 @@ def offers(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def cut_off(offers: Path, torch: str) -> dict[str, str]:
-    """An environment in which pip finds `offers` and nothing else."""
+    """An environment in which pip finds only `offers`."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "V3STUDIO_"))}
     environment |= {"PIP_CONFIG_FILE": os.devnull, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(offers)}
     return environment | {"V3STUDIO_TORCH": torch, "PIP_NO_CACHE_DIR": "1"}
 
 
 def install(folder: Path, offers: Path, *options: str, torch: str = "cpu") -> subprocess.CompletedProcess[str]:
-    """Runs the installer of `folder`."""
+    """Run the installer in `folder`."""
     command = [sys.executable, folder / "scripts" / "install.py", *options]
     return subprocess.run(command, env=cut_off(offers, torch), capture_output=True, text=True)
 
@@ -88,18 +88,18 @@ def installed(folder: Path) -> set[str]:
 
 
 def hello(folder: Path) -> str:
-    """What the installed command prints."""
+    """Output of the installed command."""
     return subprocess.run([folder / ".venv/bin/v3studio"], capture_output=True, text=True, check=True).stdout
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory, offers: Path) -> Path:
-    """A project that was set up, after a set-up that was killed while .venv was made."""
+    """A project that was set up after a previous setup was killed during the creation of .venv."""
     folder = write_project(tmp_path_factory.mktemp("set-up") / "my clone é 三")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / ".venv"], check=True)
     answer = install(folder, offers)
     assert answer.returncode == 0, answer.stderr
-    assert "Making .venv anew: its pip does not answer." in answer.stdout
+    assert "Recreating .venv: its pip does not run." in answer.stdout
     assert "from a local file: torch-2.13.0+cpu" in answer.stdout
     assert "PyTorch 2.13.0+cpu is the CPU build." in answer.stdout
     return folder
@@ -108,14 +108,14 @@ def project(tmp_path_factory: pytest.TempPathFactory, offers: Path) -> Path:
 def test_users_get_the_run_time_set_and_developers_the_rest(project: Path, offers: Path) -> None:
     assert installed(project) == {"torch", OPEN3D, "small", "v3studio"}
     assert hello(project) == "hello None\n"
-    assert install(project, offers).stdout == ""  # nothing to do, nothing to say
+    assert install(project, offers).stdout == ""  # nothing to do
     assert install(project, offers, "--dev").returncode == 0
     assert installed(project) == {"torch", OPEN3D, "small", "v3studio", "checks"}
 
 
 def test_packages_whose_installation_was_interrupted_are_installed_again(project: Path, offers: Path) -> None:
     packages = next(project.glob(".venv/lib/*/site-packages"))
-    # As pip leaves them when it is killed while it unpacks: the wheel's own RECORD, and files missing.
+    # The state after pip is killed while it unpacks: the RECORD of the wheel itself, and missing files.
     record = packages / "small-1.0.dist-info" / "RECORD"
     record.write_text(re.sub(r".*INSTALLER.*\n", "", record.read_text()))
     (packages / "small" / "part.py").unlink()
@@ -135,7 +135,7 @@ def test_on_a_terminal_it_says_the_same(project: Path, offers: Path) -> None:
     with subprocess.Popen(command, env=cut_off(offers, "cpu"), stdout=theirs, stderr=theirs) as process:
         os.close(theirs)
         said = b""
-        with suppress(OSError):  # how a terminal ends
+        with suppress(OSError):  # signals the end of a terminal
             while chunk := os.read(ours, 4096):
                 said += chunk
     os.close(ours)
@@ -152,7 +152,7 @@ def test_the_build_of_torch_can_be_changed_and_stays(project: Path, offers: Path
     assert hello(project) == "hello 12.6\n"
     assert "open3d" in installed(project)
     assert "open3d-cpu" not in installed(project)
-    assert install(project, offers, torch="").stdout == ""  # whatever this machine has
+    assert install(project, offers, torch="").stdout == ""  # regardless of this machine's GPU
     answer = install(project, offers, torch="cpu")
     assert answer.returncode == 0, answer.stderr
     assert hello(project) == "hello None\n"
@@ -177,7 +177,7 @@ def test_a_clone_that_was_moved_gets_a_new_venv(project: Path, offers: Path, tmp
     shutil.copytree(project, moved, symlinks=True)
     answer = install(moved, offers)
     assert answer.returncode == 0, answer.stderr
-    assert "it was moved here from another folder" in answer.stdout
+    assert "it was moved from another folder" in answer.stdout
     assert str(moved) in (moved / ".venv/bin/v3studio").read_text()
     assert hello(moved) == "hello None\n"
 
@@ -188,14 +188,14 @@ def test_a_venv_whose_python_is_gone_is_made_anew(tmp_path: Path, offers: Path) 
     (folder / ".venv/bin/python").symlink_to("/no/such/python")
     answer = install(folder, offers)
     assert answer.returncode == 0, answer.stderr
-    assert "Making .venv anew: its Python is gone." in answer.stdout
+    assert "Recreating .venv: its Python no longer exists." in answer.stdout
     assert hello(folder) == "hello None\n"
 
 
 def test_without_a_network_it_fails_in_one_sentence(project: Path, tmp_path: Path) -> None:
     (project / ".venv" / "v3studio-setup.json").rename(tmp_path / "record")
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "V3STUDIO_"))}
-    # Nothing listens on port 9 of this machine, and its proxy keeps PyTorch's index from being asked.
+    # Nothing listens on port 9 of this machine; used as a proxy, it makes PyTorch's index unreachable.
     environment |= {"PIP_CONFIG_FILE": os.devnull, "PIP_INDEX_URL": "http://127.0.0.1:9/simple"}
     environment |= {"https_proxy": "http://127.0.0.1:9", "V3STUDIO_TORCH": "cpu"}
     command = [sys.executable, project / "scripts" / "install.py"]

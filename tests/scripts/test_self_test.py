@@ -1,4 +1,4 @@
-"""The self-test of the set-up: what it finds, and what it says."""
+"""The self-test of the setup: problems that it detects, and its report."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 SITE = Path(sysconfig.get_path("platlib"))
-C_LIBRARY = re.compile(r"^(ld-linux.*|lib(c|m|dl|pthread|rt|resolv|mvec)\.so\.\d+)$")  # libc6 is always there
+C_LIBRARY = re.compile(r"^(ld-linux.*|lib(c|m|dl|pthread|rt|resolv|mvec)\.so\.\d+)$")  # libc6 is always installed
 
 needs_compiler = pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
 
 
 def build_library(path: Path, *needs: Path) -> None:
-    """A shared library without code that needs others."""
+    """A shared library without code that depends on others."""
     path.parent.mkdir(parents=True, exist_ok=True)
     command = ["g++", "-shared", "-nostdlib", "-x", "c", "/dev/null", "-o", path, f"-Wl,-soname,{path.name}"]
     subprocess.run([*command, "-x", "none", "-Wl,--no-as-needed", *needs], check=True)
@@ -106,7 +106,7 @@ def test_modules_of_all_dependencies_are_known(self_test: ModuleType) -> None:
     def top(name: str) -> str:
         return self_test.module_of(name).partition(".")[0]
 
-    # open3d-cpu holds the same module as open3d.
+    # open3d-cpu contains the same module as open3d.
     unknown = [name for name in names if not {(name, top(name)), (f"{name}-cpu", top(name))} & installed]
     assert not unknown
 
@@ -137,7 +137,7 @@ def test_a_missing_library_is_one_sentence_and_explains_its_packages_failures(se
         "importing av": "libx.so.1 was not found; install libx1 (Debian, Ubuntu)",
     }
     assert self_test.sentences({"libOpenGL.so.0": {"pymeshlab"}}, failures, {"libOpenGL.so.0": "libopengl0"}) == [
-        "libOpenGL.so.0, which pymeshlab needs, was not found; install libopengl0 (Debian, Ubuntu).",
+        "libOpenGL.so.0, required by pymeshlab, was not found; install libopengl0 (Debian, Ubuntu).",
         "Importing av failed: libx.so.1 was not found; install libx1 (Debian, Ubuntu).",
     ]
 
@@ -164,9 +164,9 @@ def test_everything_that_is_missing_is_named(tmp_path: Path) -> None:
         "raise ImportError('libfoo.so.3: cannot open shared object file: No such file or directory')"
     )
     (tmp_path / "scipy.py").write_text("raise ModuleNotFoundError(\"No module named 'scipy'\", name='scipy')")
-    # Prints as C++ code does, past sys.stdout, and aborts.
+    # Like C++ code, bypasses sys.stdout, then aborts.
     (tmp_path / "pymeshlab.py").write_text("import os; os.write(1, b'Warning: noise\\n'); os.abort()")
-    # Stands in for a machine without a Vulkan driver.
+    # Simulates a machine without a Vulkan driver.
     done = run_self_test(PYTHONPATH=str(tmp_path), VK_ICD_FILENAMES="/none.json", VK_DRIVER_FILES="/none.json")
     assert done.returncode == 1
     assert done.stdout == ""

@@ -1,4 +1,4 @@
-"""What scripts/system_packages.sh says and does where packages are missing. Every program that it asks is replaced."""
+"""Output and actions of scripts/system_packages.sh if packages are missing. All programs that it calls are replaced."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ import pytest
 
 @pytest.fixture
 def bare(programs: Path) -> Path:
-    """The programs of a system without any of the libraries, whose user is not root and has no sudo."""
+    """The programs of a system that has none of the libraries, and whose user has neither root nor sudo."""
     replace(programs, "python3", f'exec "{sys.executable}" "$@"')
     replace(programs, "ldconfig", "exit 0")
     replace(programs, "id", "echo 1000")

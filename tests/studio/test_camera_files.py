@@ -1,4 +1,4 @@
-"""Camera files against COLMAP's reader and writer, against files written by hand, and damaged."""
+"""Camera files compared with COLMAP's reader and writer and with files written by hand; damaged files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def rig() -> Rig:
 
 
 def assert_same_images(found: Rig, wanted: Rig) -> None:
-    """Every camera projects every point to the same pixel."""
+    """Assert that every camera projects every point to the same pixel."""
     assert set(found.names) == set(wanted.names)
     for camera in wanted:
         twin = found[camera.name]
@@ -67,7 +67,7 @@ def test_cameras_json_with_k_r_t(rig: Rig, tmp_path: Path) -> None:
 
 
 def test_transforms_json_by_hand(tmp_path: Path) -> None:
-    """A camera at (0, 0, 2) with OpenGL axes along the world's looks down -z; the field of view is 90 degrees."""
+    """A camera at (0, 0, 2) whose OpenGL axes equal the world axes looks along -z; the field of view is 90 degrees."""
     matrix = np.eye(4)
     matrix[2, 3] = 2.0
     frame = {"file_path": "images/a.png", "transform_matrix": matrix.tolist()}
@@ -75,7 +75,7 @@ def test_transforms_json_by_hand(tmp_path: Path) -> None:
     path.write_text(json.dumps({"camera_angle_x": np.pi / 2, "w": 200, "h": 100, "frames": [frame]}))
     camera = read_rig(path)["a"]
     pixels, depth = camera.project(np.array([[0.0, 0, 0], [0.5, 0.25, 0]]))
-    # right is +x; up is +y, which is a smaller row; 45 degrees are half the width
+    # right is +x; up is +y, toward smaller rows; 45 degrees correspond to half the width
     np.testing.assert_allclose(pixels, [[100, 50], [125, 37.5]], atol=1e-9)
     np.testing.assert_allclose(depth, [2, 2])
 
@@ -110,7 +110,7 @@ def test_transforms_size_from_the_image(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["bin", "txt"])
 def test_colmap_models_as_colmap_writes_them(tmp_path: Path, form: str) -> None:
-    """A synthetic reconstruction, written by COLMAP: our cameras put its points where COLMAP puts them."""
+    """A synthetic reconstruction written by COLMAP: our cameras project its points like COLMAP's."""
     pycolmap = pytest.importorskip("pycolmap")
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 3, 2
@@ -162,14 +162,14 @@ def test_every_colmap_lens_bends_as_colmap_bends(tmp_path: Path, model: str, par
 
 
 def test_names_from_folders(tmp_path: Path) -> None:
-    """One image a camera in folders of the cameras' names: the folders name the cameras."""
+    """With one image per camera in a folder, the cameras are named after the folders."""
     (tmp_path / "cameras.txt").write_text("1 PINHOLE 64 48 50 50 32 24\n")
     (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 left/0001.png\n\n2 1 0 0 0 1 0 0 1 right/0001.png\n\n")
     assert read_rig(tmp_path).names == ("left", "right")
 
 
 def qualisys(rig: Rig) -> str:
-    """What Qualisys Track Manager writes for a rig: millimeters, y up and z back, pixels in 1/64, inclusive corners."""
+    """Qualisys Track Manager's file for a rig: millimeters, y up, z back, units of 1/64 pixel, inclusive bounds."""
     cameras = []
     for camera in rig:
         r = np.diag([1.0, -1.0, -1.0]) @ camera.rotation

@@ -1,4 +1,4 @@
-"""Importing the library leaves the environment of the process alone; entry points set it."""
+"""Importing the library does not change the environment of the process; entry points do."""
 
 import os
 import subprocess

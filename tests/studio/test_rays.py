@@ -15,7 +15,7 @@ def test_lines_through_a_point_meet_there() -> None:
 
 
 def test_two_skew_lines() -> None:
-    """The x axis, and a line along y at height 3: the point is between them, nearer to the one that weighs more."""
+    """The x axis and a line along y at height 3: the point is between them, closer to the line with more weight."""
     origins, directions = np.array([[5.0, 0, 0], [0.0, -2, 3]]), np.array([[1.0, 0, 0], [0, 1, 0]])
     np.testing.assert_allclose(nearest_point_to_rays(origins, directions), [0, 0, 1.5], atol=1e-12)
     weighted = nearest_point_to_rays(origins, directions, np.array([1.0, 2.0]))

@@ -33,7 +33,7 @@ def test_a_quarter_turn_about_z_scalar_first() -> None:
 
 
 def test_matrices_and_back() -> None:
-    """Half turns included, where w is 0."""
+    """Includes half turns, where w is 0."""
     quats = np.concatenate([unit_quats(50), np.eye(4)]).reshape(2, 27, 4)
     matrices = quats_to_matrices(quats)
     assert matrices.shape == (2, 27, 3, 3)

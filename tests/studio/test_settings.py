@@ -1,4 +1,4 @@
-"""The settings models: each setting once, documented, bounded, and with what its change invalidates."""
+"""The settings models: each setting is declared once, with documentation, bounds and the results that it affects."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def dataclass_defaults(path: Path) -> Iterator[tuple[str, str]]:
 
 
 RESULTS_OF_THE_SAME_NAME = {"Evaluation.held_out"}
-"""Results, not settings: whether the cameras that were measured were held out."""
+"""Result fields with the name of a setting: whether the measured cameras were held out."""
 
 
 def test_no_dataclass_repeats_a_setting() -> None:
@@ -106,10 +106,10 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
     found = affected(Config)
     assert found["train.max_splats"] == ("keyframe",)
     assert found["train.motion_views"] == ("later_frames",)
-    assert found["train.rates.opacity"] == ("keyframe",)  # of the class that holds it
+    assert found["train.rates.opacity"] == ("keyframe",)  # from the class that contains it
     assert found["train.rates.means_finetune"] == ("later_frames",)  # its own
     assert found["train.checkpoint_every"] == found["run.threads"] == ()
-    assert found["calibrate.board.square"] == found["calibrate.board_frames"]  # of the field that holds it
+    assert found["calibrate.board.square"] == found["calibrate.board_frames"]  # from the field that contains its model
     assert set(found) == set(all_names())
 
 

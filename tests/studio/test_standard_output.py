@@ -1,4 +1,4 @@
-"""Standard output is the program's own, whatever native code writes to descriptor 1."""
+"""Standard output contains only the program's output, whatever native code writes to descriptor 1."""
 
 from __future__ import annotations
 

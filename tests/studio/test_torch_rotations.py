@@ -15,7 +15,7 @@ def wxyz(rotation: Rotation) -> torch.Tensor:
 
 
 def test_matrices_to_quats() -> None:
-    """Half turns included, where w is 0."""
+    """Includes half turns, where w is 0."""
     turns = Rotation.concatenate(
         [Rotation.random(50, random_state=0), Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity(1)]
     )

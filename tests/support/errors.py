@@ -1,4 +1,4 @@
-"""Asserting on what an error is about instead of its prose."""
+"""Assertions on the code and fields of an error instead of its text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _UNSET: Any = object()
 def refuses(
     code: str, *, file: str | os.PathLike[str] | None = _UNSET, value: Any = _UNSET, **fields: Any
 ) -> Iterator[pytest.ExceptionInfo[StudioError]]:
-    """The block must raise a StudioError with this code and, where given, this file, value and these fields."""
+    """Assert that the block raises a StudioError with this code and, if given, this file, value and these fields."""
     with pytest.raises(StudioError) as caught:
         yield caught
     error = caught.value

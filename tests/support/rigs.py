@@ -1,4 +1,4 @@
-"""Cameras for tests: single ones that look at a point, and rings around it. World z is up unless another is given."""
+"""Cameras for tests: single cameras that look at a point, and rings around it. Up is world z unless specified."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 def intrinsics(focal: float, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
-    """K (3, 3) with square pixels, the principal point `offset` pixels from the middle of a (width, height) image."""
+    """K (3, 3) with square pixels and a principal point `offset` pixels from the center of a (width, height) image."""
     return np.array([[focal, 0, size[0] / 2 + offset[0]], [0, focal, size[1] / 2 + offset[1]], [0, 0, 1.0]])
 
 
@@ -41,7 +41,7 @@ def camera_at(
 
 
 def on_circle(angle: float, radius: float, height: float, target: Sequence[float] | np.ndarray = ORIGIN) -> np.ndarray:
-    """(3,) the point at `angle` (radians from x towards y) on a horizontal circle `height` above `target`."""
+    """(3,) the point at `angle` (in radians, from x toward y) on a horizontal circle `height` above `target`."""
     return np.asarray(target, float) + np.array([radius * np.cos(angle), radius * np.sin(angle), height])
 
 

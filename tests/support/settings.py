@@ -1,4 +1,4 @@
-"""Asserting on the setting that a model refuses."""
+"""Assertions on the setting that a model rejects."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from studio.settings import Conflict
 
 @contextlib.contextmanager
 def refuses_setting(*names: str) -> Iterator[None]:
-    """The block must raise one ValidationError about the field `names[0]`, or, with several names, a `Conflict` of
-    exactly these fields."""
+    """Assert that the block raises one ValidationError for the field `names[0]` or, with several names, a `Conflict`
+    of exactly these fields."""
     with pytest.raises(ValidationError) as caught:
         yield
     (problem,) = caught.value.errors()

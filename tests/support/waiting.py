@@ -8,11 +8,11 @@ from collections.abc import Callable
 import pytest
 
 POLL = 0.02
-"""Seconds between two looks."""
+"""Seconds between two checks."""
 
 
 def wait_until(what: str, accept: Callable[[], bool], seconds: float = 60.0) -> None:
-    """Poll until accepted; the test fails with "never {what}" after so many seconds."""
+    """Poll until the state is accepted; after the given number of seconds, the test fails with "never {what}"."""
     end = time.monotonic() + seconds
     while not accept():
         if time.monotonic() > end:

@@ -1,4 +1,4 @@
-"""The public face: what scripts may rely on."""
+"""The public interface that scripts may rely on."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_it_is_typed() -> None:
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
 def test_examples_run(script: Path, tmp_path: Path) -> None:
-    """Each checks its own result with an assert."""
+    """Each example checks its result with an assert."""
     done = subprocess.run(
         [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False
     )

@@ -1,4 +1,4 @@
-"""A browser, the built player on a server of the tests' own, and small streams to play."""
+"""A browser, the built player on a test server, and small streams to play."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FLAGS = [
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-    "--host-resolver-rules=MAP player.test 127.0.0.1",  # a name that, unlike localhost, does not count as secure
+    "--host-resolver-rules=MAP player.test 127.0.0.1",  # a host name that, unlike localhost, does not count as secure
     "--enable-precise-memory-info",
     "--js-flags=--expose-gc",
 ]
@@ -33,7 +33,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def _missing() -> str | None:
-    """None where the tests can run, else a sentence that says what to install."""
+    """None if the tests can run, else a message that says what to install."""
     if not Path(CHROMIUM).exists():
         return f"Chromium is not installed ({CHROMIUM}); run `make system-tests`."
     if not (PLAYER / "v3-player.js").is_file():
@@ -47,7 +47,7 @@ def _missing() -> str | None:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
-    """Chromium, headless. Skips where it is missing, but fails in CI, where it must not be."""
+    """Headless Chromium. Skips the test if it is missing, but fails in CI, where it is required."""
     missing = _missing()
     if missing is not None:
         if os.environ.get("CI"):
@@ -63,7 +63,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[Site]:
-    """A web server over an empty folder that has the player in it."""
+    """A web server for a folder that contains only the player."""
     folder = tmp_path / "site"
     shutil.copytree(PLAYER, folder)
     with Site(folder) as server:
@@ -72,7 +72,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 @pytest.fixture
 def open_page(browser: Any, site: Site) -> Iterator[Callable[..., Page]]:
-    """`open_page(query, ...)`: the player's page on the stream that lies in `site.stream`."""
+    """`open_page(query, ...)`: the player's page on the stream in `site.stream`."""
     contexts: list[Any] = []
     pages: list[Page] = []
 
@@ -121,6 +121,6 @@ def baked(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 @pytest.fixture
 def stream(site: Site, baked: Callable[..., Path]) -> Path:
-    """A stream of two groups (5 and 4 frames) at `stream/` of the site, to be played or changed."""
+    """A stream of two groups (5 and 4 frames) at `stream/` of the site, which the test may change."""
     shutil.copytree(baked(), site.stream)
     return site.stream

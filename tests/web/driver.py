@@ -1,4 +1,4 @@
-"""A web server that can be slow, break and come back; and a page with the player, driven from Python."""
+"""A web server that can be slow, fail and recover, and a page with the player, controlled from Python."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-PATIENCE = 120_000  # milliseconds: the machine may be busy with other things
+PATIENCE = 120_000  # milliseconds; the machine may be busy
 TYPES = {".html": "text/html", ".js": "text/javascript", ".json": "application/json", ".mp4": "video/mp4"}
 
 
@@ -22,10 +22,10 @@ class Site:
     """Serves a folder with range requests.
 
     Attributes:
-        bytes_per_second: how fast; None for as fast as can be.
-        cut: {ending of a path: bytes}: the connection is closed after so many bytes of its body, once per request
-            until `cuts_left` is used up.
-        down: connections are refused by closing them unanswered.
+        bytes_per_second: rate limit; None for no limit.
+        cut: {path suffix: bytes}: the connection is closed after this many bytes of the body, once per request,
+            until `cuts_left` reaches 0.
+        down: whether connections are closed without a response.
         requests: (path, range header) of all requests.
     """
 
@@ -51,7 +51,7 @@ class Site:
             daemon_threads = True
 
             def handle_error(self, *_arguments: Any) -> None:
-                pass  # a browser that goes away is no error
+                pass  # a browser that disconnects is not an error
 
         self._server = Server(("0.0.0.0", 0), Handler)
         self.port: int = self._server.server_port
@@ -136,7 +136,7 @@ _PREPARE = """() => {
 
 
 class Page:
-    """The player's page. `seen` holds the details of the element's events by name."""
+    """The player's page. `seen` contains the details of the element's events by name."""
 
     def __init__(self, handle: Any) -> None:
         self.handle = handle
@@ -177,11 +177,11 @@ class Page:
         )
 
     def click(self, act: str) -> None:
-        """Press a button of the bar."""
+        """Press a button in the control bar."""
         self.handle.locator(f"v3-player .bar [data-act='{act}']").click()
 
     def touch(self, kind: str, points: list[tuple[float, float]]) -> None:
-        """Fingers on the screen: kind is touchStart, touchMove or touchEnd."""
+        """Send a touch event: touchStart, touchMove or touchEnd."""
         if self._session is None:
             self._session = self.handle.context.new_cdp_session(self.handle)
         places = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
@@ -201,7 +201,7 @@ class Page:
         )
 
     def picture(self, camera: dict[str, Any], background: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-        """(H, W, 3) uint8: what is shown, drawn from a camera."""
+        """(H, W, 3) uint8: the current frame, rendered from a camera."""
         text = self.evaluate(
             """async ([camera, background]) =>
               text((await document.querySelector('v3-player').engine.snapshot(camera, background)).data)""",
@@ -212,6 +212,6 @@ class Page:
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:
-    """Of two uint8 pictures, dB."""
+    """PSNR of two uint8 images in dB."""
     error = float(((a.astype(np.float64) - b) ** 2).mean())
     return float(10 * np.log10(255**2 / max(error, 1e-10)))

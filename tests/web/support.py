@@ -1,6 +1,6 @@
-"""All that the player's tests need of the library: streams to play, their frames as Python reads and draws them.
+"""What the player's tests need from the library: streams to play, and their frames as Python decodes and renders them.
 
-The one file to change where modules move.
+If modules move, this is the only file to change.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FPS = 25.0
 
 
 def body(frames: int, splats: int, degree: int, seed: int = 0) -> list[Gaussians]:
-    """A figure that sways: small opaque splats on a few ellipsoids, colored by place, some faint ones around."""
+    """A swaying figure: small opaque splats on a few ellipsoids, colored by position, with some faint ones around."""
     generator = torch.Generator().manual_seed(seed)
 
     def noise(*shape: int) -> torch.Tensor:
@@ -56,7 +56,7 @@ def body(frames: int, splats: int, degree: int, seed: int = 0) -> list[Gaussians
         moved = torch.where(moving[:, None], means @ matrix.T, means) + torch.tensor([0.02 * t, 0.0, 0.0])
         turned = (sway * Rotation.from_quat(quats.numpy()[:, [1, 2, 3, 0]])).as_quat()[:, [3, 0, 1, 2]]
         turned_quats = torch.where(moving[:, None], torch.from_numpy(turned).float(), quats)
-        # A few splats flash and jump in one frame: more than the picture's codes can hold, so escapes.
+        # A few splats flash and jump in one frame: more than the picture's codes can represent, which causes escapes.
         flash, there = sh.clone(), moved.clone()
         if t == 2:
             flash[:6, 0] += 3.0
@@ -68,7 +68,7 @@ def body(frames: int, splats: int, degree: int, seed: int = 0) -> list[Gaussians
 def camera(
     azimuth: float, *, elevation: float = 10.0, distance: float = 2.6, size: tuple[int, int] = (320, 400)
 ) -> Camera:
-    """A camera that looks at the figure; angles in degrees; y points down in the world, too."""
+    """A camera that looks at the figure; angles in degrees; y also points down in the world."""
     a, e = np.radians([azimuth, elevation])
     eye = distance * np.array([np.sin(a) * np.cos(e), -np.sin(e), -np.cos(a) * np.cos(e)])
     forward = -eye / np.linalg.norm(eye)
@@ -103,7 +103,7 @@ def bake(
 
 
 def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-    """Change the manifest's JSON and make its size and checksum right again."""
+    """Change the manifest's JSON and update its size and checksum."""
     path = folder / "manifest.json"
     values = json.loads(path.read_bytes())
     change(values)
@@ -118,7 +118,7 @@ def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None
 
 
 def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:
-    """Put other bytes in place of a group's `side` or `video` and make all sizes and checksums right again."""
+    """Replace the bytes of a group's `side` or `video` and update all sizes and checksums."""
 
     def change(values: dict[str, Any]) -> None:
         entry = values["groups"][group][key]
@@ -132,7 +132,7 @@ def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int
 
 
 def as_version_1(folder: Path) -> None:
-    """Make a `planes` stream one of version 1, whose bytes mean the same."""
+    """Convert a `planes` stream to version 1, whose bytes have the same meaning."""
     edit_manifest(folder, lambda values: values.update(version=1))
 
 
@@ -162,7 +162,7 @@ class PythonFrames:
 
 
 def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
-    """Content of a group's side file as Python parses it, and where splats lie in its tile: JSON-ready."""
+    """Contents of a group's side file as Python parses it, and the pixels of splats in its tile; JSON-ready."""
     from studio.stream.morton import deinterleave, square_scan
 
     with StreamReader.open(folder) as reader:
@@ -199,13 +199,13 @@ def morton_pixels(tile: int, count: int) -> list[int]:
 
 
 def draw(gaussians: Gaussians, view: Camera, background: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """(H, W, 3) uint8, as `studio.rasterizer` draws."""
+    """(H, W, 3) uint8, rendered by `studio.rasterizer`."""
     image = rasterize(gaussians, view, torch.tensor(list(background))).image
     return (image.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
 
 
 def camera_values(view: Camera) -> dict[str, Any]:
-    """As the player takes cameras."""
+    """A camera in the player's format."""
     return {
         "width": view.width,
         "height": view.height,

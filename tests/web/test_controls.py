@@ -1,4 +1,4 @@
-"""Fingers, mouse, keys and buttons; links; the web component and its messages; what screen readers are told."""
+"""Touch, mouse, keyboard and buttons; links; the web component and its messages; accessibility."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_the_mouse_turns_moves_and_zooms(stream, open_page):
 
 
 def test_what_is_dragged_follows_the_pointer(stream, open_page):
-    """Turning right shows the figure's left: what is in front moves with the pointer."""
+    """Orbiting right shows the figure's left: what is in front moves with the pointer."""
     page = open_page("?t=0", **CALM)
     script = """() => {
       const {camera} = document.querySelector('v3-player').engine;
@@ -104,7 +104,7 @@ def test_one_finger_turns_two_move_and_pinch_and_a_double_tap_resets(stream, ope
 
 
 def test_inertia_unless_motion_is_reduced(stream, open_page):
-    # Thrown within one task: on a busy machine a driven mouse is too slow to throw anything.
+    # A fling within one task: on a busy machine, simulated mouse events are too slow for a fling.
     throw = """() => {
       const stage = document.querySelector('v3-player').shadowRoot.querySelector('.stage');
       const send = (kind, x) => stage.dispatchEvent(
@@ -180,7 +180,7 @@ def test_the_timeline(stream, open_page):
 def test_the_info_panel_has_the_figures(stream, open_page):
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 2")
-    page.call("pause")  # while it plays, the bar hides by itself
+    page.call("pause")  # during playback, the bar hides automatically
     page.click("settings")
     page.handle.locator("v3-player .settings [data-act='info']").click()
     text = page.handle.locator("v3-player .info").inner_text()
@@ -260,7 +260,7 @@ def test_the_component_in_another_page(site, stream, open_page):
     assert not page.state["playing"]
     page.evaluate("() => document.querySelector('v3-player').play()")
     page.wait("player.state.playing && (seen.time ?? []).length > 1")
-    # Taken out and put in again it starts anew, and leaves no second one behind.
+    # When removed and inserted again, it starts over and leaves no second player behind.
     page.evaluate(
         """() => { const player = document.querySelector('v3-player');
           player.remove(); window.seen = {}; document.body.append(player); }"""

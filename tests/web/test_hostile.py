@@ -1,5 +1,5 @@
-"""Streams made to do harm: mutated, then sealed again so that all sums are right. The player may play them or say what
-is wrong; it must not hang, nor take memory beyond what the manifest promises, nor break.
+"""Malicious streams: mutated, with all sizes and checksums updated. The player may play them or report what is wrong;
+it must not hang, use more memory than the manifest specifies, or crash.
 
 V3STUDIO_HOSTILE_STREAMS sets how many are tried; the default is quick.
 """
@@ -66,7 +66,7 @@ def mutate_bytes(rng: random.Random, data: bytes) -> bytes:
 
 
 def mutate(rng: random.Random, folder: Path) -> str:
-    """Change a stream; what was done, for the message where the player fails."""
+    """Change a stream; returns a description of the change, for the message if the player fails."""
     kind = rng.choice(["manifest", "side content", "side file", "video"])
     if kind == "manifest":
 
@@ -84,7 +84,7 @@ def mutate(rng: random.Random, folder: Path) -> str:
         try:
             support.edit_manifest(folder, change)
         except (TypeError, KeyError, ValueError, AttributeError):
-            (folder / "manifest.json").write_bytes(b"[" * rng.randint(1, 100_000))  # could not be summed up again
+            (folder / "manifest.json").write_bytes(b"[" * rng.randint(1, 100_000))  # a checksum cannot be added
     elif kind == "side content":
         group = rng.randrange(2)
         raw = zlib.decompress((folder / f"group_00{group}" / "motion.bin").read_bytes(), wbits=-15)
@@ -168,4 +168,4 @@ def test_a_manifest_that_was_edited_is_refused(site, baked, open_page):
     path.write_bytes(path.read_bytes().replace(b'"fps": 25', b'"fps": 24'))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "do not match their own SHA-256" in page.seen("error")[0]
+    assert "does not match its own SHA-256" in page.seen("error")[0]

@@ -1,4 +1,4 @@
-"""The player's picture is the rasterizer's, and its numbers are the Python decoder's."""
+"""The player's picture matches the rasterizer, and its values match the Python decoder."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_ten_cameras_see_what_the_rasterizer_draws(site, baked, open_page, degre
         found.append(psnr(page.picture(support.camera_values(view), background), drawn))
     python.close()
     assert min(found) >= PSNR, found
-    # The test can tell pictures apart: the frame before is another one.
+    # The test can tell pictures apart: the previous frame differs.
     assert psnr(support.draw(support.PythonFrames(site.stream).gaussians(3), view), drawn) < 40
 
 
@@ -103,7 +103,7 @@ def test_splats_come_back_to_front(stream, open_page):
     order = np.frombuffer(base64.b64decode(entry["order"]), np.uint32)
     splats = [splat_of[int(pixel)] for pixel in order]
     assert sorted(splats) == list(range(len(gaussians)))
-    # The suggested camera is where the player begins.
+    # The player starts with the suggested camera.
     view = support.camera(0)
     depths = (gaussians.means.numpy() @ view.rotation.T + view.translation)[:, 2]
     steps = np.diff(depths[splats])

@@ -1,4 +1,4 @@
-"""Playing, seeking and looping; the network's and the device's accidents."""
+"""Playing, seeking and looping; failures of the network and the device."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_it_plays_by_itself_and_loops(stream, open_page):
     frames = [entry["frame"] for entry in page.seen("time")]
     assert set(frames) <= set(range(9))
     assert 8 in frames or 7 in frames
-    # Forwards only, but for the loops.
+    # Only forward, except for loops.
     backwards = sum(b < a for a, b in itertools.pairwise(frames))
     assert backwards == len(page.seen("looped")) or backwards + 1 == len(page.seen("looped"))
     assert not page.seen("error")
@@ -31,7 +31,7 @@ def test_the_frame_rate_is_the_manifests(site, baked, open_page):
     began = page.evaluate("() => performance.now()")
     page.wait("(seen.looped ?? []).length >= 1")
     seconds = (page.evaluate("() => performance.now()") - began) / 1000
-    assert seconds > 3.0  # nine frames at two a second take 4.5
+    assert seconds > 3.0  # nine frames at two per second take 4.5
     assert [entry["frame"] for entry in page.seen("time")][:9] == list(range(9))
 
 
@@ -70,7 +70,7 @@ def test_speed(stream, open_page):
     page.call("play")
     page.wait("(seen.looped ?? []).length >= 1")
     assert page.state["speed"] == 0.25
-    # Slow enough that even a busy machine drops nothing, or hardly anything.
+    # Slow enough that even a busy machine drops almost nothing.
     assert len({entry["frame"] for entry in page.seen("time")}) >= 8
 
 
@@ -90,8 +90,8 @@ def test_a_damaged_group_is_left_out(stream, open_page, name, damage):
     notices = page.seen("notice")
     assert len(notices) == 1
     assert f"group_001/{name}" in notices[0]
-    assert "Frames 5 to 8 are left out." in notices[0]
-    # Seeking into it goes on with what comes after it.
+    assert "Frames 5 to 8 are skipped." in notices[0]
+    # Seeking into it continues with what follows.
     page.call("seek", 6 / 25)
     page.wait("player.state.frame < 5")
 
@@ -101,14 +101,14 @@ def test_all_groups_damaged(stream, open_page):
         (stream / f"group_00{group}" / "video.mp4").unlink()
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "video.mp4 cannot be fetched: the server answers 404" in page.seen("error")[0]
+    assert "video.mp4 cannot be fetched: the server returned status 404" in page.seen("error")[0]
     assert page.handle.locator("v3-player .failure").is_visible()
 
 
 def test_no_stream(open_page):
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "manifest.json cannot be fetched: the server answers 404" in page.seen("error")[0]
+    assert "manifest.json cannot be fetched: the server returned status 404" in page.seen("error")[0]
 
 
 def test_a_newer_version_is_refused_in_a_sentence(stream, open_page):
@@ -183,7 +183,7 @@ def test_a_hidden_page_does_not_run_on(stream, open_page):
     page.call("play")
     page.wait("player.state.frame > 0")
     session = page.handle.context.new_cdp_session(page.handle)
-    # What a switched tab does: no animation frames, and the event.
+    # What switching tabs does: no animation frames, and the event.
     page.evaluate(
         """() => { Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});
           document.dispatchEvent(new Event('visibilitychange')); }"""
@@ -210,12 +210,12 @@ def test_twenty_loops_need_no_more_memory(stream, open_page):
         return found
 
     page.call("setSpeed", 4)
-    before = used_after(10)  # measured the same way, once everything has been compiled and cached
+    before = used_after(10)  # measured in the same way after everything has been compiled and cached
     assert used_after(20) < before + 1_500_000
 
 
 def test_without_webcodecs_on_an_insecure_page(site, stream, open_page):
-    """On a LAN address by plain http there is neither WebCodecs nor crypto.subtle."""
+    """On a LAN address over plain HTTP there is neither WebCodecs nor crypto.subtle."""
     page = open_page("?t=0", host="player.test")
     engine = page.evaluate(
         """() => { const e = document.querySelector("v3-player").engine;

@@ -1,4 +1,4 @@
-"""Writes what the player's unit tests (web/tests) are held against: arrays that Python wrote.
+"""Writes the reference data of the player's unit tests (web/tests): arrays computed in Python.
 
 python tests/web/write_fixtures.py FOLDER
 """
@@ -17,7 +17,7 @@ import support
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
-        # QP 4 has escapes, of which the figure's are few.
+        # QP 4 has escapes; the figure has few of them.
         stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4)
         planes = support.bake(Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0)
         for name, place in (("motion", stream), ("planes", planes)):

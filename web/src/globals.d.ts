@@ -1,10 +1,10 @@
-/** The worker's bundle as text, put in by build.mjs. */
+/** The worker's bundle as text, inserted by build.mjs. */
 declare module "worker-source" {
   const source: string;
   export default source;
 }
 
-/** A style sheet's text, put in by build.mjs. */
+/** The text of a style sheet, inserted by build.mjs. */
 declare module "*.css" {
   const text: string;
   export default text;

@@ -1,4 +1,4 @@
-/** Defines `<v3-player>`; on a page of the player's own also reads the address and answers the page that embeds it. */
+/** Defines `<v3-player>`; on the player's own page, also applies URL parameters and handles messages of an embedding page. */
 
 import { runBenchmark } from "./ui/benchmark_page.ts";
 import { V3PlayerElement } from "./ui/element.ts";
@@ -9,7 +9,7 @@ export { V3PlayerElement };
 export { Player } from "./player/player.ts";
 
 if (customElements.get("v3-player") === undefined) {
-  // The address has its say before the element begins.
+  // URL parameters apply before the element starts.
   const page = document.querySelector<V3PlayerElement>("v3-player[page]");
   const query = new URLSearchParams(location.search);
   for (const name of ["src", "background", "decoder"] as const) {

@@ -36,7 +36,7 @@ interface Arrays {
   pixels: number[];
 }
 
-void test("the side file holds what Python reads from it", async () => {
+void test("the side file contains what Python reads from it", async () => {
   const [motion, read] = await side();
   const want = json("side.json") as Arrays;
   assert.deepEqual([...read.cells], want.cells);
@@ -158,7 +158,7 @@ void test("manifests out of bounds are refused with the place", () => {
   refused(edit((v) => (v.groups[0].side.path = "/etc/passwd")), /groups\.0\.side\.path/);
   refused(edit((v) => (v.groups[1].side.path = v.groups[0].side.path)), /path twice/);
   refused(edit((v) => (v.groups[0].channels[2].step = 0)), /channels\.2\.step/);
-  refused(edit((v) => (v.groups[0].bytes += 1)), /sum over its files/);
+  refused(edit((v) => (v.groups[0].bytes += 1)), /sum of its file sizes/);
   assert.throws(() => parseManifest("[", 1), /not readable JSON/);
   assert.throws(() => parseManifest("{}", 2), /not the manifest/);
 });

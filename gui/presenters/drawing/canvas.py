@@ -1,4 +1,4 @@
-"""Canvas: text, lines and images drawn into a numpy array, for what has no widget in the toolkit."""
+"""Canvas: text, lines and images drawn into a NumPy array, for what has no widget in the toolkit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gui.presenters.drawing.palette import GROUND, RGB, TEXT
 
 @lru_cache(maxsize=16)
 def _font(size: int, mono: bool) -> Any:
-    """The window's own font (Roboto, which Open3D ships), else Pillow's."""
+    """The window's font (Roboto, which Open3D ships), else Pillow's."""
     from PIL import ImageFont
 
     found = importlib.util.find_spec("open3d")  # finds the folder, imports nothing
@@ -28,7 +28,7 @@ def _font(size: int, mono: bool) -> Any:
 
 @lru_cache(maxsize=4096)
 def _glyphs(text: str, size: int, mono: bool) -> np.ndarray:
-    """(h, w) float32 coverage of a line of text; all texts of a size are equally high."""
+    """(h, w) float32 coverage of a line of text; the height depends only on the font size."""
     from PIL import Image, ImageDraw
 
     font = _font(size, mono)
@@ -44,12 +44,12 @@ def _line_height(size: int, mono: bool) -> int:
 
 
 def text_width(text: str, size: int, mono: bool = False) -> int:
-    """Pixels that a line of text takes."""
+    """Width of a line of text in pixels."""
     return _glyphs(text, size, mono).shape[1] if text else 0
 
 
 def fitted(text: str, size: int, width: float) -> str:
-    """The text, cut with an ellipsis where it is wider than `width` pixels."""
+    """The text, truncated with an ellipsis if it is wider than `width` pixels."""
     if text_width(text, size) <= width:
         return text
     low, high = 0, len(text)
@@ -63,7 +63,7 @@ def fitted(text: str, size: int, width: float) -> str:
 
 
 def wrapped(text: str, size: int, width: float) -> list[str]:
-    """Lines no wider than `width` pixels; words are broken only where one alone is wider."""
+    """Lines no wider than `width` pixels; a word is broken only if it is wider by itself."""
     lines: list[str] = []
     for paragraph in text.splitlines() or [""]:
         line = ""
@@ -84,7 +84,7 @@ def wrapped(text: str, size: int, width: float) -> list[str]:
 
 
 class Canvas:
-    """A picture to draw into. Coordinates are pixels from the upper left corner.
+    """An image to draw into. Coordinates are pixels from the upper left corner.
 
     Attributes:
         pixels: (height, width, 3) uint8 RGB.
@@ -105,26 +105,26 @@ class Canvas:
         return int(self.pixels.shape[0])
 
     def rect(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
-        """A filled rectangle."""
+        """Draw a filled rectangle."""
         left, top = max(round(x), 0), max(round(y), 0)
         self.pixels[top : max(round(y + height), top), left : max(round(x + width), left)] = color
 
     def frame(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
-        """A rectangle's outline, a pixel wide."""
+        """Draw a rectangle's outline, one pixel wide."""
         self.rect(x, y, width, 1, color)
         self.rect(x, y + height - 1, width, 1, color)
         self.rect(x, y, 1, height, color)
         self.rect(x + width - 1, y, 1, height, color)
 
     def dot(self, x: float, y: float, radius: float, color: RGB, filled: bool = True) -> None:
-        """A smooth disc, or a ring."""
+        """Draw an antialiased disc or ring."""
         import cv2
 
         place, size = (round(x * 16), round(y * 16)), round(radius * 16)
         cv2.circle(self.pixels, place, size, color, -1 if filled else 2, cv2.LINE_AA, 4)
 
     def line(self, points: Sequence[tuple[float, float]] | np.ndarray, color: RGB, thickness: int = 1) -> None:
-        """A smooth line through (N, 2) points."""
+        """Draw an antialiased line through (N, 2) points."""
         import cv2
 
         fixed = np.round(np.clip(np.asarray(points, np.float64), -1e5, 1e5) * 16).astype(np.int32).reshape(-1, 1, 2)
@@ -142,8 +142,8 @@ class Canvas:
         width: float | None = None,
         mono: bool = False,
     ) -> int:
-        """A line of text with its upper left corner (align "left"), upper right ("right") or upper middle ("middle")
-        at (x, y), cut where it is wider than `width`. Returns its width in pixels."""
+        """Draw a line of text with its upper left corner (align "left"), upper right ("right") or upper middle
+        ("middle") at (x, y), truncated if it is wider than `width`. Returns its width in pixels."""
         if width is not None:
             text = fitted(text, size, width)
         if not text:
@@ -154,7 +154,7 @@ class Canvas:
         return int(cover.shape[1])
 
     def image(self, x: float, y: float, pixels: np.ndarray) -> None:
-        """Put an (h, w, 3) uint8 picture; what falls outside is cut off."""
+        """Draw an (h, w, 3) uint8 image, clipped to the canvas."""
         left, top = round(x), round(y)
         first_x, first_y = max(left, 0), max(top, 0)
         last_x, last_y = min(left + pixels.shape[1], self.width), min(top + pixels.shape[0], self.height)
@@ -166,7 +166,7 @@ class Canvas:
     def fit_image(
         self, x: float, y: float, width: float, height: float, pixels: np.ndarray
     ) -> tuple[int, int, int, int]:
-        """Put a picture into a rectangle, scaled with its aspect kept; returns its rectangle (x, y, width, height)."""
+        """Fit an image into a rectangle, keeping its aspect ratio; return its rectangle (x, y, width, height)."""
         import cv2
 
         scale = min(width / pixels.shape[1], height / pixels.shape[0])
@@ -187,5 +187,5 @@ class Canvas:
 
 
 def line_height(size: int) -> int:
-    """Pixels from one line of text to the next."""
+    """Line spacing of text in pixels."""
     return round(size * 1.45)

@@ -1,4 +1,4 @@
-"""3D points, lines and textured quads drawn with numpy and OpenCV, without a GPU."""
+"""3D points, lines and textured quads drawn with NumPy and OpenCV, without a GPU."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ NEAR = 1e-3
 
 
 def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 2) pixels and (N,) depths of world points."""
+    """Project world points: (N, 2) pixels and (N,) depths."""
     return camera.project(points)
 
 
 def draw_points(canvas: Canvas, camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int = 1) -> None:
-    """Points as squares of 2 * radius - 1 pixels, nearer ones over farther ones.
+    """Draw points as squares of 2 * radius - 1 pixels, nearer ones over farther ones.
 
     Args:
         points: (N, 3) world.
@@ -38,7 +38,7 @@ def draw_points(canvas: Canvas, camera: Camera, points: np.ndarray, colors: np.n
 def draw_line(
     canvas: Canvas, camera: Camera, start: np.ndarray, end: np.ndarray, color: RGB, thickness: int = 1
 ) -> None:
-    """A line between two world points, cut at the camera's plane."""
+    """Draw a line between two world points, clipped at the camera's plane."""
     ends = np.stack([start, end])
     depth = ends @ camera.rotation[2] + camera.translation[2]
     if (depth <= NEAR).all():
@@ -51,7 +51,7 @@ def draw_line(
 
 
 def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.ndarray, opacity: float = 1.0) -> None:
-    """A picture on four world points (upper left, upper right, lower right, lower left); skipped if a corner lies
+    """Draw an image on four world points (upper left, upper right, lower right, lower left); nothing if a corner is
     behind the camera."""
     import cv2
 
@@ -71,7 +71,7 @@ def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.n
 
 
 def frustum(camera: Camera, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """The optical center (3,) and the image's corners (4, 3) at a distance, world coordinates."""
+    """The optical center (3,) and the image's corners (4, 3) at a distance, in world coordinates."""
     image = np.array([[0, 0], [camera.width, 0], [camera.width, camera.height], [0, camera.height]], float)
     rays = np.column_stack([(image[:, 0] - camera.cx) / camera.fx, (image[:, 1] - camera.cy) / camera.fy, np.ones(4)])
     return camera.center, camera.center + (rays * length) @ camera.rotation
@@ -86,7 +86,7 @@ def draw_frustum(
     picture: np.ndarray | None = None,
     thickness: int = 1,
 ) -> tuple[float, float] | None:
-    """A camera's frustum with its image; returns the pixel of its center, None if behind the viewer."""
+    """Draw a camera's frustum with its image; return the pixel of its center, None if it is behind the viewer."""
     center, corners = frustum(camera, length)
     if picture is not None:
         draw_quad(canvas, view, corners, picture, 0.9)

@@ -14,7 +14,7 @@ PANEL: RGB = (37, 40, 45)
 """Background of panels."""
 
 RAISED: RGB = (49, 53, 60)
-"""The selected row, tracks, frames of pictures."""
+"""The selected row, tracks, borders of pictures."""
 
 LINE: RGB = (60, 65, 73)
 """Thin lines and grids."""
@@ -47,5 +47,5 @@ STATE_COLORS: dict[str, RGB] = {
 
 
 def unit(color: RGB) -> tuple[float, float, float]:
-    """The same as floats in 0 to 1."""
+    """The same color as floats, 0 to 1."""
     return color[0] / 255, color[1] / 255, color[2] / 255

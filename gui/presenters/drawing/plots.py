@@ -24,7 +24,7 @@ def ticks(low: float, high: float, count: int = 4) -> list[float]:
 
 
 def number(value: float) -> str:
-    """A number for an axis: 12,000 or 0.05."""
+    """Format a number for an axis: 12,000 or 0.05."""
     if value == int(value):
         return f"{int(value):,}"
     return f"{value:.4g}"
@@ -41,12 +41,12 @@ def curve(
     x_words: tuple[str, str] = ("", ""),
     newest: str = "",
 ) -> None:
-    """A line plot: title and latest value above, ticks at the left.
+    """Draw a line plot: title and latest value above, ticks at the left.
 
     Args:
         area: x, y, width, height in the canvas.
         series: positions and values of each line.
-        x_words: under the left and the right end of the axis.
+        x_words: labels below the left and right ends of the axis.
     """
     x, y, width, height = area
     size = round(0.82 * em)

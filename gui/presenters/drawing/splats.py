@@ -1,4 +1,4 @@
-"""From Gaussians to the pixels that the viewport shows."""
+"""Renders Gaussians to the pixels that the viewport shows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from studio.gaussians import Gaussians
 
 
 def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
-    """Draw with `studio.rasterizer`, on the GPU if there is one.
+    """Render with `studio.rasterizer`, on the GPU if there is one.
 
     Args:
         gaussians: the splats, on any device.
@@ -30,5 +30,5 @@ def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, f
         moved = gaussians.to(device)
         color = torch.tensor(background, dtype=moved.means.dtype, device=device)
         image = rasterize(moved, camera, color).image
-        pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: nobody else holds the image
+        pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: it has no other references
     return np.ascontiguousarray(pixels.cpu().numpy())

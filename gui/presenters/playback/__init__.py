@@ -1,1 +1,1 @@
-"""Playing a take or stream: sources, transport, camera, timeline."""
+"""Playing a take or a stream: sources, transport, camera, timeline."""

@@ -1,4 +1,4 @@
-"""Comparison of pictures of the same view: side by side, wipe, difference heat map."""
+"""Compares pictures of the same view: side by side, wipe, difference heat map."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ WHATS = ("truth", "trained", "decoded")
 LABELS = {"truth": "ground truth", "trained": "trained", "decoded": "decoded"}
 
 HEAT_TOP = 48
-"""Difference, in 8-bit levels, at the top of the heat map's scale."""
+"""Difference in 8-bit levels at the top of the heat map's scale."""
 
 LABEL_SIZE = 14
 
 
 @dataclass(frozen=True)
 class Box:
-    """Rectangle of a picture within the viewport's picture, pixels."""
+    """Rectangle of a picture within the viewport's picture, in pixels."""
 
     x: int
     y: int
@@ -31,12 +31,12 @@ class Box:
 
 
 def boxes(size: tuple[int, int], count: int, gap: int = 4) -> list[Box]:
-    """Equal boxes beside each other.
+    """Equal boxes side by side.
 
     Args:
         size: (width, height) of the whole picture.
-        count: of boxes.
-        gap: pixels between two.
+        count: number of boxes.
+        gap: pixels between two boxes.
     """
     each = max((size[0] - gap * (count - 1)) // count, 1)
     return [Box(number * (each + gap), 0, each, size[1]) for number in range(count)]
@@ -45,7 +45,7 @@ def boxes(size: tuple[int, int], count: int, gap: int = 4) -> list[Box]:
 def side_by_side(
     size: tuple[int, int], where: Sequence[Box], images: Sequence[np.ndarray], names: Sequence[str]
 ) -> np.ndarray:
-    """Pictures beside each other, each with its name."""
+    """Draw pictures side by side, each with its name."""
     canvas = Canvas(*size)
     for box, image, name in zip(where, images, names, strict=True):
         canvas.image(box.x, box.y, image)
@@ -56,11 +56,11 @@ def side_by_side(
 def wipe(
     size: tuple[int, int], box: Box, left: np.ndarray, right: np.ndarray, at: float, names: tuple[str, str]
 ) -> np.ndarray:
-    """One picture left of the line, the other right of it.
+    """Draw one picture to the left of the line, the other to the right.
 
     Args:
-        at: the line's place, 0 to 1 across the box.
-        names: of the left and the right picture.
+        at: position of the line, 0 to 1 across the box.
+        names: names of the left and the right picture.
     """
     canvas = Canvas(*size)
     column = round(min(max(at, 0.0), 1.0) * box.width)
@@ -74,12 +74,12 @@ def wipe(
 
 
 def difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(H, W) float32: mean over the channels of the absolute difference, in 8-bit levels."""
+    """(H, W) float32: absolute difference, averaged over the channels, in 8-bit levels."""
     return np.abs(one.astype(np.int16) - other).astype(np.float32).mean(axis=2)
 
 
 def heat(levels: np.ndarray, top: float = HEAT_TOP) -> np.ndarray:
-    """(H, W, 3) uint8: black over violet and orange to pale yellow at `top` levels (matplotlib's inferno)."""
+    """(H, W, 3) uint8: black through violet and orange to pale yellow at `top` levels (Matplotlib's inferno)."""
     import cv2
 
     scaled = np.clip(levels * (255 / top), 0, 255).astype(np.uint8)
@@ -87,14 +87,14 @@ def heat(levels: np.ndarray, top: float = HEAT_TOP) -> np.ndarray:
 
 
 def heat_map(size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray, names: tuple[str, str]) -> np.ndarray:
-    """Heat map of the difference, with a scale and the mean difference."""
+    """Draw a heat map of the difference, with a scale and the mean difference."""
     levels = difference(one, other)
     canvas = Canvas(*size)
     canvas.image(box.x, box.y, heat(levels))
     pair, mean = f"{LABELS[names[0]]} and {LABELS[names[1]]}", f"mean {levels.mean():.2f}"
     for text in (f"difference between {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
         if text_width(text, LABEL_SIZE) <= size[0] - 2 * box.x - 32:
-            break  # the longest that fits: the number must not be cut
+            break  # the longest that fits, so that the number is not truncated
     label(canvas, box.x + 8, box.y + 8, text)
     height = min(max(box.height - 80, 40), 220)
     x, y = size[0] - 24, (size[1] - height) // 2
@@ -117,7 +117,7 @@ def label(
     color: RGB = TEXT,
     size: int = LABEL_SIZE,
 ) -> None:
-    """Text on a dark background, readable on any picture."""
+    """Draw text on a dark background, legible on any picture."""
     width = text_width(text, size)
     left = x if align == "left" else x - width - 12
     canvas.rect(left, y, width + 12, size + 10, GROUND)

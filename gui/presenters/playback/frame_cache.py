@@ -1,4 +1,4 @@
-"""Frames that are kept in memory."""
+"""A cache of decoded frames."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from studio.gaussians import Gaussians
 
 CACHE_BYTES = 512 * 1024 * 1024
 AHEAD = 4
-"""Frames decoded after the one that is shown."""
+"""Number of frames decoded ahead of the one on screen."""
 
 
 class FrameCache:
-    """The most recently used frames, up to so many bytes, but always a few. Thread safe."""
+    """The most recently used frames, up to a number of bytes, but always a few. Thread-safe."""
 
     def __init__(self, limit: int = CACHE_BYTES) -> None:
         self._limit = limit
@@ -21,7 +21,7 @@ class FrameCache:
         self._lock = threading.Lock()
 
     def get(self, frame: int) -> Gaussians | None:
-        """The frame if it is held."""
+        """The frame; None if it is not cached."""
         with self._lock:
             if frame not in self._frames:
                 return None
@@ -29,12 +29,12 @@ class FrameCache:
             return self._frames[frame][0]
 
     def has(self, frame: int) -> bool:
-        """Whether the frame is held; does not count as a use."""
+        """Whether the frame is cached; does not count as a use."""
         with self._lock:
             return frame in self._frames
 
     def put(self, frame: int, gaussians: Gaussians) -> None:
-        """Hold a frame; the longest unused ones go where there is no room."""
+        """Add a frame; the least recently used ones are evicted if there is no room."""
         size = sum(tensor.numel() * tensor.element_size() for _, tensor in gaussians.items())
         with self._lock:
             self._frames[frame] = (gaussians, size)
@@ -43,6 +43,6 @@ class FrameCache:
                 self._frames.popitem(last=False)
 
     def clear(self) -> None:
-        """Hold nothing."""
+        """Empty the cache."""
         with self._lock:
             self._frames.clear()

@@ -32,7 +32,7 @@ class RenderRequest:
     Attributes:
         sources: Gaussians by name ("trained", "decoded").
         frame: counted from 0.
-        mode: of `compare.MODES`.
+        mode: one of `compare.MODES`.
         what: "truth", "trained" or "decoded"; a comparison compares it with `reference`.
         orbit: the free view.
         camera: name of the capture camera; "" for the free view.
@@ -60,7 +60,7 @@ class RenderRequest:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the pictures, left to right."""
+        """Names of the pictures, from left to right."""
         if self.mode == "single":
             return (self.what,)
         if self.mode == "side by side":
@@ -69,7 +69,7 @@ class RenderRequest:
         return (self.reference, self.what)
 
     def same_as(self, other: RenderRequest) -> bool:
-        """Whether it gives the same picture."""
+        """Whether it results in the same picture."""
         return (
             self.orbit is other.orbit
             and self.context is other.context
@@ -90,8 +90,8 @@ class Picture:
         frame: counted from 0.
         source: "decoded", "trained" or "truth".
         splats: number of Gaussians drawn; 0 for ground truth.
-        load_seconds, draw_seconds: time to load and to draw the Gaussians, all parts together.
-        mode: of `compare.MODES`.
+        load_seconds, draw_seconds: total time to load and to render the Gaussians of all parts.
+        mode: one of `compare.MODES`.
         box: rectangle of the (left) picture in the image; the wipe moves within it.
         camera: the capture camera; "" for the free view.
     """
@@ -113,12 +113,12 @@ class _Part:
     splats: int
     load_seconds: float
     draw_seconds: float
-    holder: object  # kept alive with the part, so that its id stays its own
+    holder: object  # kept alive with the part, so that its id stays unique
 
 
 @dataclass
 class FrameRenderer:
-    """Renders requests; caches the last few parts, so that moving the wipe redraws nothing.
+    """Renders requests; caches the last few parts, so that moving the wipe renders nothing again.
 
     Args:
         draw: renders Gaussians.
@@ -128,7 +128,7 @@ class FrameRenderer:
     _kept: OrderedDict[tuple[object, ...], _Part] = field(default_factory=OrderedDict)
 
     def __call__(self, request: RenderRequest) -> Picture:
-        """The picture.
+        """Render the picture.
 
         Raises:
             StudioError: a missing or damaged frame or image.
@@ -213,7 +213,7 @@ def capture_camera(request: RenderRequest) -> Camera | None:
 
 
 def ground_truth(request: RenderRequest, width: int, height: int) -> np.ndarray:
-    """(height, width, 3) uint8: the performer as filmed, over the background, as evaluation sees it.
+    """(height, width, 3) uint8: the performer as filmed, over the background, as in evaluation.
 
     Raises:
         StudioError: `playback.no_footage`, `playback.no_camera_selected`, `footage.no_such_frame`,

@@ -17,8 +17,8 @@ class ImageZoom:
     """A part of an image, magnified.
 
     Attributes:
-        u, v: center of the visible part, as fractions of the image's width and height.
-        zoom: 1 shows the whole image, 2 half of it each way.
+        u, v: center of the visible part as fractions of the image's width and height.
+        zoom: 1 shows the whole image, 2 half of its width and height.
     """
 
     u: float = 0.5
@@ -54,13 +54,13 @@ class ImageZoom:
             size = max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1)
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
             scale = self.scale(camera, width, height) * camera.width / image.shape[1]
-        # OpenCV's origin is the center of the first pixel, ours its corner
+        # OpenCV's origin is the center of the first pixel; ours is its corner
         warp = np.array([[scale, 0, x + 0.5 * scale - 0.5], [0, scale, y + 0.5 * scale - 0.5]])
         pixels = cv2.warpAffine(image, warp, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.ascontiguousarray(pixels)
 
     def mask_outside(self, pixels: np.ndarray, camera: Camera) -> None:
-        """Fill, in place, everything outside of the camera's image with the background."""
+        """Fill everything outside the camera's image with the background, in place."""
         height, width = pixels.shape[:2]
         scale = self.scale(camera, width, height)
         x, y = self.offset(camera, width, height)
@@ -69,12 +69,12 @@ class ImageZoom:
         pixels[:top], pixels[bottom:], pixels[:, :left], pixels[:, right:] = GROUND, GROUND, GROUND, GROUND
 
     def zoomed(self, notches: float) -> ImageZoom:
-        """Zoomed by notches of the wheel, positive to magnify."""
+        """This view zoomed by notches of the wheel; positive magnifies."""
         zoom = float(np.clip(self.zoom / 0.9**notches, 1.0, MOST_ZOOM))
         return ImageZoom(0.5, 0.5, 1.0) if zoom == 1.0 else ImageZoom(self.u, self.v, zoom)
 
     def moved(self, dx: float, dy: float, camera: Camera, width: int, height: int) -> ImageZoom:
-        """Moved by a drag in pixels of the picture."""
+        """This view moved by a drag in pixels of the picture."""
         scale = self.scale(camera, width, height)
         u = float(np.clip(self.u - dx / scale / camera.width, 0.0, 1.0))
         v = float(np.clip(self.v - dy / scale / camera.height, 0.0, 1.0))
@@ -86,7 +86,7 @@ class ImageZoom:
 
         Args:
             points: (N, 3) world coordinates.
-            width, height: of the picture, pixels.
+            width, height: size of the picture, pixels.
         """
         pixels, depth = camera.project(points)
         pixels = pixels[depth > 1e-6]

@@ -1,7 +1,7 @@
 """OrbitCamera: the free view, moved by drags and the wheel.
 
-It turns about a target with a fixed up direction and never rolls; `camera()` gives the pinhole view (OpenCV axes, see
-`studio.cameras`) to draw.
+It orbits a target with a fixed up direction and never rolls; `camera()` returns the pinhole camera to render with
+(OpenCV axes, see `studio.cameras`).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class OrbitCamera:
     """An orbit view.
 
     Attributes:
-        target: (3,) world point that it looks at and turns about.
+        target: (3,) world point that it looks at and orbits.
         up: (3,) world up direction.
-        distance: from the target, world units, above 0.
+        distance: distance from the target in world units, above 0.
         yaw: radians about `up`, from an arbitrary fixed direction.
         pitch: radians above the horizon, within 89 degrees.
         fov: vertical field of view, radians.
@@ -48,10 +48,10 @@ class OrbitCamera:
 
     @classmethod
     def around(cls, points: np.ndarray, up: np.ndarray, fov: float = math.radians(45.0)) -> OrbitCamera:
-        """A view that holds almost all of the points, whatever a few stray ones do.
+        """A view that contains almost all of the points; a few outliers do not affect it.
 
         Args:
-            points: (N, 3) world coordinates; with none, a unit ball at the origin is framed.
+            points: (N, 3) world coordinates; if there are none, a unit ball at the origin is framed.
             up: (3,) world up direction.
             fov: vertical field of view, radians.
         """
@@ -66,12 +66,12 @@ class OrbitCamera:
 
     @classmethod
     def looking_through(cls, camera: Camera, target: np.ndarray, up: np.ndarray) -> OrbitCamera:
-        """The view from a capture camera's place with its vertical field of view, turning about a point on its axis.
+        """The view from a capture camera's position with its vertical field of view, orbiting a point on its axis.
 
         Args:
             camera: the capture camera.
-            target: (3,) the scene's center; the point of the camera's axis nearest to it becomes the target.
-            up: (3,) world up direction; a roll of the capture camera against it is lost.
+            target: (3,) the scene's center; the nearest point on the camera's axis becomes the target.
+            up: (3,) world up direction; the capture camera's roll relative to it is lost.
         """
         along = float(np.dot(np.asarray(target) - camera.center, camera.forward))
         distance = along if along > 1e-6 else max(float(np.linalg.norm(np.asarray(target) - camera.center)), 1e-6)
@@ -84,7 +84,7 @@ class OrbitCamera:
         return orbit._facing(camera.forward)
 
     def basis(self) -> tuple[np.ndarray, np.ndarray]:
-        """Two fixed horizontal directions that span the plane across `up`; the first is yaw 0."""
+        """Two fixed directions that span the plane perpendicular to `up`; the first is yaw 0."""
         helper = np.eye(3)[int(np.argmin(np.abs(self.up)))]
         first = _unit(helper - np.dot(helper, self.up) * self.up)
         return first, np.cross(self.up, first)
@@ -98,7 +98,7 @@ class OrbitCamera:
 
     @property
     def key(self) -> tuple[float, ...]:
-        """All of it as numbers: equal keys are equal views."""
+        """The view as numbers: equal keys mean equal views."""
         return (*self.target.tolist(), *self.up.tolist(), self.distance, self.yaw, self.pitch, self.fov)
 
     @property
@@ -110,32 +110,33 @@ class OrbitCamera:
 
     @property
     def eye(self) -> np.ndarray:
-        """(3,): position of the viewer, world coordinates."""
+        """(3,): position of the viewer in world coordinates."""
         return self.target + self.distance * self.offset
 
     def _axes(self) -> np.ndarray:
-        """(3, 3): rows are the camera's x, y, z axes in the world."""
+        """(3, 3): rows are the camera's x, y, z axes in world coordinates."""
         z = -self.offset
         x = _unit(np.cross(z, self.up))
         return np.stack([x, np.cross(z, x), z])
 
     def orbit(self, dx: float, dy: float) -> OrbitCamera:
-        """Turned by a drag of (dx, dy) pixels: the scene follows the pointer."""
+        """This view orbited by a drag of (dx, dy) pixels: the scene follows the pointer."""
         pitch = float(np.clip(self.pitch + _TURN * dy, -_MAX_PITCH, _MAX_PITCH))
         return replace(self, yaw=(self.yaw - _TURN * dx) % math.tau, pitch=pitch)
 
     def pan(self, dx: float, dy: float, height: int) -> OrbitCamera:
-        """Moved by a drag of (dx, dy) pixels in a view `height` pixels high: the target stays under the pointer."""
+        """This view panned by a drag of (dx, dy) pixels in a picture `height` pixels high: the target stays under the
+        pointer."""
         per_pixel = 2.0 * self.distance * math.tan(0.5 * self.fov) / max(height, 1)
         x, y, _ = self._axes()
         return replace(self, target=self.target - per_pixel * (dx * x + dy * y))
 
     def zoom(self, notches: float) -> OrbitCamera:
-        """Nearer (positive) or farther by notches of the wheel."""
+        """This view moved closer (positive) or farther away by notches of the wheel."""
         return replace(self, distance=float(np.clip(self.distance * _ZOOM_STEP**notches, 1e-4, 1e6)))
 
     def camera(self, width: int, height: int) -> Camera:
-        """The pinhole camera to draw with, square pixels, principal point in the middle."""
+        """The pinhole camera to render with: square pixels, principal point at the center."""
         focal = 0.5 * height / math.tan(0.5 * self.fov)
         K = np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
         pose = np.eye(4)

@@ -1,4 +1,4 @@
-"""PlayerPresenter: the state of the playback view. The window asks it at each tick what has changed."""
+"""PlayerPresenter: the state of the playback view. The window polls it at each tick."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PlayerPresenter(Viewpoint):
     """What is open, the transport, the view, the comparison, and the newest picture.
 
     Args:
-        draw_function: renders Gaussians; tests pass their own.
+        draw_function: renders Gaussians; tests replace it.
         now: a clock in seconds that never runs backwards.
 
     Attributes:
@@ -65,7 +65,7 @@ class PlayerPresenter(Viewpoint):
         return True
 
     def adopt(self, opened: Opened, first: Gaussians | None) -> None:
-        """Show what `load` has opened."""
+        """Show the result of `load`."""
         self._close_sources()
         self.opened, self.context = opened, None
         self._contents = take_contents(opened.take) if opened.take else ()
@@ -79,7 +79,7 @@ class PlayerPresenter(Viewpoint):
         self.message = opened.message or ("" if opened.sources else NOTHING_TO_SHOW)
 
     def refresh(self) -> bool:
-        """Load frames trained and streams baked since; True if there were any."""
+        """Load frames trained and streams baked since opening; True if there were any."""
         if self.opened is None or self.opened.take is None:
             return False
         contents = take_contents(self.opened.take)
@@ -205,19 +205,19 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def left_out(self) -> list[str]:
-        """Messages on damaged groups that playback skipped."""
+        """Messages about damaged groups that playback skipped."""
         sources = self.opened.sources.values() if self.opened is not None else ()
         return [str(group) for source in sources if isinstance(source, StreamSource) for group in source.skipped]
 
     def show_again(self) -> None:
-        """Draw the picture again at the next poll: the viewport has shown something else."""
+        """Request the picture again at the next poll, because the viewport has shown something else."""
         self._asked = None
 
     def _received(self, done: Done[RenderRequest, Picture]) -> Picture | None:
         if self.opened is None or done.request.sources is not self.opened.sources:
-            return None  # of a source that is closed
+            return None  # from a source that has been closed
         if isinstance(done.error, LeftOut):
-            # as in players: the last picture stays on screen, and playback continues
+            # as in video players, the last picture stays on screen and playback continues
             self._left_out = (done.request.frame, str(done.error))
             return None
         if done.error is not None:
@@ -233,7 +233,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def settled(self) -> bool:
-        """True where the newest picture shows what was last asked for."""
+        """Whether the newest picture shows what was last requested."""
         return self._worker.idle
 
     @property
@@ -249,7 +249,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def status(self) -> str:
-        """Status line on the newest picture."""
+        """Status line for the newest picture."""
         if self.picture is None or self.source is None:
             return ""
         picture = self.picture
@@ -270,7 +270,7 @@ class PlayerPresenter(Viewpoint):
         return "   ".join(parts)
 
     def close(self) -> bool:
-        """End the thread and let go of files. Returns whether the thread ended in time."""
+        """End the thread and close files. Returns whether the thread ended in time."""
         ended = self._worker.close()
         self._close_sources()
         self._renderer.forget()

@@ -14,7 +14,7 @@ class Rate:
     """Count with `hit`, read `value`.
 
     Attributes:
-        hits: how often it has happened in all.
+        hits: total number of events.
 
     Args:
         now: a clock in seconds that never runs backwards.
@@ -26,7 +26,7 @@ class Rate:
         self._times: deque[float] = deque(maxlen=240)
 
     def hit(self) -> None:
-        """It happened now."""
+        """Count an event now."""
         self.hits += 1
         self._times.append(self._now())
 

@@ -47,10 +47,10 @@ class Opened:
 
     Attributes:
         title: the folder's name.
-        path: the folder, or the address.
-        sources: "decoded", "trained", in the order of preference. A new take has none.
+        path: the folder, or the URL.
+        sources: "decoded", "trained", in order of preference. A new take has none.
         take: None for a bare stream.
-        message: errors on parts that could not be opened; "" if there are none.
+        message: errors about parts that could not be opened; "" if there are none.
         rig: the capture cameras; None if unknown.
         view: the initial camera; None if unknown.
         up: (3,) world up direction; z if no camera is known.
@@ -95,7 +95,7 @@ class TrainedSource:
         if frame >= self.frame_count:
             raise StudioError(
                 "take.frame_not_trained",
-                f"frame {frame} is not trained yet; frames 0 to {self.frame_count - 1} are",
+                f"frame {frame} is not trained yet; trained frames are 0 to {self.frame_count - 1}",
                 frame=frame,
             )
         held = self._cache.get(frame)
@@ -184,7 +184,7 @@ def _open_rig(take: Take, opened: Opened) -> None:
 
 
 def _fps(take: Take, opened: Opened) -> float:
-    """Rate of the stream; else of the settings; else `FALLBACK_FPS`."""
+    """Frame rate of the stream, else of the settings, else `FALLBACK_FPS`."""
     if opened.default is not None:
         return opened.default.fps
     from pipelines.config import load_config

@@ -26,7 +26,7 @@ RETRY_SECONDS = 10.0
 
 
 class LeftOut(StudioError):
-    """`playback.group_skipped`: the frame's group is damaged or missing, other groups can be played."""
+    """`playback.group_skipped`: the frame's group is damaged or missing; other groups can be played."""
 
 
 class StreamSource:
@@ -34,7 +34,7 @@ class StreamSource:
     decoded while one is drawn.
 
     Args:
-        place: the stream's folder or address.
+        place: the stream's folder or URL.
 
     Raises:
         StudioError: not a stream, or a damaged manifest.
@@ -65,7 +65,7 @@ class StreamSource:
         """See `FrameSource`.
 
         Raises:
-            LeftOut: the frame's group is damaged; others can be played.
+            LeftOut: the frame's group is damaged; other groups can be played.
             StudioError: `playback.nothing_playable`, `playback.closed`, or the server does not respond.
         """
         with self._changed:
@@ -97,7 +97,7 @@ class StreamSource:
         return found[0]
 
     def _next_missing(self) -> int | None:
-        """The frame to decode next: the wanted one, or the first after it (playing loops) that is not there."""
+        """The frame to decode next: the wanted one, or the first missing one after it (playback loops)."""
         if self._wanted is None:
             return None
         for ahead in range(AHEAD + 1):
@@ -147,7 +147,7 @@ class StreamSource:
                 raise
 
     def _note(self, frame: int, error: Exception) -> None:
-        """Record as unplayable: this frame to the end of its group."""
+        """Record the frames from this one to the end of its group as unplayable."""
         from studio.playback.pipeline import nothing_playable
         from studio.stream import SourceUnavailable
 
@@ -158,7 +158,7 @@ class StreamSource:
         lost = sum(one.frame_count for one in self._shared.skipped)
         failure: Exception
         if self._unavailable > 1:
-            failure = error  # twice in a row: the server is gone, not the group
+            failure = error  # twice in a row: the problem is the server, not the group
         elif lost >= self.frame_count:
             failure = nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
         else:
@@ -168,7 +168,7 @@ class StreamSource:
             self._failed[lost_frame] = (failure, time.monotonic())
 
     def _first_bad(self, group: GroupEntry, frame: int) -> int:
-        """What comes before the frame in its group is bad too, unless it was decoded."""
+        """The first unplayable frame of the group: earlier frames are unplayable too, unless they were decoded."""
         first = frame
         while first > group.first_frame and first - 1 not in self._load_ms:
             first -= 1

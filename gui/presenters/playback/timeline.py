@@ -19,12 +19,12 @@ PAST_OTHER_GROUP = (54, 112, 134)
 
 @dataclass(frozen=True)
 class Timeline:
-    """Frames side by side on a track `width` pixels wide, equally wide to within a pixel.
+    """Frames side by side on a track `width` pixels wide; their widths differ by at most a pixel.
 
     Attributes:
-        width, height: of the track, pixels.
+        width, height: size of the track, pixels.
         frame_count: at least 1.
-        group_starts: first frame of each group; every second group has another shade.
+        group_starts: first frame of each group; groups alternate between two shades.
     """
 
     width: int
@@ -47,8 +47,8 @@ class Timeline:
         return max(sum(1 for start in self.group_starts if start <= frame) - 1, 0)
 
     def picture(self, frame: int | None) -> np.ndarray:
-        """(height, width, 3) uint8 RGB: groups in two shades, what has been played, and the current frame (None: an
-        empty track)."""
+        """(height, width, 3) uint8 RGB: groups in two shades, the played part, and the current frame (None: an empty
+        track)."""
         image = np.empty((self.height, self.width, 3), np.uint8)
         image[:] = BACKGROUND
         top, bottom = self.height // 4, self.height - self.height // 4
@@ -63,7 +63,7 @@ class Timeline:
             image[top:bottom, left : min(right, head_right)] = PAST_OTHER_GROUP if group % 2 else PAST
             if first > 0:
                 image[top:bottom, left : left + 1] = BACKGROUND
-        # The playhead is at least 3 pixels wide, to be visible with any number of frames.
+        # The playhead is at least 3 pixels wide, so that it is visible with any number of frames.
         middle = (head_left + head_right) // 2
         image[:, max(min(head_left, middle - 1), 0) : max(head_right, middle + 2)] = HEAD
         return image

@@ -20,10 +20,10 @@ class Plot:
     """One row.
 
     Attributes:
-        title: beside it.
+        title: shown to its left.
         values: one per frame; None if not measured.
-        color: of the curve.
-        unit: after the numbers.
+        color: color of the curve.
+        unit: shown after the numbers.
     """
 
     title: str
@@ -33,13 +33,13 @@ class Plot:
 
     @property
     def range(self) -> tuple[float, float] | None:
-        """Lowest and highest value; None without any."""
+        """Lowest and highest value; None if there are none."""
         known = [value for value in self.values if value is not None]
         return (min(known), max(known)) if known else None
 
 
 def plots_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean") -> tuple[Plot, ...]:
-    """The three plots of a take; plots without values stay empty, so that nothing moves.
+    """The three plots of a take; plots without values stay empty, so that the layout does not change.
 
     Args:
         evaluation_series: values by metric.
@@ -55,7 +55,7 @@ def plots_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean
 
 @dataclass(frozen=True)
 class TimelinePlots:
-    """Plots above the track, on the same frame axis: a click on any seeks.
+    """Plots above the track, on the same frame axis; clicking any of them seeks.
 
     Attributes:
         width, height: pixels.
@@ -71,17 +71,17 @@ class TimelinePlots:
 
     @property
     def left(self) -> int:
-        """Column where frame 0 begins; the titles are left of it."""
+        """Column where frame 0 begins; the titles are to the left of it."""
         return min(round(16.5 * self.em), self.width // 3)
 
     @property
     def track_height(self) -> int:
-        """Pixels of the timeline's track at the bottom."""
+        """Height of the timeline's track at the bottom, in pixels."""
         return max(round(1.5 * self.em), 10)
 
     @property
     def timeline(self) -> Timeline:
-        """Which column (from `left` on) is which frame."""
+        """Mapping of columns, counted from `left`, to frames."""
         return Timeline(max(self.width - self.left, 1), self.track_height, self.frame_count, self.group_starts)
 
     def frame_at(self, x: float) -> int:
@@ -89,7 +89,7 @@ class TimelinePlots:
         return self.timeline.frame_at(x - self.left)
 
     def picture(self, frame: int | None, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
-        """(height, width, 3) uint8: plots, track with playhead and marks."""
+        """(height, width, 3) uint8: plots, and the track with playhead and marks."""
         return self.with_head(self.base(plots, marks), frame, plots)
 
     def base(self, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:

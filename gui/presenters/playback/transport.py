@@ -10,10 +10,10 @@ class Transport:
     """Which frame is current.
 
     Args:
-        frame_count: frames there are, at least 1; valid frames are 0 to frame_count - 1.
+        frame_count: number of frames, at least 1; valid frames are 0 to frame_count - 1.
         fps: frames per second at speed 1, above 0.
-        group_starts: first frame of each group, ascending, for the jumps between groups.
-        now: a monotonic clock in seconds; tests pass their own.
+        group_starts: first frame of each group, ascending, for jumps between groups.
+        now: a monotonic clock in seconds; tests replace it.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Transport:
 
     @property
     def playing(self) -> bool:
-        """True while frames advance; without loop it ends by itself at the last frame."""
+        """Whether frames advance; without looping, playback stops at the last frame."""
         if self._playing and not self.loop and self._elapsed_frame() > self.last:
             self._anchor(self.last)
             self._playing = False
@@ -50,7 +50,7 @@ class Transport:
 
     @property
     def frame(self) -> int:
-        """The frame that is due now."""
+        """The current frame."""
         if not self.playing:
             return self._anchor_frame
         due = self._elapsed_frame()
@@ -58,7 +58,7 @@ class Transport:
 
     @property
     def speed(self) -> float:
-        """1 is the capture's own rate."""
+        """Playback speed; 1 is the capture's frame rate."""
         return self._speed
 
     @speed.setter
@@ -78,19 +78,19 @@ class Transport:
         self._anchor_time = self._now()
 
     def resize(self, frame_count: int, group_starts: Sequence[int], fps: float) -> None:
-        """Set the range (more frames were trained, for example); keeps the frame and whether it plays."""
+        """Set the range (for example when more frames have been trained); the frame and the playing state are kept."""
         frame = self.frame
         self.frame_count, self.group_starts, self.fps = max(frame_count, 1), tuple(group_starts) or (0,), fps
         self._anchor(frame)
 
     def play(self) -> None:
-        """Start from the current frame; from the beginning where the end was reached."""
+        """Play from the current frame, or from the beginning if the end was reached."""
         if not self.playing:
             self._anchor(0 if self._anchor_frame >= self.last else self._anchor_frame)
             self._playing = True
 
     def pause(self) -> None:
-        """Stop at the frame that is due now."""
+        """Pause at the current frame."""
         self._anchor(self.frame)
         self._playing = False
 
@@ -107,16 +107,16 @@ class Transport:
         self.loop = loop
 
     def seek(self, frame: int) -> None:
-        """Go to a frame (clamped to what there is); playing goes on from there."""
+        """Go to a frame, clamped to the range; playback continues from there."""
         self._anchor(frame)
 
     def step(self, frames: int) -> None:
-        """Pause and move by so many frames; stops at both ends."""
+        """Pause and move by a number of frames, clamped to the range."""
         self.pause()
         self._anchor(self._anchor_frame + frames)
 
     def jump_group(self, direction: int) -> None:
-        """To the first frame of the next (1) group, or of this or the previous (-1) one."""
+        """Go to the first frame of the next group (1), or of this or the previous one (-1)."""
         frame = self.frame
         if direction > 0:
             later = [start for start in self.group_starts if start > frame]

@@ -1,4 +1,4 @@
-"""Viewpoint: what is open, what of it is on screen, and from which camera."""
+"""Viewpoint: what is open, which part of it is on screen, and from which camera."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class Viewpoint:
     """See the module.
 
     Attributes:
-        opened: the take or stream; None where none is open.
+        opened: the take or stream; None if none is open.
         context: the take with its footage; None for a bare stream.
         what: "truth", "trained" or "decoded".
-        mode: of `compare.MODES`.
+        mode: one of `compare.MODES`.
         camera: the capture camera; "" for the free view.
         image_zoom: the visible part of its image.
-        orbit, home: the free view, now and initially.
-        size: of the picture, (width, height).
-        background: of `BACKGROUNDS`.
+        orbit, home: the current and the initial free view.
+        size: (width, height) of the picture.
+        background: one of `BACKGROUNDS`.
         message: text over the picture.
     """
 
@@ -81,7 +81,7 @@ class Viewpoint:
 
     @property
     def reference(self) -> str:
-        """What a comparison compares with: ground truth in a capture camera's view."""
+        """What a comparison compares with: ground truth in a capture camera's view, else the other source."""
         if self.camera and not self.why_not("truth"):
             return "truth"
         return "trained" if self.what == "decoded" else "decoded"
@@ -92,7 +92,7 @@ class Viewpoint:
         return next((name for name in names if name in held_out), names[0])
 
     def zoom_to_performer(self) -> None:
-        """Zoom to the performer in the capture camera's image; or back to the whole image."""
+        """Zoom to the performer in the capture camera's image, or back to the whole image."""
         self._zoom_follows = self.camera != "" and self.image_zoom == ImageZoom()
         self.image_zoom = ImageZoom()
         self._fit_zoom()
@@ -105,7 +105,7 @@ class Viewpoint:
 
     @property
     def _box_size(self) -> tuple[int, int]:
-        """Size of one picture: all, or a share of a side-by-side view."""
+        """Size of one picture: the whole viewport, or a part of a side-by-side view."""
         count = 1 if self.mode != "side by side" else len(self.source_names) + 1
         return self.size[0] // count, self.size[1]
 
@@ -129,7 +129,7 @@ class Viewpoint:
             self.mode = "single"
 
     def next_camera(self, direction: int = 1) -> None:
-        """The next or previous capture camera."""
+        """Switch to the next or previous capture camera."""
         names = self.camera_names
         if not names:
             self.message = "No capture cameras."
@@ -179,7 +179,7 @@ class Viewpoint:
             self.orbit = self.home
 
     def next_background(self) -> str:
-        """Dark, black, white, and again."""
+        """Switch to the next background: dark, black, white, and again."""
         names = list(BACKGROUNDS)
         self.background = names[(names.index(self.background) + 1) % len(names)]
         return self.background

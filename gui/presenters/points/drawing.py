@@ -30,7 +30,7 @@ from studio.calibration import TiePoint
 MOST_PICTURES = 6
 _LEAST_CROP = 50
 _CROP = 24
-"""Pixels to each side of a mark that the small pictures show."""
+"""Half the size of the crops around a mark, in pixels."""
 
 _HOW = (
     "Click a corner or dot that other cameras see too. Go to the next camera (C) and click the same point. "
@@ -42,17 +42,17 @@ Rect = tuple[float, float, float, float]
 
 
 class Spots:
-    """Clickable rectangles of a picture."""
+    """The clickable rectangles of a picture."""
 
     def __init__(self) -> None:
         self._spots: list[tuple[Rect, Action]] = []
 
     def add(self, rect: Rect, action: Action) -> None:
-        """One at x, y, width, height."""
+        """Add a rectangle: x, y, width, height."""
         self._spots.append((rect, action))
 
     def at(self, x: float, y: float) -> Action | None:
-        """What a click here does; the last one added wins."""
+        """The action of a click at this position; the last rectangle added wins."""
         for (left, top, width, height), action in reversed(self._spots):
             if left <= x < left + width and top <= y < top + height:
                 return action
@@ -69,7 +69,7 @@ def tabs(
     em: float,
     choose: Callable[[str], None],
 ) -> float:
-    """The cameras' names with their numbers of marks, in rows; returns where they end."""
+    """Draw the camera names with their numbers of marks in rows; return the y coordinate below them."""
     small = round(0.85 * em)
     x, width = across
     step, left, y = line_height(small) + 6, x, 2.0
@@ -87,7 +87,7 @@ def tabs(
 
 
 def crosses(canvas: Canvas, magnifier: Magnifier, marks: TieMarks, camera: str, em: float) -> None:
-    """All marks of a camera, open in the middle, with as many of their names as do not lie over each other."""
+    """Draw all marks of a camera as crosses with an open center, and as many names as fit without overlap."""
     small = round(0.85 * em)
     taken: list[Rect] = []
     seen = [index for index, point in enumerate(marks.points) if camera in point.pixels]
@@ -125,7 +125,7 @@ def crops(
     small: int,
     choose: Callable[[str], None],
 ) -> None:
-    """How cameras see a point, one below the other, magnified."""
+    """Draw magnified crops of a point in several cameras, stacked vertically."""
     import cv2
 
     x, y, width, height = rect
@@ -135,7 +135,7 @@ def crops(
     for name, image in list(images.items())[:count]:
         column, row = point.pixels[name]
         factor = side / (2 * _CROP)
-        # OpenCV's origin is the middle of the first pixel
+        # OpenCV's origin is the center of the first pixel
         move = [0.5 * factor - 0.5 + (_CROP - place) * factor for place in (column, row)]
         warp = np.array([[factor, 0, move[0]], [0, factor, move[1]]])
         crop = cv2.warpAffine(image, warp, (int(side), int(side)), flags=cv2.INTER_CUBIC, borderValue=RAISED)
@@ -158,8 +158,8 @@ def point_list(
     buttons: Sequence[tuple[str, Action]],
     em: float,
 ) -> int:
-    """The points, how many cameras see each and its error, buttons below; returns the first row that is shown,
-    the given one or another so that the chosen point is seen."""
+    """Draw the points, each with its number of cameras and its error, and the buttons below. Returns the first visible
+    row: the given one, or another that makes the selected point visible."""
     width, height = size
     small, pad = round(0.85 * em), 0.5 * em
     step = line_height(small) + 3

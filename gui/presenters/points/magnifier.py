@@ -14,14 +14,14 @@ _NOTCH = 1.25
 
 
 class Magnifier:
-    """Which part of an image is on screen, and how large.
+    """The part of an image that is on screen, and its magnification.
 
     Args:
-        size: width and height of the picture.
+        size: width and height of the image.
 
     Attributes:
         scale: magnification relative to the whole image fitted into the rectangle, at least 1.
-        center: (x, y) of the image at the middle of the rectangle.
+        center: (x, y) in the image at the center of the rectangle.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
@@ -67,7 +67,7 @@ class Magnifier:
         self._look_at(self.center[0] - dx / factor, self.center[1] - dy / factor)
 
     def zoom(self, notches: float, x: float, y: float) -> None:
-        """Zoom by notches of the wheel about screen position (x, y), which stays fixed."""
+        """Zoom by notches of the wheel; the image point at screen position (x, y) stays fixed."""
         before = self.pixel(x, y)
         self.scale = min(max(self.scale * _NOTCH**notches, 1.0), _MOST)
         after = self.pixel(x, y)
@@ -83,18 +83,18 @@ class Magnifier:
         self.center = (places[0], places[1])
 
     def draw(self, canvas: Canvas, image: np.ndarray) -> None:
-        """Draw the part into its rectangle."""
+        """Draw the visible part into the rectangle."""
         import cv2
 
         left, top, width, height = (round(value) for value in self.rect)
         factor = self.factor
         first = self.pixel(left, top)
         part = image
-        if factor < 1:  # smaller: average, then move
+        if factor < 1:  # average first when shrinking, then shift
             small = (max(round(image.shape[1] * factor), 1), max(round(image.shape[0] * factor), 1))
             part = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
         across, down = part.shape[1] / image.shape[1], part.shape[0] / image.shape[0]
-        # OpenCV's origin is the middle of the first pixel
+        # OpenCV's origin is the center of the first pixel
         warp = np.array(
             [
                 [factor / across, 0, 0.5 * factor / across - 0.5 - first[0] * factor],

@@ -16,13 +16,13 @@ LEAST = 6
 
 
 class TieMarks:
-    """The points of a file, which is saved at each change.
+    """The points of a file, which is saved after each change.
 
     Args:
         path: the file, which may not exist yet.
 
     Attributes:
-        points: in the order of the list; a point without marks is not saved.
+        points: the points in list order; those without marks are not saved.
         chosen: index of the selected point.
         changes: incremented with each change.
 
@@ -52,7 +52,7 @@ class TieMarks:
         return self.points[self.chosen] if 0 <= self.chosen < len(self.points) else None
 
     def count(self, camera: str) -> int:
-        """How many points are marked in a camera."""
+        """The number of points marked in a camera."""
         return sum(camera in point.pixels for point in self.points)
 
     def choose(self, index: int) -> None:
@@ -68,7 +68,7 @@ class TieMarks:
         self.choose(len(self.points) - 1)
 
     def mark(self, camera: str, x: float, y: float, frame: int) -> None:
-        """The chosen point (a new one where there is none) is at this pixel of a camera's image.
+        """Mark the selected point (a new one if there is none) at this pixel of a camera's image.
 
         Raises:
             StudioError: the file cannot be written.
@@ -143,14 +143,15 @@ def advice(marks: TieMarks, names: Sequence[str], camera: str, frame: int | None
     Args:
         marks: the points.
         names: all cameras.
-        camera: the one that is shown.
-        frame: the footage's number of the frame that is shown.
+        camera: the camera on screen.
+        frame: frame number in the footage of the frame on screen.
     """
     point = marks.point
     if point is None:
         words = "click to add a point"
     elif None not in (point.frame, frame) and point.frame != frame and point.pixels:
-        words = f"'{_short(point.name)}' was marked in frame {point.frame}, this is {frame}: it must not have moved"
+        moved = f"marked in frame {point.frame}, but this is frame {frame}; it must not have moved"
+        words = f"'{_short(point.name)}' was {moved}"
     else:
         does = "move" if camera in point.pixels else "mark"
         words = f"click to {does} '{_short(point.name)}' in {camera}; wheel and drag to zoom and pan"
@@ -169,8 +170,8 @@ def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
     """Where calibrated cameras predict a point in another camera's image.
 
     Returns:
-        (1, 2) its pixel, from marks in two or more other cameras; (N, 2) its epipolar line, from one mark; None
-        without any.
+        (1, 2): its pixel, from marks in two or more other cameras; (N, 2): its epipolar line, from one mark; None
+        if there are no other marks.
     """
     from studio.calibration.manual.bootstrap import Observations, TieRig, triangulate
 

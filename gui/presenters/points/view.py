@@ -25,7 +25,7 @@ class PointsView(StageView):
     """See the module. Clicks act on the layout of the last picture.
 
     Attributes:
-        asks: what the window is to do: "describe" (edit the point), "run" (calibrate) or "".
+        asks: what the window should do: "describe" (edit the point), "run" (calibrate) or "".
     """
 
     modes = ("points by hand",)
@@ -43,7 +43,7 @@ class PointsView(StageView):
         self._hover = (0.0, 0.0)
         self._changes = 0
         self._scroll = 0
-        self._refused: tuple[Path, int] | None = None  # a broken file is read once
+        self._refused: tuple[Path, int] | None = None  # a damaged file is read only once
         self._rig: tuple[float, Rig | None] = (0.0, None)
         self._figures: tuple[float, dict[str, dict[str, float]]] = (0.0, {})
         self._footage: tuple[Context | None, tuple[str, ...]] = (None, ())
@@ -118,7 +118,7 @@ class PointsView(StageView):
         self._picture(canvas, marks, (left, top, size[0] - left - right, size[1] - top))
         if marks.point is not None:
             shown = [name for name in names if name in marks.point.pixels]
-            if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and those after it
+            if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and the following ones
                 here = shown.index(self.camera)
                 shown = shown[here:] + shown[:here]
             frame = marks.point.frame  # moving points are elsewhere in other frames
@@ -131,7 +131,7 @@ class PointsView(StageView):
         return canvas.pixels
 
     def _image(self, camera: str, number: int | None = None) -> np.ndarray:
-        """A camera's image: of this frame number, else of the current frame."""
+        """A camera's image, of this frame number or else of the current frame."""
         assert self.workspace.context is not None
         if number is None or number not in self.workspace.context.footage.raw.frames:
             number = self._number()
@@ -143,7 +143,7 @@ class PointsView(StageView):
         return self._images[key]
 
     def _number(self) -> int:
-        """Frame number, in the footage, of the current frame."""
+        """Frame number in the footage of the current frame."""
         assert self.workspace.context is not None
         frames = self.workspace.context.footage.raw.frames
         return int(frames[min(self.frame, len(frames) - 1)])
@@ -180,7 +180,7 @@ class PointsView(StageView):
         ]
 
     def _solved(self) -> dict[str, dict[str, float]]:
-        """Figures by point of the last calibration, if it used tie points."""
+        """Figures by point from the last calibration, if it used tie points."""
         take = self.workspace.take
         if take is None or not take.calibration_report.is_file():
             return {}
@@ -208,10 +208,10 @@ class PointsView(StageView):
             self._rig = (stamp, rig if fits else None)
         return self._rig[1]
 
-    # What a user does
+    # User actions
 
     def click(self, x: float, y: float) -> None:
-        """A click at a pixel of the picture."""
+        """Handle a click at a pixel of the picture."""
         action = self._spots.at(x, y)
         if action is not None:
             self._try(action)
@@ -243,12 +243,12 @@ class PointsView(StageView):
         self.asks = what
 
     def show_camera(self, name: str) -> None:
-        """Show another camera's picture."""
+        """Show another camera's image."""
         self.camera = name
         self._changes += 1
 
     def step_camera(self, direction: int) -> None:
-        """The next camera (1), or the one before."""
+        """Switch to the next (1) or previous (-1) camera."""
         names = self.names()
         if names:
             here = names.index(self.camera) if self.camera in names else 0
@@ -260,7 +260,7 @@ class PointsView(StageView):
             self.marks.add()
 
     def step_point(self, direction: int) -> None:
-        """Choose the next point of the list (1), or the one before."""
+        """Select the next (1) or previous (-1) point in the list."""
         if self.marks is not None:
             self.marks.choose(self.marks.chosen + direction)
 
@@ -271,7 +271,7 @@ class PointsView(StageView):
             self._try(lambda: marks.unmark(camera))
 
     def remove(self) -> None:
-        """Remove the chosen point."""
+        """Delete the selected point."""
         if self.marks is not None:
             self._try(self.marks.remove)
 
@@ -286,17 +286,17 @@ class PointsView(StageView):
         self._changes += 1
 
     def hover(self, x: float, y: float) -> None:
-        """Pointer position when the wheel turns."""
+        """Note the pointer position for the wheel."""
         self._hover = (x, y)
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """Move the picture."""
+        """Pan the image."""
         magnifier = self._magnifiers.get(self.camera)
         if magnifier is not None:
             magnifier.pan(dx, dy)
 
     def wheel(self, notches: float) -> None:
-        """Magnifier at the pointer; over the list, select the next or previous point."""
+        """Zoom at the pointer; over the list, select the next or previous point."""
         magnifier = self._magnifiers.get(self.camera)
         if magnifier is not None and magnifier.holds(*self._hover):
             magnifier.zoom(notches, *self._hover)

@@ -34,7 +34,7 @@ MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured"
 """Background of the movie by label; None is the capture's own."""
 
 LEAST_SECONDS = 6.0
-"""Shortest turntable offered by default: faster ones are dizzying."""
+"""Minimum default duration of a turntable in seconds; faster ones are dizzying."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,15 @@ class PathKey:
 
 @dataclass
 class ExportRequest:
-    """An export as chosen in the dialog, text as typed.
+    """An export as specified in the dialog; text as typed.
 
     Attributes:
-        kind: of `FORMATS`.
-        source: take, stream or address.
-        title: its name; the file's begins with it.
-        folder: where to write to at first.
+        kind: a key of `FORMATS`.
+        source: take, stream or URL.
+        title: name of the source; the default file name begins with it.
+        folder: default output folder.
         of: "decoded" or "trained"; "" for a bare stream.
-        seconds, size, background: of a movie, the latter two of `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
+        seconds, size, background: options of a movie; the last two from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
     """
 
     kind: str
@@ -70,22 +70,22 @@ class ExportRequest:
 
     @property
     def target(self) -> str:
-        """File or folder to write; named after what is exported until another name is typed."""
+        """File or folder to write; named after the source and options until another name is typed."""
         ending = FORMATS[self.kind][1]
         return self._target or str(self.folder / f"{self.title}-{self.of or 'stream'}-{self.kind}{ending}")
 
     def set_target(self, text: str) -> None:
-        """A name was typed."""
+        """Set a typed name."""
         self._target = "" if text.strip() == self.target else text
 
     def move_to(self, folder: Path) -> None:
-        """Write into another folder, under the same name."""
+        """Write to another folder under the same name."""
         if self._target:
             self._target = str(folder / Path(self._target.strip()).name)
         self.folder = folder
 
     def arguments(self) -> list[str]:
-        """For `v3studio export`, besides a camera path.
+        """Arguments of `v3studio export`, without the camera path.
 
         Raises:
             StudioError: `export.bad_seconds`, not a number above 0 and at most 3600.
@@ -122,13 +122,13 @@ class ExportRequest:
 
 @dataclass
 class Exports:
-    """One export at a time.
+    """Runs one export at a time.
 
     Attributes:
         keys: views of the camera path.
-        words: progress; "" if none runs.
-        result: outcome of the last export, to be shown once.
-        failed: whether that is an error.
+        words: progress; "" if no export is running.
+        result: outcome of the last export, shown once.
+        failed: whether the last export failed.
     """
 
     keys: list[PathKey] = field(default_factory=list)
@@ -145,18 +145,20 @@ class Exports:
         return self._process is not None
 
     def start(self, request: ExportRequest) -> None:
-        """Begin.
+        """Start an export.
 
         Raises:
             StudioError: `export.running`, `export.target_exists`, `export.too_few_views` or `export.bad_seconds`.
         """
         if self._process is not None:
             raise StudioError(
-                "export.running", "another export is running", fix="Wait for it, or stop it from the Export menu."
+                "export.running",
+                "another export is running",
+                fix="Wait for it to finish, or stop it from the Export menu.",
             )
         if request.path.exists():
             raise StudioError(
-                "export.target_exists", "already exists, and nothing is overwritten", file=request.path,
+                "export.target_exists", "already exists; existing files are never overwritten", file=request.path,
                 fix="Choose another name.",
             )  # fmt: skip
         command = [*v3studio_command(), "export", *request.arguments()]
@@ -187,7 +189,7 @@ class Exports:
         return path
 
     def poll(self) -> bool:
-        """Take in the output of the process; returns whether something changed."""
+        """Process the output of the export; return whether anything changed."""
         process = self._process
         if process is None:
             return False
@@ -213,14 +215,14 @@ class Exports:
         return True
 
     def stop(self) -> None:
-        """Ask it to stop; partial output is removed."""
+        """Stop the export; partial output is removed."""
         if self._process is not None:
             self._stopping = True
             self._process.cancel()
 
 
 def fitted(camera: Camera, width: int, height: int) -> Camera:
-    """The view at another image size: same vertical field of view, the sides cropped or extended."""
+    """The view at another image size: same vertical field of view, with the sides cropped or extended."""
     scale = height / camera.height
     K = camera.K.copy()
     K[:2] *= scale

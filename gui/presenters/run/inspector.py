@@ -25,7 +25,7 @@ class Block:
     Attributes:
         title: the heading.
         rows: (name, value).
-        note: a sentence below; "" for none.
+        note: a sentence below the rows; "" for none.
     """
 
     title: str
@@ -34,7 +34,7 @@ class Block:
 
 
 def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks, drawn_rate: float) -> list[Block]:
-    """Figures of the current frame; quality as in evaluation.json."""
+    """Figures of the current frame; quality is that in evaluation.json."""
     transport, picture = player.transport, player.picture
     if player.opened is None:
         return []
@@ -96,7 +96,7 @@ def filmed_otherwise(player: PlayerPresenter) -> bool:
 
 
 def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
-    """Progress of the run, and the status of the selected stage."""
+    """Progress of the run and status of the selected stage."""
     row = workspace.row(stage)
     blocks = []
     progress = workspace.run.progress
@@ -133,7 +133,7 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
 
 
 def camera_rows(player: PlayerPresenter) -> list[Row]:
-    """Rows on the capture camera or the free view."""
+    """Rows about the capture camera or the free view."""
     rig = player.opened.rig if player.opened is not None else None
     if not player.camera or rig is None:
         return [("camera", f"free view, distance {player.orbit.distance:.2f}")]
@@ -146,7 +146,7 @@ def camera_rows(player: PlayerPresenter) -> list[Row]:
 
 
 def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float, down: float = 0.0) -> np.ndarray:
-    """(height, width, 3) uint8: blocks below each other, scrolled by `down` pixels."""
+    """(height, width, 3) uint8: stacked blocks, scrolled by `down` pixels."""
     canvas = Canvas(width, height, PANEL)
     size = round(0.88 * em)
     step = line_height(size)
@@ -165,7 +165,7 @@ def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float,
 
 
 def figures_height(blocks: Sequence[Block], width: int, em: float) -> float:
-    """Pixels that all of `figures_picture` takes."""
+    """Height of all of `figures_picture` in pixels."""
     size = round(0.88 * em)
     lines = sum(len(block.rows) for block in blocks)
     lines += sum(len(wrapped(block.note, size, width - 1.2 * em)) for block in blocks if block.note)
@@ -173,7 +173,7 @@ def figures_height(blocks: Sequence[Block], width: int, em: float) -> float:
 
 
 def heading(canvas: Canvas, y: float, text: str, em: float) -> float:
-    """A heading with a line under it; returns where what follows begins."""
+    """Draw a heading with a line under it; return the y coordinate below it."""
     size = round(0.95 * em)
     canvas.text(0.6 * em, y, text, size, TEXT, width=canvas.width - 1.2 * em)
     y += line_height(size)
@@ -185,16 +185,16 @@ LINE_COLORS: dict[str, RGB] = {"": DIM, "warning": FAIR, "error": BAD}
 
 
 def log_lines(lines: Iterable[tuple[str, str]], width: int, em: float) -> list[tuple[str, str]]:
-    """The log cut to the width: (kind, line)."""
+    """The log wrapped to the width: (kind, line)."""
     size = round(0.82 * em)
     return [(kind, part) for kind, text in lines for part in wrapped(text, size, width - 1.2 * em)]
 
 
 def log_picture(lines: Sequence[tuple[str, str]], width: int, height: int, em: float, back: int = 0) -> np.ndarray:
-    """(height, width, 3) uint8: the end of the log, scrolled back by so many lines.
+    """(height, width, 3) uint8: the end of the log, scrolled back by a number of lines.
 
     Args:
-        lines: of `log_lines`.
+        lines: from `log_lines`.
     """
     canvas = Canvas(width, height, PANEL)
     top = heading(canvas, 0.3 * em, "Job log", em)

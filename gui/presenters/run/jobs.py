@@ -1,6 +1,6 @@
-"""Jobs: stages run as child processes of the command line, and runs started elsewhere, which are followed.
+"""Jobs: stages run as child processes through the command line, and runs started elsewhere, which are followed.
 
-A job's events come through its standard output. A run started elsewhere (in a terminal, or by a window closed since) is
+A job's events come through its standard output. A run started elsewhere (in a terminal, or by a window since closed) is
 followed through the take's log, which the runner writes.
 """
 
@@ -25,7 +25,7 @@ from pipelines.events import Event, Log, RunFinished, RunStarted, read_line
 from pipelines.takes.take import Take
 
 STDERR_NAME = "window_job.log"
-_LONGEST_LINE = 1 << 20  # bytes; the rest of a longer one is dropped
+_LONGEST_LINE = 1 << 20  # bytes; the rest of a longer line is dropped
 
 
 def v3studio_command() -> list[str]:
@@ -44,7 +44,7 @@ class ChildProcess:
 
     def __init__(self, command: Sequence[str], errors: Path, folder: Path) -> None:
         self.errors = errors
-        root = str(Path(pipelines.__file__).resolve().parents[1])  # so that the child finds the packages
+        root = str(Path(pipelines.__file__).resolve().parents[1])  # so that the child process finds the packages
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         with errors.open("wb") as file:
             self._process = subprocess.Popen(
@@ -77,11 +77,11 @@ class ChildProcess:
 
     @property
     def running(self) -> bool:
-        """True until the process has ended and all of its output has been read."""
+        """Whether the process is still running or has unread output."""
         return not self._ended
 
     def take_lines(self) -> list[str]:
-        """New lines of its standard output. Never blocks."""
+        """New lines of standard output. Never blocks."""
         lines: list[str] = []
         with contextlib.suppress(queue.Empty):
             while not self._ended:
@@ -99,17 +99,17 @@ class ChildProcess:
         return self._process.poll() if self._ended else None
 
     def last_line(self) -> str:
-        """The error that ended it: its last "error: ..." line, else the last line; libraries may print after it."""
+        """The error that ended the process: the last "error: ..." line; without one, the last line."""
         lines = [line for line in self.last_words().splitlines() if line.strip()]
         errors = [line for line in lines if line.startswith("error: ") or ": error: " in line]
         return (errors or lines or ["no error message"])[-1].strip()
 
     def last_words(self) -> str:
-        """The end of its standard error."""
+        """The end of standard error."""
         return self.errors.read_text(encoding="utf-8", errors="replace")[-4000:] if self.errors.is_file() else ""
 
     def cancel(self) -> None:
-        """Stop it with SIGTERM; it exits within two seconds and keeps finished work."""
+        """Stop the process with SIGTERM; it exits within two seconds and keeps finished work."""
         if self._process.poll() is None:
             stop_process(self._process.pid)
 
@@ -118,9 +118,9 @@ class Job(ChildProcess):
     """One run of `v3studio` on a take.
 
     Args:
-        take: what it works on; what the process prints besides events goes to a file in its private folder.
-        arguments: of `v3studio`, without `--take` and `--json`, for example ("run", "--until", "train").
-        program: what to start; tests give their own.
+        take: the take; output other than events goes to a file in its private folder.
+        arguments: arguments of `v3studio`, without `--take` and `--json`, for example ("run", "--until", "train").
+        program: the program to start; tests replace it.
     """
 
     def __init__(self, take: Take, arguments: Sequence[str], program: Sequence[str] = ()) -> None:
@@ -130,7 +130,7 @@ class Job(ChildProcess):
         self._reported_end = False
 
     def poll(self) -> list[Event]:
-        """New events; a line that is not an event comes as a `Log`. Never waits."""
+        """New events; a line that is not an event becomes a `Log`. Never blocks."""
         events: list[Event] = []
         for line in self.take_lines():
             event, text = read_line(line)
@@ -142,7 +142,7 @@ class Job(ChildProcess):
         return events
 
     def crash(self) -> tuple[str, str] | None:
-        """Message and tail of its output, if it ended without reporting an outcome; None otherwise."""
+        """Message and end of the output if the process ended without reporting an outcome; None otherwise."""
         code = self.status
         if self._reported_end or code is None:
             return None
@@ -162,7 +162,7 @@ class LogFollower:
         self._offset = 0
 
     def poll(self) -> tuple[bool, list[Event]]:
-        """(whether a new log has begun, new events)."""
+        """Return (whether a new log has begun, new events)."""
         try:
             state = self._path.stat()
             anew = state.st_ino != self._inode or state.st_size < self._offset
@@ -175,7 +175,7 @@ class LogFollower:
                 data = file.read()
         except OSError:
             return False, []
-        whole = data[: data.rfind(b"\n") + 1]  # the last line may be half written
+        whole = data[: data.rfind(b"\n") + 1]  # the last line may be incomplete
         self._offset += len(whole)
         events = []
         for line in whole.splitlines():

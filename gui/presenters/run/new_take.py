@@ -1,4 +1,4 @@
-"""NewTake: from a folder of footage to a take that can be run."""
+"""NewTake: creates a take from a folder of footage."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from studio.errors import StudioError
 
 @dataclass
 class NewTake:
-    """A new take as chosen in the dialog, text as typed.
+    """A new take as specified in the dialog; text as typed.
 
     Attributes:
         footage: footage folder; may be empty if the settings name it.
@@ -62,7 +62,7 @@ class NewTake:
         return f"{footage.description}\n{cameras}{problems}"
 
     def proposed_take(self) -> str:
-        """Path of a new folder beside the footage."""
+        """Path of a new folder next to the footage."""
         try:
             root = self.config().capture.root
         except StudioError:
@@ -74,7 +74,7 @@ class NewTake:
         return ""
 
     def create(self) -> Path:
-        """Create the take's folder and its settings; returns the folder.
+        """Create the take's folder and its settings; return the folder.
 
         Raises:
             StudioError: `take.exists`, `take.no_folder`, or footage or settings that cannot be read.

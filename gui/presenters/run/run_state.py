@@ -26,7 +26,7 @@ CURVE_POINTS = 4000
 
 @dataclass
 class Curve:
-    """A training metric over progress; every second point is dropped whenever there are CURVE_POINTS.
+    """A training metric over progress; every other point is dropped when there are CURVE_POINTS.
 
     Attributes:
         positions: progress of training, 0 to 1.
@@ -37,7 +37,7 @@ class Curve:
     values: list[float] = field(default_factory=list)
 
     def add(self, position: float, value: float) -> None:
-        """Append."""
+        """Append a point."""
         self.positions.append(position)
         self.values.append(value)
         if len(self.positions) > CURVE_POINTS:
@@ -49,16 +49,16 @@ class RunState:
     """See the module.
 
     Attributes:
-        planned: stages that the run will do, in order.
-        stage: the running stage; "" before the first and after the last.
+        planned: stages that the run will execute, in order.
+        stage: the current stage; "" before the first and after the last.
         progress: its latest progress.
         finished: stages finished in this run.
-        failed: stage to error message.
-        failed_setting: stage to the setting that fixes the error, where one does.
-        outcome: "" while it runs, then "done", "failed" or "cancelled".
+        failed: error message by stage.
+        failed_setting: the setting that fixes the error, by stage, where there is one.
+        outcome: "" during the run, then "done", "failed" or "cancelled".
         message: text of the outcome.
         lines: the log, newest last: (kind, text), kind one of "", "warning", "error".
-        curves: loss, psnr, splats over the progress of training, one curve per group: groups train in parallel.
+        curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
         previews: latest picture by camera.
         changes: incremented with every event.
     """
@@ -82,8 +82,8 @@ class RunState:
     """Incremented when the take has new results: a frame, a group, a stage."""
 
     def followed(self) -> RunState:
-        """The state of the next run: empty except for the training curves and previews, which stay until a run trains
-        again."""
+        """The state of the next run: empty except for the training curves and previews, which are kept until a run
+        trains again."""
         return RunState(
             curves=self.curves,
             previews=self.previews,
@@ -137,7 +137,7 @@ class RunState:
             self._say(text, "error" if event.outcome == "failed" else "")
 
     def crashed(self, message: str, tail: str = "") -> None:
-        """The process ended without reporting an outcome."""
+        """Note that the process ended without reporting an outcome."""
         self.changes += 1
         if self.stage:
             self.failed[self.stage] = message
@@ -157,7 +157,7 @@ class RunState:
         self._say(f"{event.stage}: {where if event.group is not None else 'all'}: {figures}")
 
     def _train_figures(self, event: Progress) -> None:
-        if event.fraction < self._trained:  # training was run again
+        if event.fraction < self._trained:  # training has started over
             self.curves.clear()
         self._trained = event.fraction
         for name in ("loss", "psnr", "splats"):
@@ -167,13 +167,13 @@ class RunState:
                 self.curves.setdefault(name, {}).setdefault(group, Curve()).add(event.fraction, float(value))
 
     def stage_words(self) -> str:
-        """ "42 %, 3 min 05 s left" for the running stage; "" if none runs."""
+        """ "42%, 3 min 05 s left" for the running stage; "" if none runs."""
         if not self.stage:
             return ""
         if self.progress is None:
             return "starting"
         left = self.progress.seconds_left
-        words = f"{100 * self.progress.fraction:.0f} %"
+        words = f"{100 * self.progress.fraction:.0f}%"
         return f"{words}, {duration(left)} left" if left is not None and left >= 1 else words
 
 

@@ -34,12 +34,12 @@ class SettingField:
 
     Attributes:
         name: dotted, as in train.max_splats.
-        heading: of its block of settings.
-        label: shown name; for a nested setting it begins with the section.
-        kind: "switch", "choice" or "text"; a switch that may be null is a choice.
-        choices: of a choice, `NULL` first where it may be null.
+        heading: heading of its block of settings.
+        label: displayed name; for a nested setting it begins with the section.
+        kind: "switch", "choice" or "text"; a switch that can be null is a choice.
+        choices: values of a choice, `NULL` first if it can be null.
         text: whether the value is plain text (else it is parsed as YAML).
-        nullable: whether it may be null; an empty field and "null" both mean null.
+        nullable: whether it can be null; an empty field and "null" both mean null.
         documentation: description and bounds.
     """
 
@@ -63,7 +63,7 @@ class SettingField:
         return dumped.removesuffix("...\n").strip()
 
     def parsed(self, text: str) -> Any:
-        """The value of typed text.
+        """Parse typed text.
 
         Raises:
             StudioError: not valid YAML.
@@ -95,7 +95,7 @@ def stage_of(setting: str) -> str:
 
 
 def matching(fields: Sequence[SettingField], words: str) -> list[SettingField]:
-    """Fields whose name, label, heading or documentation contains all words; a full name matches only its field."""
+    """Fields whose name, label, heading or documentation contains all words; a full name matches only that field."""
     exact = [field for field in fields if field.name == words.strip()]
     if exact:
         return exact

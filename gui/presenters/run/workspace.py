@@ -1,6 +1,6 @@
 """Workspace: the open take, the status of its stages, and the run that works on it.
 
-All of it is read from the take on disk, so that runs started in a terminal show up too.
+The state is read from the take on disk, so that runs started in a terminal show up too.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ LOOK_EVERY = 0.5
 """Seconds between two scans of the take's folder."""
 
 ASSESS_EVERY = 30.0
-"""Seconds after which the stages are assessed again even without a visible change."""
+"""Seconds after which the stages are reassessed even without a visible change."""
 
 
 class Workspace:
     """See the module. Call `poll` at each tick; nothing here blocks.
 
     Args:
-        start_job: starts a job; tests pass their own.
+        start_job: starts a job; tests replace it.
         now: a clock in seconds that never runs backwards.
     """
 
@@ -64,7 +64,7 @@ class Workspace:
     # What is open
 
     def open(self, take: Take | None) -> None:
-        """Work on this take; None for a bare stream. A job of the previous take keeps running."""
+        """Open this take; None for a bare stream. A job of the previous take keeps running."""
         self._clear()
         self.take = take
         if take is None:
@@ -85,7 +85,7 @@ class Workspace:
         except StudioError as error:
             self.context, self.message = None, str(error)
 
-    # Each tick
+    # At each tick
 
     def poll(self) -> bool:
         """Process events and changes on disk; returns whether anything visible changed."""
@@ -119,7 +119,7 @@ class Workspace:
         assert self.take is not None
         self.job, self.cancelling, self.paused = None, False, False
         self._follower = LogFollower(self.take.log)
-        self._follower.poll()  # the job's events are known already
+        self._follower.poll()  # the job's events are already known
         self.holder = None
         self._next_look = self._next_assess = 0.0
 
@@ -148,11 +148,11 @@ class Workspace:
             self._next_assess = self._now() + ASSESS_EVERY
             if inputs_changed or self.context is None:
                 self._read_config()
-            if self.context is not None:  # a new context: the views' own keeps its footage open
+            if self.context is not None:  # a new context, because the views' context keeps its footage open
                 self._worker.ask(Context(self.take, self.context.config))
 
     def _take_fingerprint(self) -> tuple[object, ...]:
-        """A cheap value that changes with everything that a stage's status depends on."""
+        """A cheap fingerprint that changes with everything that a stage's status depends on."""
         assert self.take is not None
         paths = [self.take.config, self.take.rig, self.take.private / "stages", self.take.stream, self.take.evaluation]
         return (*(_changed(path) for path in paths), self.run.outcome, len(self.run.finished))
@@ -161,7 +161,7 @@ class Workspace:
 
     @property
     def busy(self) -> bool:
-        """Whether a run works on the take, whoever started it."""
+        """Whether a run is in progress on the take, whoever started it."""
         return self.job is not None or self.holder is not None
 
     def rows(self) -> list[StageRow]:
@@ -169,7 +169,7 @@ class Workspace:
         return [self._row(key) for key in TITLES]
 
     def row(self, key: str) -> StageRow:
-        """One of `rows`."""
+        """The row of a stage."""
         return self._row(key)
 
     def _row(self, key: str) -> StageRow:
@@ -214,7 +214,7 @@ class Workspace:
     # Running
 
     def start(self, key: str, again: bool = False) -> bool:
-        """Run everything that is needed up to this stage; `again` repeats a finished stage; "all" runs all stages.
+        """Run a stage and the stages it depends on, as needed; `again` reruns a finished stage; "all" runs all stages.
 
         Returns False and sets `message` if the run cannot be started.
         """
@@ -222,7 +222,7 @@ class Workspace:
             self.message = "Open a take first. A stream has no stages to run."
             return False
         if self.busy:
-            self.message = "Another run works on this take. Wait for it, or cancel it."
+            self.message = "Another run is in progress on this take. Wait for it to finish, or cancel it."
             return False
         if self.context is None:
             return False
@@ -251,7 +251,7 @@ class Workspace:
                 self.message = f"Cannot stop the run (process {pid}) from here. Stop it where it was started."
 
     def pause(self) -> None:
-        """Suspend or resume the run, whoever started it. A suspended run keeps its memory; unfinished work is lost if
+        """Suspend or resume the run, whoever started it. A suspended run stays in memory; unfinished work is lost if
         the machine is switched off."""
         pid = self.pid
         if pid is None:
@@ -263,18 +263,19 @@ class Workspace:
 
     @property
     def pid(self) -> int | None:
-        """Process ID of the run that works on the take; None if there is none."""
+        """Process ID of the run in progress on the take; None if there is none."""
         if self.job is not None:
             return self.job.pid
         pid = self.holder.get("pid") if self.holder is not None else None
         return pid if isinstance(pid, int) else None
 
     def change_setting(self, name: str, value: object) -> Message | None:
-        """Write a setting into the take's config.yaml; returns None, or why it was refused."""
+        """Write a setting to the take's config.yaml; return None, or why it was refused."""
         if self.take is None or self.context is None:
             return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
         if self.busy:
-            return Message("settings.run_active", "settings are locked during a run", fix="Wait for it, or cancel it.")
+            fix = "Wait for it to finish, or cancel it."
+            return Message("settings.run_active", "settings are locked during a run", fix=fix)
         try:
             config = load_config(self.take.config, [(name, value)])
             if config != self.context.config:
@@ -286,7 +287,7 @@ class Workspace:
         return None
 
     def take_results(self) -> bool:
-        """True once after the take has new results."""
+        """True once each time the take has new results."""
         changed = self.run.results != self._results_seen
         self._results_seen = self.run.results
         return changed

@@ -1,4 +1,4 @@
-"""Bake: bytes by attribute, the size at other QPs, and the attribute planes as images."""
+"""Bake: size by attribute, size at other QPs, and the attribute planes as images."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def attribute_planes(gaussians: Gaussians) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     for name, tensor in gaussians.state_dict().items():
         values = tensor.detach().cpu().numpy().reshape(len(gaussians), -1)
-        for number in range(min(values.shape[1], 4)):  # of sh, only the DC color
+        for number in range(min(values.shape[1], 4)):  # only the DC color of sh
             columns[name if values.shape[1] == 1 else f"{name} {number}"] = values[:, number]
     found = {}
     for name, column in columns.items():
@@ -96,7 +96,7 @@ class BakeView(StageView):
         self._trial = QpTrial()
 
     def state(self) -> Hashable:
-        """The stream on disk; the frame in mode "planes"; the trial's results."""
+        """The stream on disk, the frame in mode "planes", the results of the QP trial."""
         take = self.workspace.take
         path = take.stream / "manifest.json" if take is not None else None
         stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
@@ -142,7 +142,7 @@ class BakeView(StageView):
             canvas.rect(left, y + 2, right - left, normal, PANEL)
             canvas.rect(left, y + 2, (right - left) * value / most, normal, ACCENT)
             qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
-            numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.total_bytes:.1f} %", qp)
+            numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.total_bytes:.1f}%", qp)
             for words, place in zip(numbers, columns, strict=True):
                 canvas.text(place, y, words, normal, TEXT, align="right")
             y += step
@@ -190,7 +190,7 @@ class BakeView(StageView):
             else:
                 canvas.text(columns[1], y, "..." if trial.running else "", normal, FAINT, align="right")
             if now:
-                canvas.text(size[0] - 1.5 * em, y, "as set", normal, ACCENT, align="right")
+                canvas.text(size[0] - 1.5 * em, y, "current", normal, ACCENT, align="right")
             y += step
         return canvas.pixels
 

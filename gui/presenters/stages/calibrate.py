@@ -42,11 +42,11 @@ class CalibrateView(OrbitView):
         self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
 
     def state(self) -> Hashable:
-        """The calibration's files, the view, the frame whose images are on the frustums."""
+        """The calibration files, the view, and the frame whose images are on the frustums."""
         take = self.workspace.take
         stamp = _stamp(take) if take is not None else None
         if stamp != self._read_of:
-            self.orbit = None  # other cameras, another view
+            self.orbit = None  # other cameras need another view
         view = self.orbit.key if self.orbit is not None else None
         return (stamp, self.mode, view, self.frame if self.mode == "cameras" else 0, self.em)
 
@@ -105,7 +105,7 @@ class CalibrateView(OrbitView):
         return canvas.pixels
 
     def _floor(self, canvas: Canvas, view: Camera, home: OrbitCamera) -> None:
-        """A ring around the target, so that rotation is visible."""
+        """Draw a ring around the target, so that rotation is visible."""
         from gui.presenters.drawing.painter import draw_line
 
         first, second = home.basis()
@@ -176,7 +176,7 @@ class CalibrateView(OrbitView):
                 "from file" if error is None else f"{error:.2f}",
                 f"{found['p95']:.2f}" if "p95" in found else "",
                 str(found.get("observations", "")),
-                f"{100 * found['coverage']:.0f} %" if "coverage" in found else "",
+                f"{100 * found['coverage']:.0f}%" if "coverage" in found else "",
                 f"{camera.fx:.0f}",
             ]
             canvas.dot(0.5 * em, y + 0.6 * normal, 0.25 * em, self._color(camera.name))

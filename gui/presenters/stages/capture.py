@@ -1,4 +1,4 @@
-"""Capture: all cameras at the current frame with mattes, and the problems of the footage."""
+"""Capture: all cameras at the current frame with mattes, and problems in the footage."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TINT = np.array(ACCENT, np.float32)
 
 
 class CaptureView(StageView):
-    """Thumbnails of every camera, with the matte as overlay, without it, or cut out."""
+    """Thumbnails of all cameras: with the matte as an overlay, without it, or cut out."""
 
     modes = ("mask overlay", "images", "performer")
 
@@ -40,7 +40,7 @@ class CaptureView(StageView):
         """See `StageView`."""
         footage = self._open()
         if footage is None:
-            return sentence(size, "The settings of this take cannot be read, so there is no footage to show.", self.em)
+            return sentence(size, "The settings of this take cannot be read, so no footage can be shown.", self.em)
         problems = [*map(str, footage.problems), *self._check.problems]
         lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
         room = min(len(lines), 8)
@@ -128,12 +128,12 @@ class CaptureView(StageView):
             self._check.start(config, self._cache_folder())
 
     def stop_check(self) -> None:
-        """Stop it."""
+        """Stop the check."""
         self._check.stop()
 
     @property
     def checking(self) -> bool:
-        """Whether the check runs."""
+        """Whether the check is running."""
         return self._check.running
 
     def close(self) -> bool:
@@ -148,7 +148,7 @@ def _aspect(footage: Footage, camera: str) -> float:
 
 
 def grid(count: int, width: int, height: float, aspect: float, label: int) -> tuple[int, int]:
-    """(width, height) of the largest cells that hold `count` pictures of an aspect, a label under each."""
+    """(width, height) of the largest cells that fit `count` pictures of an aspect ratio, with a label under each."""
     best = (1, 1)
     for columns in range(1, count + 1):
         rows = -(-count // columns)
@@ -161,7 +161,7 @@ def grid(count: int, width: int, height: float, aspect: float, label: int) -> tu
 
 
 class FootageCheck:
-    """`Footage.check` on a thread.
+    """Runs `Footage.check` on a thread.
 
     Attributes:
         words: progress or outcome; "" before the first check.

@@ -23,7 +23,7 @@ from studio.errors import StudioError
 
 
 class Mesh(Protocol):
-    """Something that draws itself."""
+    """A mesh that can render itself."""
 
     faces: int
 
@@ -37,7 +37,7 @@ class InitializeView(OrbitView):
 
     Args:
         workspace: the take.
-        read_mesh: reads a mesh file; passed in, so that this package does not import Open3D.
+        read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
     """
 
     modes = ("mesh", "points")
@@ -58,7 +58,7 @@ class InitializeView(OrbitView):
         return take.initialize_group(max(bisect_right(starts, self.frame) - 1, 0))
 
     def state(self) -> Hashable:
-        """The group's files and the view."""
+        """The files of the group, and the view."""
         folder = self._folder()
         view = self.orbit.key if self.orbit is not None else None
         return (folder, _stamp(folder), self.mode, view, self.em)
@@ -100,7 +100,7 @@ class InitializeView(OrbitView):
 
 
 def _home(take: Take, points: np.ndarray) -> OrbitCamera:
-    """From the first camera, looking at the points."""
+    """The initial view: from the first camera, looking at the points."""
     if not take.rig.is_file():
         return OrbitCamera.around(points, np.array([0.0, 0.0, 1.0]))
     from studio.camera_files import read_rig

@@ -16,7 +16,7 @@ TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 TRIED_FRAMES = 5
 
 NO_TARGET: dict[str, None] = {"target_kb_per_frame": None, "target_psnr": None}
-"""Overrides of targets, which would choose the QP themselves."""
+"""Overrides that disable targets, which would choose the QP."""
 
 
 class QpTrial:
@@ -44,7 +44,7 @@ class QpTrial:
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, workspace: Workspace) -> None:
-        """Start, unless these frames and settings were tried already.
+        """Start, unless these frames and settings have already been tried.
 
         Raises:
             StudioError: `take.not_trained`.

@@ -12,7 +12,7 @@ from gui.presenters.stages.stage_rows import StageRow
 
 
 def row_height(em: float) -> float:
-    """Pixels of one row."""
+    """Height of a row in pixels."""
     return round(2.3 * em)
 
 

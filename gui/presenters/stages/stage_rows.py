@@ -1,4 +1,4 @@
-"""The stages as the operator sees them, and their status in a take."""
+"""The stages as shown in the window, and their status in a take."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TITLES = {
     "bake": "Bake",
     "review": "Review",
 }
-"""The stages as the operator sees them, in order."""
+"""The stages as shown in the window, in order."""
 
 PIPELINE_NAMES = {"review": "evaluate"}
 """Pipeline names that differ from the window's."""
@@ -32,12 +32,12 @@ class StageRow:
     """A line of the stage list.
 
     Attributes:
-        key: of `TITLES`.
+        key: a key of `TITLES`.
         state: done, partial, stale, failed, missing, running, or waiting (later in the current run).
-        words: short text beside the title.
+        words: short text next to the title.
         detail: the reason, as a sentence; "" if there is none.
-        setting: name of the setting that fixes it; "" if no setting does.
-        fraction: 0 to 1, of a running stage.
+        setting: name of the setting that fixes the problem; "" if none does.
+        fraction: progress of a running stage, 0 to 1.
     """
 
     key: str
@@ -49,7 +49,7 @@ class StageRow:
 
     @property
     def title(self) -> str:
-        """For people."""
+        """The displayed name."""
         return TITLES[self.key]
 
 
@@ -60,9 +60,9 @@ class Assessment:
     Attributes:
         stages: as printed by `v3studio status`.
         footage: summary of the footage; "" if it cannot be opened.
-        footage_error: why it cannot be opened; None if it can.
+        footage_error: why the footage cannot be opened; None if it can.
         numbers: frame numbers in the footage's files; empty if it cannot be opened.
-        fps, group_starts: of the footage.
+        fps, group_starts: frame rate and groups of the footage.
     """
 
     stages: dict[str, StageStatus] = field(default_factory=dict)

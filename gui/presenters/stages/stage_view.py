@@ -25,7 +25,7 @@ class StageView:
 
     Attributes:
         modes: pictures to choose from; the first is the default.
-        mode: the selected one.
+        mode: the selected picture.
         em: the window's font size, pixels.
         frame: the transport's current frame.
     """
@@ -45,19 +45,19 @@ class StageView:
         self._asked: tuple[Size, Hashable] | None = None
 
     def state(self) -> Hashable:
-        """All that the picture depends on, besides its size; compared for equality."""
+        """Everything that the picture depends on except its size; compared for equality."""
         raise NotImplementedError
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """(height, width, 3) uint8. Called on the view's thread.
 
         Raises:
-            StudioError: shown as text in place of the picture.
+            StudioError: shown as text instead of the picture.
         """
         raise NotImplementedError
 
     def poll(self, size: Size) -> np.ndarray | None:
-        """A new picture if there is one; asks for one where something has changed. Never waits."""
+        """Return a new picture if there is one, and request one if anything has changed. Never blocks."""
         request = (size, self.state())
         if request != self._asked:
             self._asked = request
@@ -72,12 +72,12 @@ class StageView:
         return sentence(size, words, self.em)
 
     def show_again(self) -> None:
-        """The viewport has shown something else: the next poll makes the picture again."""
+        """Request the picture again at the next poll, because the viewport has shown something else."""
         self._asked = None
 
     @property
     def settled(self) -> bool:
-        """True where the newest picture shows what was last asked for."""
+        """Whether the newest picture shows what was last requested."""
         return self._worker.idle
 
     def _work(self, request: tuple[Size, Hashable]) -> np.ndarray:
@@ -86,23 +86,23 @@ class StageView:
     # Gestures; ignored by default
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """A drag in pixels; `turn` with the left button, else moving."""
+        """Handle a drag in pixels; `turn`: orbit (left button), else pan."""
 
     def wheel(self, notches: float) -> None:
-        """The wheel."""
+        """Handle the wheel."""
 
     def click(self, x: float, y: float) -> None:
-        """A click at a pixel of the picture."""
+        """Handle a click at a pixel of the picture."""
 
     def hover(self, x: float, y: float) -> None:
-        """Where the mouse is when the wheel turns."""
+        """Note the pointer position for the wheel."""
 
     def reset(self) -> None:
-        """Back to the first view."""
+        """Return to the initial view."""
 
     @property
     def status(self) -> str:
-        """A line of figures."""
+        """The status line."""
         return ""
 
     def close(self) -> bool:
@@ -137,12 +137,12 @@ class OrbitView(StageView):
             self.orbit = orbit.zoom(notches)
 
     def reset(self) -> None:
-        """Back to the first view."""
+        """Return to the initial view."""
         self.orbit = None
 
 
 def sentence(size: Size, words: str, em: float) -> np.ndarray:
-    """A picture with centered text."""
+    """Draw a picture with centered text."""
     canvas = Canvas(*size, GROUND)
     text_size = round(em)
     lines = wrapped(words[:1].upper() + words[1:], text_size, 0.8 * size[0])

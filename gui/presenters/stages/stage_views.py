@@ -1,4 +1,4 @@
-"""What the viewport shows for each stage: its stage view, or the player."""
+"""The viewport's content for each stage: its stage view, or the player."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
     ("", "", ""),
     ("side by side", "Side by side", "Show sources side by side (S)"),
-    ("wipe", "Wipe", "Wipe against ground truth, or trained; drag the line (W)"),
-    ("difference", "Difference", "Difference heat map against ground truth, or trained (D)"),
+    ("wipe", "Wipe", "Wipe against ground truth or trained; drag the line (W)"),
+    ("difference", "Difference", "Difference heat map against ground truth or trained (D)"),
 )
 
 TOOLTIPS = {
@@ -38,7 +38,7 @@ TOOLTIPS = {
     "points by hand": "Mark tie points manually, for footage with too few automatic matches",
     "mesh": "Visual hull of the group's keyframe",
     "points": "Initial points for training",
-    "progress": "Live loss, PSNR and splat count; the latest render of a held-out camera beside its footage",
+    "progress": "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage",
     "gaussians": "Trained frames in the interactive viewer",
     "bytes": "Size by attribute and by group",
     "try other QPs": "Size at other quantization parameters, measured on the first frames",
@@ -51,7 +51,7 @@ class StageViews:
 
     Args:
         workspace: the take.
-        player: the playback.
+        player: the player.
         read_mesh: see `InitializeView`.
     """
 
@@ -77,13 +77,13 @@ class StageViews:
         return {**found, "review": REVIEW_CHOICES}
 
     def chosen(self) -> set[str]:
-        """The pressed ones."""
+        """The pressed buttons."""
         if self.stage != "review":
             return {self.stage_views[self.stage].mode}
         return {self.player.what, self.player.mode}
 
     def choose(self, key: str) -> None:
-        """Press one; an active comparison is switched off."""
+        """Press a button; pressing an active comparison turns it off."""
         player = self.player
         if self.stage != "review":
             self.stage_views[self.stage].mode = key
@@ -102,14 +102,14 @@ class StageViews:
             self.shown_anew()
 
     def shown_anew(self) -> None:
-        """Draw again, because something else was on screen."""
+        """Redraw, because something else was on screen."""
         self.player.show_again()
         for stage_view in (*self.stage_views.values(), self.points):
             stage_view.show_again()
 
     @property
     def shows_player(self) -> bool:
-        """Whether the viewport shows the playback."""
+        """Whether the viewport shows the player."""
         return self.stage == "review" or (self.stage == "train" and self.stage_views["train"].mode == "gaussians")
 
     @property
@@ -133,11 +133,11 @@ class StageViews:
         return self.player.span_source()
 
     def poll(self, size: tuple[int, int], drawn_size: tuple[int, int], em: float) -> np.ndarray | None:
-        """A new picture if there is one. Never waits; call at each tick.
+        """Return a new picture if there is one. Never blocks; call at each tick.
 
         Args:
-            size: of the viewport, pixels.
-            drawn_size: of pictures that are drawn splat by splat.
+            size: size of the viewport, pixels.
+            drawn_size: size of pictures rendered from splats.
             em: font size, pixels.
         """
         stage_view = self.stage_view
@@ -153,7 +153,7 @@ class StageViews:
 
     @property
     def settled(self) -> bool:
-        """True where the newest picture shows what was last asked for."""
+        """Whether the newest picture shows what was last requested."""
         stage_view = self.stage_view
         return self.player.settled if stage_view is None else stage_view.settled
 
@@ -164,10 +164,10 @@ class StageViews:
             return self.player.message
         return ""
 
-    # Gestures, as gui.viewport wants them
+    # Gestures, see gui.viewport.Gestures
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """Turn or move what is shown."""
+        """Orbit or pan."""
         stage_view = self.stage_view
         if stage_view is not None:
             stage_view.drag(dx, dy, turn, height)
@@ -177,7 +177,7 @@ class StageViews:
             self.player.drag_pan(dx, dy)
 
     def wheel(self, notches: float) -> None:
-        """Nearer or farther."""
+        """Zoom."""
         stage_view = self.stage_view
         if stage_view is not None:
             stage_view.wheel(notches)
@@ -185,25 +185,25 @@ class StageViews:
             self.player.wheel(notches)
 
     def click(self, x: float, y: float) -> None:
-        """A click."""
+        """Handle a click."""
         if self.stage_view is not None:
             self.stage_view.click(x, y)
 
     def hover(self, x: float, y: float) -> None:
-        """Where the mouse is."""
+        """Note the pointer position."""
         if self.stage_view is not None:
             self.stage_view.hover(x, y)
 
     def grabs(self, x: float) -> bool:
-        """Whether a press at a column takes hold of the wipe's line."""
+        """Whether a press at a column grabs the wipe's line."""
         return self.stage_view is None and self.player.wipe_at(x)
 
     def pull(self, x: float) -> None:
-        """Move it."""
+        """Move the wipe's line."""
         self.player.move_wipe(x)
 
     def reset(self) -> None:
-        """Back to the first view of what is shown."""
+        """Return to the initial view."""
         stage_view = self.stage_view
         if stage_view is None:
             self.player.reset_view()

@@ -1,4 +1,4 @@
-"""Train: live curves, and the latest render of a held-out camera beside its footage."""
+"""Train: live curves, and the latest render of a held-out camera next to its footage."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from studio.errors import StudioError
 
 CURVES = (
     ("loss", "Loss", "{:.4f}"),
-    ("psnr", "PSNR of the training views, dB", "{:.2f}"),
+    ("psnr", "PSNR of the training views (dB)", "{:.2f}"),
     ("splats", "Splats", "{:,.0f}"),
 )
 
@@ -54,7 +54,7 @@ class TrainView(StageView):
             area = (em + number * (each + em), 0.7 * em, each, share - em)
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
-            curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0 %", "100 %"), newest)
+            curve(canvas, area, short, series, color, em, (0.0, 1.0), ("0%", "100%"), newest)
         self._pictures(canvas, share)
         return canvas.pixels
 
@@ -131,13 +131,13 @@ class TrainView(StageView):
 
     @property
     def status(self) -> str:
-        """The current step of training."""
+        """The current training step."""
         progress = self.workspace.run.progress
         return progress.label if progress is not None and progress.stage == "train" else ""
 
 
 def snapshot(line: Curve) -> tuple[list[float], list[float]]:
-    """Positions and values, equally many; the window's thread may be appending."""
+    """Positions and values, of equal length although the window's thread may be appending."""
     xs, ys = list(line.positions), list(line.values)
     count = min(len(xs), len(ys))
     return xs[:count], ys[:count]

@@ -18,7 +18,7 @@ LEAST_KNOWN = 4
 """Points with known positions needed to estimate a camera's pose."""
 _PAIRS = 12
 _WORST = 0.02
-"""Largest error of an initial pose, as a share of the longer image side."""
+"""Maximum reprojection error of an initial pose, as a fraction of the longer image side."""
 
 
 @dataclass
@@ -27,7 +27,7 @@ class Observations:
 
     Attributes:
         points: names of the points.
-        world: (P, 3) measured positions, NaN if there is none.
+        world: (P, 3) measured positions, NaN for points without one.
         pixels: camera name to (P, 2), NaN where the point has no mark.
     """
 
@@ -47,7 +47,7 @@ class Observations:
 
 @dataclass
 class TieRig:
-    """Registered cameras, and positions of the points (P, 3), NaN if not triangulated."""
+    """Registered cameras, and the positions (P, 3) of all points, NaN if not triangulated."""
 
     cameras: dict[str, Camera]
     points3d: np.ndarray
@@ -72,8 +72,8 @@ class TieRig:
 def initial_rigs(lenses: Mapping[str, Camera], observations: Observations, seed: int) -> Iterator[TieRig]:
     """Initial rigs to try, the most promising first.
 
-    From measured points if a camera sees four of them; then from the pairs of cameras with the most common points, in
-    the coordinates of the first camera.
+    The first one is based on measured points, if a camera sees four of them. The others are based on the pairs of
+    cameras with the most common points, in the coordinates of the first camera.
     """
     measured = observations.measured
     if any((observations.seen(name) & measured).sum() >= LEAST_KNOWN for name in lenses):
@@ -95,7 +95,7 @@ def initial_rigs(lenses: Mapping[str, Camera], observations: Observations, seed:
 
 
 def _grown(lenses: Mapping[str, Camera], observations: Observations, rig: TieRig, seed: int) -> TieRig:
-    """With all cameras and points that can be registered and triangulated, those with the most points first."""
+    """Register cameras, those with the most points first, and triangulate points until no more can be added."""
     while True:
         triangulate(observations, rig)
         known = rig.triangulated
@@ -145,7 +145,7 @@ def _absolute(camera: Camera, pixels: np.ndarray, points3d: np.ndarray, seed: in
 def _relative(
     first: Camera, second: Camera, observations: Observations, shared: np.ndarray, seed: int
 ) -> np.ndarray | None:
-    """(4, 4) first to second camera, with a baseline of 1; None if not found."""
+    """(4, 4) transform from the first to the second camera, with a baseline of 1; None if not found."""
     import pycolmap
 
     options = pycolmap.TwoViewGeometryOptions()

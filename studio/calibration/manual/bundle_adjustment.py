@@ -13,7 +13,7 @@ import numpy as np
 from studio.calibration.manual.bootstrap import Observations, TieRig
 
 _FOCAL, _RADIAL = 0.5, 0.1
-"""Standard deviations of the priors on k1 and on changes of log focal length, which few points do not determine."""
+"""Standard deviations of the priors on k1 and on changes of log focal length; a few points do not determine either."""
 _LOSS = 2.0
 """Width of the soft L1 loss in standard deviations."""
 
@@ -47,8 +47,11 @@ def adjust(
         observations: the marks.
         groups: groups of cameras with shared unknown intrinsics; all other cameras keep theirs.
         accuracy: of marks and measured positions.
-        radial: estimate the first radial distortion term too.
-        steps: most function evaluations.
+        radial: also estimate the first radial distortion term.
+        steps: maximum number of function evaluations.
+
+    Returns:
+        the adjusted rig; `rig` is not changed.
     """
     from scipy.optimize import least_squares
 
@@ -67,10 +70,10 @@ def adjust(
 
 
 class Problem:
-    """The unknowns as one vector: 6 per camera, 1 or 2 per group of intrinsics, 3 per point.
+    """The least-squares problem. Its unknowns are one vector: 6 per camera, 1 or 2 per intrinsics group, 3 per point.
 
-    Per camera the world-to-camera rotation vector and translation; per group the logarithm of the focal length relative
-    to its initial value, and the first radial term.
+    Each camera has a world-to-camera rotation vector and translation; each group has the logarithm of the focal length
+    relative to its initial value and, if estimated, the first radial distortion term.
     """
 
     def __init__(
@@ -118,7 +121,7 @@ class Problem:
         return K, distortion
 
     def rig(self, values: np.ndarray) -> TieRig:
-        """The rig of a vector of unknowns."""
+        """The rig that a vector of unknowns describes."""
         from scipy.spatial.transform import Rotation
 
         cameras = {}

@@ -17,7 +17,7 @@ _WEAKEST = 1e-12
 
 
 def spread_of_positions(points3d: np.ndarray) -> int:
-    """Dimension of points (N, 3): 0 if they coincide, 1 on a line, 2 on a plane or in space."""
+    """Dimension of points (N, 3): 0 if they coincide, 1 if they are collinear, 2 if they span a plane or space."""
     if len(points3d) < 2:
         return 0
     spread = np.linalg.svd(points3d - points3d.mean(0), compute_uv=False)
@@ -27,7 +27,7 @@ def spread_of_positions(points3d: np.ndarray) -> int:
 
 
 def check_plausible(rig: TieRig, observations: Observations) -> None:
-    """Refuse a degenerate result of the bundle adjustment.
+    """Check that the result of the bundle adjustment is not degenerate.
 
     Raises:
         StudioError: the measured positions contradict the marks (tie_points.contradiction), or points are behind the
@@ -54,10 +54,10 @@ def check_plausible(rig: TieRig, observations: Observations) -> None:
 def uncertainty(
     rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], accuracy: Accuracy, *, radial: bool = True
 ) -> dict[str, float]:
-    """1-sigma uncertainty of each camera's center, as a share of the mean distance of cameras and points.
+    """1-sigma uncertainty of each camera's center, as a fraction of the mean distance between cameras and points.
 
-    From the Jacobian at the solution. Relative to the other cameras: the position, orientation and scale of the whole
-    world do not count.
+    Computed from the Jacobian at the solution. The uncertainty is relative to the other cameras: the position,
+    orientation and scale of the world as a whole are excluded.
 
     Args:
         rig: a rig after `adjust`.

@@ -7,7 +7,7 @@ YAML (of which JSON is a subset):
         world: [0.0, 0.3, 0.0]       # optional, meters
         frame: 0                     # optional: the frame in which it was marked
         pixels:
-          cam01: [512.5, 830.0]      # column, row; the corner of the image is 0, 0
+          cam01: [512.5, 830.0]      # column, row; the upper left corner of the image is 0, 0
           cam02: [331.0, 702.5]
 """
 
@@ -26,7 +26,7 @@ from studio.errors import StudioError
 
 
 class _Loader(yaml.BaseLoader):
-    """YAML that refuses duplicate keys."""
+    """A YAML loader that rejects duplicate keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names = [key.value for key, _ in node.value]
@@ -36,7 +36,7 @@ class _Loader(yaml.BaseLoader):
                     "tie_points.duplicate",
                     f"line {node.start_mark.line + 1} and below: '{name}' is used twice",
                     value=name,
-                    fix="Give every point, and every camera of a point, its own name.",
+                    fix="Use a unique name for each point, and list each camera of a point only once.",
                     line=node.start_mark.line + 1,
                 )
         return super().construct_mapping(node, deep)
@@ -47,8 +47,8 @@ class TiePoint:
     """A point in the world and its marks in the images.
 
     Attributes:
-        name: unique.
-        pixels: camera name to (column, row) in pixels of the image as filmed, origin at the image corner.
+        name: unique name.
+        pixels: camera name to (column, row) in pixels of the raw (distorted) image, origin at its upper left corner.
         world: (3,) measured position in meters, z up; None if not measured.
         frame: frame in which it was marked; None if it does not move.
     """
@@ -105,7 +105,11 @@ def read_tie_points(path: Path) -> tuple[TiePoint, ...]:
 
 
 def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
-    """Write a tie point file atomically; pixels are rounded to 0.01. Raises StudioError if it cannot be written."""
+    """Write a tie point file atomically; pixels are rounded to 0.01.
+
+    Raises:
+        StudioError: the file cannot be written (camera_file.unwritable).
+    """
     content = {}
     for point in points:
         values: dict[str, Any] = {}

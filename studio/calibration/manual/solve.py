@@ -1,7 +1,8 @@
-"""Cameras from tie points, which are marked by hand in the images.
+"""Calibration from tie points marked by hand in the images.
 
-For rigs whose cameras are too far apart for automatic feature matching, without a calibration target: a corner of the
-mat, a bolt, a marker on the performer in one frame. If a few of the points are measured, the world is metric.
+For rigs whose cameras are too far apart for automatic feature matching, if there is no calibration target. A tie point
+can be the corner of a mat, a bolt, or a marker on the performer in one frame. If the positions of a few points are
+known from measurements, the world is metric.
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ from studio.errors import StudioError
 _GUESSES = (1.2, 0.9, 0.7, 1.6, 2.2)
 """Initial focal lengths of unknown lenses, as multiples of the longer image side."""
 _ROUGH = 60
-"""Most function evaluations of an attempt."""
+"""Maximum number of function evaluations per attempt."""
 _GOOD = 2.0
 """Mean error, in standard deviations of the marks, that ends the search."""
 _OUTLIER = 6.0
 """Multiple of the median error beyond which a mark is an outlier."""
 _LEAST_OUTLIER = 8.0
-"""Errors below this are never outliers; pixels for a longer image side of 2000."""
+"""Errors below this are never outliers; in pixels for images whose longer side is 2000 pixels."""
 
 _VAGUE = 0.2
-"""Largest accepted position uncertainty of a camera, as a share of the distance to the points."""
+"""Maximum accepted position uncertainty of a camera, as a fraction of the distance to the points."""
 
 
 def calibrate_from_tie_points(
@@ -49,11 +50,11 @@ def calibrate_from_tie_points(
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> CalibrationResult:
-    """Estimate the cameras from marks.
+    """Estimate the cameras from marked tie points.
 
     Args:
-        points: the tie points; cameras that are not in `sizes` are ignored.
-        sizes: (width, height) of each camera's images; has all cameras.
+        points: the tie points; marks in cameras that are not in `sizes` are ignored.
+        sizes: camera name to (width, height) of its images, for all cameras to calibrate.
         known: cameras with fixed intrinsics; their poses are not used.
         focal_lengths: initial focal lengths in pixels, for example from EXIF.
         distance: two camera names and the distance of their centers, used if no positions are measured.
@@ -62,14 +63,15 @@ def calibrate_from_tie_points(
         progress: called per attempt.
 
     Returns:
-        cameras and triangulated points. With three measured positions that are not on a line, world coordinates are
-        those of the measurements; otherwise they are those of `alignment.upright`. The report has `tie_points`,
+        cameras and triangulated points. With three measured positions that are not collinear, world coordinates are
+        those of the measurements; otherwise they are those of `alignment.upright`. The report contains `tie_points`,
         `left_out`, `uncertain`, `world_accuracy`, `known_lenses`, `metric` and `unregistered` (empty).
 
     Raises:
         StudioError: there are no marks (tie_points.none) or one is outside its image (tie_points.outside), a camera
-            cannot be registered (tie_points.unregistered), nothing is consistent (tie_points.contradiction,
-            tie_points.behind, tie_points.inconsistent), or positions are undetermined (tie_points.degenerate).
+            cannot be registered (tie_points.unregistered), no solution is consistent with the marks
+            (tie_points.contradiction, tie_points.behind, tie_points.inconsistent), or camera positions are not
+            determined (tie_points.degenerate).
     """
     settings, known = settings or CalibrateSettings(), dict(known or {})
     accuracy = _accuracy(settings)
@@ -95,7 +97,7 @@ def calibrate_from_tie_points(
     if vague:
         raise StudioError(
             "tie_points.degenerate",
-            f"the marks do not determine the position of {', '.join(vague)}: the points are on a line, too close "
+            f"the marks do not determine the position of {', '.join(vague)}: the points are collinear, too close "
             "together or too few",
             value=vague,
             fix="Mark more points, spread over the image and in depth.",
@@ -112,7 +114,7 @@ def calibrate_from_tie_points(
 
 
 def _best(attempts: Iterable[TieRig], observations: Observations, good: float) -> TieRig | None:
-    """The first attempt with all cameras and a misfit below `good`, else that with most cameras and least misfit."""
+    """The first attempt with all cameras and a misfit below `good`; else the one with most cameras and least misfit."""
     best, rank = None, (0, -np.inf)
     for found in attempts:
         own = (len(found.cameras), -_misfit(found, observations))
@@ -134,7 +136,7 @@ def _observations(points: Sequence[TiePoint], sizes: Mapping[str, tuple[int, int
                     f"point '{point.name}' is marked at ({x:g}, {y:g}) in {name}, outside its image of "
                     f"{sizes[name][0]}x{sizes[name][1]}",
                     value=[x, y],
-                    fix="Mark it again, in images of that size.",
+                    fix="Mark it again in images of that size.",
                     point=point.name,
                     camera=name,
                     expected=list(sizes[name]),
@@ -189,7 +191,7 @@ def _accuracy(settings: CalibrateSettings) -> Accuracy:
 def _adjust_without_outliers(
     rig: TieRig, observations: Observations, groups: list[list[str]], settings: CalibrateSettings
 ) -> tuple[TieRig, list[RejectedMark]]:
-    """Bundle adjustment with rejection of outliers, one mark at a time, the worst first."""
+    """Bundle adjustment with outlier rejection, one mark at a time, the worst first."""
     left_out: list[RejectedMark] = []
     while True:
         rig = adjust(rig, observations, groups, _accuracy(settings), radial=settings.has_distortion)
@@ -233,7 +235,7 @@ def _rounded(error: float) -> float | None:
 
 
 def _unregistered(observations: Observations, sizes: Mapping[str, tuple[int, int]], best: TieRig | None) -> StudioError:
-    """The error for cameras that cannot be registered, with what is missing."""
+    """The error for cameras that cannot be registered; it states what is missing."""
     registered = [name for name in sizes if name in best.cameras] if best is not None else []
     lost = [name for name in sizes if name not in registered]
     marks = {name: int(observations.seen(name).sum()) for name in sizes}
@@ -242,10 +244,10 @@ def _unregistered(observations: Observations, sizes: Mapping[str, tuple[int, int
         counts = ", ".join(f"{name} {marks[name]} ({measured[name]} measured)" for name in sizes)
         return StudioError(
             "tie_points.unregistered",
-            f"the marks determine no pair of cameras; marks per camera: {counts}",
+            f"the marks do not determine the relative pose of any two cameras; marks per camera: {counts}",
             value=lost,
-            fix=f"Mark at least {LEAST_SHARED} common points of two cameras that are not on a line, or "
-            f"{LEAST_KNOWN} measured points per camera.",
+            fix=f"Mark at least {LEAST_SHARED} points, not all collinear, in two cameras, or {LEAST_KNOWN} measured "
+            "points per camera.",
             cameras=lost,
             marks=marks,
         )
@@ -253,10 +255,10 @@ def _unregistered(observations: Observations, sizes: Mapping[str, tuple[int, int
     known = int((observations.seen(name) & best.triangulated).sum())
     return StudioError(
         "tie_points.unregistered",
-        f"not registered: {', '.join(lost)}; camera '{name}' sees {known} of the points known from "
+        f"not registered: {', '.join(lost)}; camera '{name}' sees {known} of the points triangulated from "
         f"{', '.join(registered)}, expected at least {LEAST_KNOWN} that fit",
         value=lost,
-        fix="Mark more points that these cameras have in common.",
+        fix="Mark more points that are visible in both these and the registered cameras.",
         camera=name,
         cameras=lost,
         marks=marks,

@@ -11,7 +11,8 @@ def snap(image: np.ndarray, x: float, y: float, radius: int = 6) -> tuple[float,
     """The corner or dot center nearest to a click.
 
     Förstner and Gülch (1987): around a corner the gradients are perpendicular to the direction to it, around a dot
-    center they are parallel; the better fit is used. Without either within the radius the click is returned unchanged.
+    center they are parallel; the better fit is used. If neither is found within the radius, the click is returned
+    unchanged.
 
     Args:
         image: (H, W, 3) or (H, W) uint8.

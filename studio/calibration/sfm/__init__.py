@@ -1,1 +1,1 @@
-"""Structure from motion by COLMAP, in a worker process."""
+"""Structure from motion with COLMAP, in a worker process."""

@@ -16,10 +16,10 @@ def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: f
 
     Args:
         model: pycolmap.Reconstruction.
-        job: says which intrinsics and poses are fixed.
+        job: specifies which intrinsics and poses are fixed.
         threads: number of threads.
         last: True: squared loss, then filter points with errors over 4 pixels; False: Cauchy loss, 12 pixels.
-        width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as `last` says.
+        width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as determined by `last`.
     """
     import pycolmap
 

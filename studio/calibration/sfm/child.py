@@ -1,4 +1,4 @@
-"""A child process that reports JSON lines and can be stopped at any time."""
+"""Runs a child process that prints JSON lines and can be stopped at any time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from studio.errors import StudioError
 def run_reporting(
     module: str, arguments: Sequence[str], on_line: Callable[[dict[str, Any]], None], *, what: str, tick: float = 0.2
 ) -> None:
-    """Run `python -m module arguments` to the end and pass on every JSON line that it prints.
+    """Run `python -m module arguments` to completion and pass on each JSON line that it prints.
 
     Args:
         module: the module to run, with this interpreter and import path.
@@ -25,7 +25,7 @@ def run_reporting(
         on_line: called with each line, and with an empty dict every `tick` seconds without one. If it raises (for
             example `Cancelled`), the child is killed before the exception passes on.
         what: name of the work, for messages.
-        tick: seconds.
+        tick: interval in seconds.
 
     Raises:
         StudioError: the child reported an error (calibration.worker_failed), or ended without a result
@@ -38,7 +38,7 @@ def run_reporting(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=environment,
-        start_new_session=True,  # Ctrl-C must not reach the child: it is stopped from here
+        start_new_session=True,  # Ctrl-C must not reach the child: this process stops it
     )
     lines: queue.Queue[str | None] = queue.Queue()
     errors: list[str] = []
@@ -76,7 +76,7 @@ def run_reporting(
             try:
                 values = json.loads(line)
             except (ValueError, RecursionError):
-                continue  # native code prints too
+                continue  # native code also prints
             if not isinstance(values, dict):
                 continue
             if values.get("finished"):

@@ -59,7 +59,7 @@ def count_rows(database: Path, query: str) -> int:
 
 
 def file_name(number: int, sync_frame: int) -> str:
-    """File name of a camera's image of a sync frame; that of the first equals `image_name` and colors the points."""
+    """File name of a camera's image of a sync frame. COLMAP takes point colors from the first, named `image_name`."""
     return image_name(number) if sync_frame == 0 else f"{number:04d}_{sync_frame:03d}.png"
 
 
@@ -153,7 +153,7 @@ def _extract(path: Path, folder: Path, job: SfmJob) -> None:
 
 
 def _match(path: Path, folder: Path, job: SfmJob) -> None:
-    """Match pairs of cameras per sync frame: the given pairs, all pairs of few cameras, or those of `preview_pairs`."""
+    """Match camera pairs per sync frame: the given pairs, all pairs (of a few cameras), or those of `preview_pairs`."""
     cameras, sync_frames = len(job.names), job.sync_frames
     pairs = list(job.pairs)
     if not pairs and cameras > FEW:

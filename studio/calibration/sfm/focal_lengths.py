@@ -14,7 +14,7 @@ _LEAST, _MOST = 0.7, 1.4
 
 
 def guess_focal_lengths(database: Path, folder: Path, lenses: Sequence[int], seed: int) -> None:
-    """Write focal lengths estimated from fundamental matrices into the database, where they are consistent.
+    """Write focal lengths estimated from fundamental matrices to the database where the estimates are consistent.
 
     With a poor initial focal length the mapper can close a ring of cameras wrongly.
 

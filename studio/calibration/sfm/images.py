@@ -1,4 +1,4 @@
-"""Writes the images and masks of a job for COLMAP."""
+"""Writes a job's images and masks for COLMAP."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from studio.progress import ProgressFn
 Picture = np.ndarray | Callable[[], np.ndarray]
 """(H, W, 3) uint8 RGB, or a function that reads it on demand."""
 Pictures = np.ndarray | Sequence[Picture]
-"""A camera's image, or its images of several sync frames, the same for all cameras."""
+"""One image of a camera, or one per sync frame; the sync frames are the same for all cameras."""
 
 
 def _read_picture(picture: Any) -> np.ndarray:
@@ -39,7 +39,7 @@ def write_pictures(
         folder: the work folder.
         names: the cameras, in order.
         images, masks: see `calibrate_from_images`.
-        progress: called with up to 5 of 100.
+        progress: called with 0 to 5 of 100 steps.
 
     Raises:
         StudioError: the number of images or masks differs (calibration.image_count, calibration.mask_count), sizes

@@ -42,9 +42,9 @@ class SfmCamera(_Model):
     prior: bool = False
     """Whether the focal length is known at least approximately."""
     known: bool = False
-    """Whether the intrinsics are given."""
+    """Whether the intrinsics are known and fixed."""
     becomes: str | None = None
-    """Camera model of the result, for intrinsics that are not given."""
+    """Camera model of the result, for estimated intrinsics."""
 
 
 class SfmJob(_Model):
@@ -73,7 +73,7 @@ class SfmJob(_Model):
     fix_intrinsics: bool = True
     refine_principal_point: bool = False
     find_shared: bool = False
-    """Whether to test if cameras share their intrinsics."""
+    """Whether to test if cameras share intrinsics."""
 
 
 class SolvedCamera(_Model):
@@ -96,7 +96,7 @@ class SharedIntrinsicsTest(_Model):
     shared: bool
     """Whether shared intrinsics were accepted."""
     misfit: float
-    """Growth of the misfit per parameter given up, in units of the noise variance."""
+    """Increase of the misfit per parameter removed by sharing, in units of the noise variance."""
 
 
 class SfmSolution(_Model):
@@ -152,7 +152,7 @@ def sfm_job(
     if strange:
         raise StudioError(
             "calibration.intrinsics_groups",
-            f"camera '{strange[0]}' in intrinsics_groups not found in the footage",
+            f"camera '{strange[0]}' in intrinsics_groups was not found in the footage",
             value=strange[0],
             fix=f"The cameras are {', '.join(names)}.",
             setting="calibrate.intrinsics_groups",
@@ -172,7 +172,7 @@ def sfm_job(
                 continue
             shared[key] = len(lenses)
             focal = focal_lengths.get(name, settings.focal_factor * max(width, height))
-            # terms that few matches leave undetermined would bend the poses during mapping
+            # distortion terms that the first few matches do not determine would distort the poses during mapping
             model = _SIMPLER.get(settings.camera_model, settings.camera_model)
             lens = SfmCamera(
                 model=model,
@@ -210,11 +210,11 @@ def neighbors(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int,
 
     Args:
         rig: the cameras.
-        each: number of nearest cameras that a camera is paired with.
+        each: number of nearest cameras with which each camera is paired.
         widest: largest angle between viewing directions in degrees; beyond it features do not match.
 
     Returns:
-        sorted pairs of indices, the smaller first.
+        sorted pairs of indices, the smaller index first.
     """
     centers = rig.centers
     forward = np.array([camera.forward for camera in rig])

@@ -51,7 +51,7 @@ class Mapper:
         """Camera ids whose intrinsics are temporarily fixed."""
 
     def solve(self) -> tuple[Any, str]:
-        """The best model of the allowed attempts (None without any), and the name of its attempt.
+        """The best model of the allowed attempts (None if all fail), and the name of its attempt.
 
         The best model has the most cameras, then the highest match inlier ratio. The search ends with the first model
         that has all cameras and a match inlier ratio of `TRUSTED` or more.
@@ -82,7 +82,8 @@ class Mapper:
     def _with_shared_intrinsics(self, best: Any) -> Any:
         """A model mapped with shared intrinsics, if `best` is doubtful or its focal lengths differ.
 
-        None unless its match inlier ratio is as good: a few cameras can fit their few matches with any focal lengths.
+        None unless its match inlier ratio is at least as good: a few cameras can fit their few matches with any focal
+        lengths.
         """
         free = self._free()
         doubtful = match_inlier_ratio(best, self.database) < TRUSTED or focal_spread(best, free) > _SPREAD
@@ -109,10 +110,11 @@ class Mapper:
         return {i + 1 for i, lens in enumerate(self.job.lenses) if not lens.known}
 
     def _polished(self, model: Any, joint: bool = False) -> Any:
-        """Fully converged under a robust loss as wide as the noise.
+        """The model, fully converged under a robust loss whose width follows from the noise.
 
-        COLMAP's mapper stops early and uses squared errors, but feature errors are not Gaussian: most are a tenth of a
-        pixel, a few (on edges, and of wrong matches) one or two, and those bias focal length and distortion.
+        COLMAP's mapper stops early and uses squared errors, but feature errors are not Gaussian: most are about a tenth
+        of a pixel, while a few (features on edges, wrong matches) are one or two pixels, and these bias focal length
+        and distortion.
         """
         import pycolmap
 
@@ -139,7 +141,7 @@ class Mapper:
         return self._enriched(better)
 
     def _enriched(self, model: Any) -> Any:
-        """With the full camera models, and the points that these add."""
+        """The model with the full camera models, and with the additional points that then fit."""
         richer = {i + 1: lens.becomes for i, lens in enumerate(self.job.lenses) if lens.becomes}
         richer = {k: name for k, name in richer.items() if k in model.cameras and model.cameras[k].model.name != name}
         if not richer:
@@ -152,7 +154,7 @@ class Mapper:
         return model
 
     def _completed(self, model: Any) -> Any:
-        """With missing points triangulated, which needs the database's cameras, one per image."""
+        """The model with missing points triangulated, which needs the database's cameras, one per image."""
         import pycolmap
 
         joint, lens_of = camera_of_image(model), self.job.lens_of
@@ -180,13 +182,13 @@ class Mapper:
         return model.num_reg_images() - len(self._broken_lenses(model)), match_inlier_ratio(model, self.database)
 
     def _guess_focal_lengths(self) -> None:
-        """Start with focal lengths estimated from pairs of images where none is known."""
+        """Initialize unknown focal lengths with estimates from pairs of images."""
         free = [i + 1 for i, lens in enumerate(self.job.lenses) if not lens.known and not lens.prior]
         if free and not self.job.poses:
             guess_focal_lengths(self.database, self.folder, free, self.seed)
 
     def _broken_lenses(self, model: Any) -> set[int]:
-        """Indices of diverged focal lengths: a few distant points fit any focal length."""
+        """Indices of diverged focal lengths, which occur because a few distant points fit any focal length."""
         used = {image.camera_id for image in model.images.values() if image.has_pose}
         ratios = {key: focal_ratio(model.cameras[key]) for key in used}
         if not ratios:
@@ -209,7 +211,7 @@ class Mapper:
                 camera = pycolmap.Camera.create_from_model_id(
                     index + 1, camera.model, focal * longer_side(camera), camera.width, camera.height
                 )
-            # the others keep their result, or mapping could start from the diverged camera
+            # the other cameras keep their result; otherwise mapping could start from the diverged camera
             camera.has_prior_focal_length = index not in broken
             database.update_camera(camera)
         database.close()
@@ -219,7 +221,7 @@ class Mapper:
         return [self._released(model) for model in found]
 
     def _released(self, model: Any) -> Any:
-        """With all intrinsics refined, unless one diverges again."""
+        """The model with all intrinsics refined, unless one diverges again."""
         import pycolmap
 
         free = pycolmap.Reconstruction(model)
@@ -254,7 +256,7 @@ class Mapper:
 
         options = self._options()
         if lenient:
-            # few cameras far apart share few points: lower the thresholds for the first pair and for registration
+            # a few cameras far apart share few points: lower the thresholds for the first pair and for registration
             options.min_num_matches = 10
             options.mapper.init_min_num_inliers = 30
             options.mapper.init_min_tri_angle = 6.0
@@ -315,7 +317,7 @@ class Mapper:
         for number in range(rounds):
             say(step="mapping", done=number, total=rounds)
             options = self._options()
-            # cameras that were bumped since are off by pixels at first
+            # cameras that were bumped since then are initially off by pixels
             options.triangulation.create_max_angle_error = (6.0, 3.0, 2.0)[number]
             options.triangulation.complete_max_reproj_error = (20.0, 8.0, 4.0)[number]
             options.triangulation.merge_max_reproj_error = (20.0, 8.0, 4.0)[number]

@@ -2,8 +2,8 @@
 
 Exhaustive matching grows with the square of the number of cameras; in a rig of 81 it takes most of the time, and most
 pairs see different sides of the room. Matching only the largest features first, which are the most repeatable
-(preemptive matching; Wu 2013, "Towards Linear-time Incremental Structure from Motion"), costs a sixtieth and finds the
-pairs that overlap.
+(preemptive matching; Wu 2013, "Towards Linear-time Incremental Structure from Motion"), takes one sixtieth of the time
+and finds the pairs that overlap.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 PREVIEW = 1024
-"""Features per camera in the preview, the largest."""
+"""Number of features per camera in the preview; the largest ones are used."""
 FEW = 20
-"""Up to this many cameras all pairs are matched, which takes about a minute."""
+"""With up to this many cameras, all pairs are matched, which takes about a minute."""
 _ENOUGH = 6
-"""Verified preview matches that make a pair worth matching."""
+"""Minimum number of verified preview matches that makes a pair worth matching."""
 _AT_LEAST = 8
-"""Each camera keeps this many of its best partners, however few their matches."""
+"""Each camera keeps this many of its best partners, regardless of how few matches they have."""
 
 
 def worthwhile(
@@ -33,7 +33,7 @@ def worthwhile(
     Args:
         matches: number of verified matches per pair (smaller number first); pairs without any may be missing.
         count: number of cameras.
-        enough: matches that make a pair worth matching.
+        enough: minimum number of matches that makes a pair worth matching.
         at_least: partners that each camera keeps, excluding those without any match.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Cameras from images: structure from motion with COLMAP, in a child process."""
+"""Calibration from images: structure from motion with COLMAP, in a child process."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 
 _FOCAL = 1.6
-"""Ratio to the median of cameras with the same image size beyond which a focal length is doubtful."""
+"""A focal length is doubtful if its ratio to the median of cameras with the same image size exceeds this."""
 
 _STEPS = {
     "features": (5, 25),
@@ -55,8 +55,8 @@ def calibrate_from_images(
     """Estimate the cameras from images of one sync frame, or of several if the cameras do not move.
 
     Args:
-        images: camera name to (H, W, 3) uint8 RGB with lens distortion, as filmed; or to a list of these, one per sync
-            frame, or of functions that read them.
+        images: camera name to a raw (H, W, 3) uint8 RGB image with lens distortion, or to a function that reads it, or
+            to a list of either, one per sync frame.
         masks: camera name to (H, W) uint8, one per image. Features are detected where the mask is at least 128, or 1 if
             it has only 0 and 1. Cameras without a mask use the whole image.
         workdir: folder for images, database and models; an earlier solution in it is removed.
@@ -71,11 +71,11 @@ def calibrate_from_images(
         allow_unregistered: report cameras that cannot be registered instead of raising.
         reference: align the result with this rig, by at least three common camera centers.
         distance: two camera names and the distance of their centers, to set the scale.
-        progress: called several times per second; raising `Cancelled` stops COLMAP at once.
+        progress: called several times per second; raising `Cancelled` stops COLMAP immediately.
 
     Returns:
-        cameras, sparse points and report. Without a reference the world is that of `alignment.upright`: z up, the
-        origin where the cameras look, mean distance of the cameras from it 1.
+        cameras, sparse points and report. Without a reference, world coordinates are those of `alignment.upright`: z is
+        up, the origin is the point that the cameras look at, and their mean distance from it is 1.
 
     Raises:
         StudioError: there are too few images (calibration.too_few_images) or unusable ones (see `write_pictures`), no
@@ -133,7 +133,7 @@ def calibrate_from_images(
 
 
 def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) -> dict[str, CameraMotion]:
-    """Difference of each camera from the earlier solution."""
+    """Difference of each camera's pose from that in the earlier solution."""
     if settings.fix_poses or len(result.rig) < 3:
         return {}
     difference = compare_rigs(result.rig, before)
@@ -174,8 +174,8 @@ def _read(
             f"structure from motion found no solution for {len(names)} cameras; camera '{worst}' has the fewest "
             f"matches ({missing.get(worst, 'not registered')})",
             value=len(names),
-            fix="Use images with more common background, or calibrate from a board (calibrate.board_images) or tie "
-            "points (calibrate.tie_points).",
+            fix="Use images that share more of the background, or calibrate from a board (calibrate.board_images) or "
+            "from tie points (calibrate.tie_points).",
             camera=worst,
         )
     if missing and not allow_unregistered:
@@ -209,7 +209,7 @@ def _read(
 
 
 def _with_doubts(report: CalibrationReport, rig: Rig) -> CalibrationReport:
-    """With quality "review" where matches or focal lengths are doubtful despite a small reprojection error."""
+    """With quality "review" if matches or focal lengths are doubtful despite a small reprojection error."""
     assert report.match_inlier_ratio is not None
     doubtful, cameras = report.match_inlier_ratio < TRUSTED, dict(report.cameras)
     for camera in rig:

@@ -1,8 +1,8 @@
 """Intrinsics of a solution: shared or separate, and with more terms. Runs in the worker process.
 
-If sixteen cameras have the same focal length, estimating it jointly is four times as accurate, and so are the poses; if
-they do not, sharing it distorts the whole solution. The footage can decide: shared intrinsics always fit slightly
-worse than separate ones, by as much as chance explains or by far more.
+If sixteen cameras have the same focal length, a joint estimate is four times as accurate, and so are the poses; if they
+do not, sharing it distorts the whole solution. A statistical test decides: shared intrinsics always fit slightly worse
+than separate ones, but if the cameras are identical, only by as much as expected by chance.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from studio.calibration.sfm.job import SharedIntrinsicsTest
 from studio.calibration.sfm.verdict import noise, reprojection_errors
 
 LIMIT = 8.0
-"""Growth of the misfit per parameter given up, below which shared intrinsics are accepted. Independent Gaussian errors
-give 1; SIFT features of 1 to 3 sync frames measured 3 to 5. At 12 (focal lengths that differ by 0.1 %) shared and
-separate intrinsics gave equally accurate cameras; at 35 (0.2 %) shared ones had twice the error."""
+"""Increase of the misfit per parameter removed by sharing, below which shared intrinsics are accepted. Independent
+Gaussian errors give 1; SIFT features of 1 to 3 sync frames gave 3 to 5. At 12 (focal lengths that differ by 0.1 %),
+shared and separate intrinsics gave equally accurate cameras; at 35 (0.2 %), shared intrinsics had twice the error."""
 _FEWEST = 3
 
 
 def try_shared_intrinsics(
     model: Any, free: set[int], width: float, adjust: Callable[[Any], None]
 ) -> tuple[Any, list[SharedIntrinsicsTest]]:
-    """The model with shared intrinsics for cameras of the same image size, if that fits as well.
+    """The model with shared intrinsics for cameras of the same image size, if it fits equally well.
 
     Args:
         model: pycolmap.Reconstruction, adjusted.
@@ -60,7 +60,7 @@ def try_shared_intrinsics(
 def try_separate_intrinsics(
     model: Any, own: dict[int, int], width: float, adjust: Callable[[Any], None]
 ) -> tuple[Any, list[SharedIntrinsicsTest]]:
-    """The model with separate intrinsics if these fit much better than its shared ones.
+    """The model with separate intrinsics, if they fit much better than its shared ones.
 
     Args:
         model: pycolmap.Reconstruction, adjusted.
@@ -191,7 +191,7 @@ def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
 
 
 def _compared(one: Any, apart: Any, width: float, images: list[int], given_up: int) -> SharedIntrinsicsTest:
-    """Compare shared intrinsics for `images` with separate ones, which have `given_up` more parameters."""
+    """Compare shared intrinsics for `images` with separate ones, which have `given_up` additional parameters."""
     growth = (_misfit(one, width) - _misfit(apart, width)) / noise(apart) ** 2 / given_up
     return SharedIntrinsicsTest(images=tuple(images), shared=bool(growth < LIMIT), misfit=round(float(growth), 2))
 

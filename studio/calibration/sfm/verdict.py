@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 
 TRUSTED = 0.6
-"""Match inlier ratio above which a solution is accepted: correct ones have 0.75 and more, a wrongly closed ring of
-cameras 0.45."""
+"""Match inlier ratio above which a solution is accepted: correct solutions have 0.75 or more, a wrongly closed ring of
+cameras has 0.45."""
 
 
 def match_inlier_ratio(model: Any, database: Path) -> float:
-    """Share of the verified matches whose two features observe the same point of the model.
+    """Fraction of the verified matches whose two features observe the same point of the model.
 
-    A small reprojection error is not enough: wrongly placed cameras keep the few points that fit, but lose the matches
-    with the other cameras.
+    A small reprojection error is not sufficient: wrongly placed cameras keep the few points that fit, but lose their
+    matches with other cameras.
 
     Args:
         model: pycolmap.Reconstruction.
         database: the database of the model.
 
     Returns:
-        0 to 1 over the pairs of registered images; 0 without any.
+        0 to 1, over all pairs of registered images; 0 if there are none.
     """
     import pycolmap
 

@@ -1,7 +1,8 @@
 """Structure from motion in a child process: `python -m studio.calibration.sfm.worker JOB.json`.
 
-COLMAP calls cannot be interrupted, and a crash in native code would end the calling process, so they run here. Progress
-is printed as JSON lines `{"step", "done", "total"}`; the last line is `{"finished": true}` or `{"error": "..."}`. The
+COLMAP calls cannot be interrupted, and a crash in native code would end the calling process, so they run in this one.
+Progress is printed as JSON lines `{"step", "done", "total"}`; the last line is `{"finished": true}` or
+`{"error": "..."}`. The
 process ends when its standard input closes or its parent dies. Input in the work folder: `images/`, `masks/` (numbered)
 and `job.json`; output: `database.db`, `solution.json` and `points.npz`.
 """
@@ -52,7 +53,7 @@ class Worker:
         self._write(database, model, how, mapper.sharing)
 
     def _write(self, database_path: Path, model: Any, how: str, sharing: list[SharedIntrinsicsTest]) -> None:
-        """Write cameras, points, observations, and match counts of all images, registered or not."""
+        """Write cameras, points, observations, and the match counts of all images, registered or not."""
         import pycolmap
 
         names = self.job.names

@@ -1,7 +1,7 @@
 """Bundle adjustment of a rig that observes a calibration target, with COLMAP.
 
-For COLMAP the target is the fixed world and the cameras are one rig that moves around it, with one frame per sync
-frame. The corners are constant points, so the result is metric and does not drift.
+To COLMAP, the target is the static world, and the cameras are one rig that moves around it, with one COLMAP frame per
+sync frame. The corners are constant points, so the result is metric and free of drift.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class TargetRig:
     """Cameras, target poses and observations.
 
     Attributes:
-        cameras: name to camera; the world of `world_to_camera` is the rig.
+        cameras: name to camera; `world_to_camera` maps from rig coordinates.
         boards: sync frame to (4, 4), target to rig.
         views: (sync frame, camera) to observation.
     """
@@ -59,7 +59,7 @@ def refine(
     Args:
         state: initial values; every camera and target pose needs an observation.
         board: the target.
-        model: COLMAP camera model; known intrinsics keep theirs.
+        model: COLMAP camera model of unknown intrinsics.
         known: cameras with fixed intrinsics.
         principal_point: estimate the principal points.
         threads: number of threads.
@@ -118,7 +118,7 @@ def refine(
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = principal_point
     options.print_summary = False
-    # motion blur in one sync frame must not affect the others
+    # robust, so that motion blur in one sync frame does not affect the others
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
     options.ceres.solver_options.num_threads = max(1, threads)
     options.ceres.solver_options.function_tolerance = 1e-10

@@ -12,7 +12,7 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 MOST_VIEWS = 40
-"""Observations used for the initial estimate; bundle adjustment uses all."""
+"""Maximum number of observations used for the initial estimate; bundle adjustment uses all."""
 LEAST_VIEWS = 3
 
 
@@ -25,7 +25,7 @@ def lens_from_views(
     *,
     principal_point: bool,
 ) -> Camera:
-    """Initial intrinsics of a camera by Zhang's method (OpenCV), at the identity pose.
+    """Initial intrinsics of a camera by Zhang's method (OpenCV), as a camera at the identity pose.
 
     Args:
         name: name of the camera.
@@ -44,7 +44,7 @@ def lens_from_views(
     if len(views) < LEAST_VIEWS:
         raise StudioError(
             "target.too_few_views",
-            f"camera '{name}' sees the target in {len(views)} images, expected at least {LEAST_VIEWS}, better 20",
+            f"camera '{name}' sees the target in {len(views)} images, expected at least {LEAST_VIEWS} (20 recommended)",
             value=len(views),
             fix="Film the target longer, at different tilts, or specify known intrinsics.",
             camera=name,
@@ -61,7 +61,7 @@ def lens_from_views(
         "OPENCV": _fix(3),
         "FULL_OPENCV": cv2.CALIB_RATIONAL_MODEL,
     }[model]
-    if not principal_point or len(chosen) < 6:  # few views cannot separate principal point and rotation
+    if not principal_point or len(chosen) < 6:  # a few views cannot separate principal point and rotation
         flags |= cv2.CALIB_FIX_PRINCIPAL_POINT
     K: np.ndarray = _first_guess(world, pixels, size)
     distortion: np.ndarray = np.zeros(8)
@@ -116,7 +116,7 @@ def _fix(*terms: int) -> int:
 
 
 def _spread(views: Sequence[TargetObservation], size: tuple[int, int]) -> list[TargetObservation]:
-    """At most `MOST_VIEWS` observations that differ most in position, size and tilt (farthest-point sampling)."""
+    """Up to `MOST_VIEWS` observations that differ most in position, size and tilt (farthest-point sampling)."""
     if len(views) <= MOST_VIEWS:
         return list(views)
     marks = np.array([_mark(view, size) for view in views])

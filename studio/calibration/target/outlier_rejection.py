@@ -25,15 +25,15 @@ def refine_without_outliers(
 ) -> tuple[TargetRig, int]:
     """Alternate bundle adjustment and outlier rejection; returns the rig and the number of rejected corners.
 
-    A camera that is not exactly synchronized sees a moving target at another position: its whole observation is then
-    wrong although it is sharp. So the threshold follows from the errors of each observation with its own target pose,
-    not from the errors with the common pose.
+    A camera that is not exactly synchronized sees a moving target at a different position, so its whole observation is
+    wrong even if it is sharp. The threshold is therefore derived from the error of each observation at its own best
+    target pose, not at the common pose.
 
     Args:
         state: initial values.
         board: the target.
         model: COLMAP camera model.
-        outlier: threshold in multiples of the median error with own poses; at least 0.5 pixels.
+        outlier: threshold as a multiple of the median of these errors; the threshold is at least 0.5 pixels.
         known, principal_point, threads: as in `refine`.
 
     Raises:
@@ -81,7 +81,7 @@ def _consensus(
     poses: Mapping[tuple[int, str], tuple[np.ndarray, float]],
     limit: float,
 ) -> np.ndarray:
-    """The target pose of a sync frame that fits most observations: the current one, or that of a single camera."""
+    """The target pose of a sync frame that fits most observations: the current pose, or that of a single camera."""
     seen = [name for name in state.cameras if (sync_frame, name) in views]
     ways = [np.linalg.inv(state.cameras[name].world_to_camera) @ poses[sync_frame, name][0] for name in seen]
     if sync_frame in state.boards:

@@ -20,7 +20,7 @@ PAPERS = {  # millimeters, portrait
     "letter": (215.9, 279.4),
     "tabloid": (279.4, 431.8),
 }
-_EDGE = 8.0  # millimeters that printers cannot print on
+_EDGE = 8.0  # unprintable margin in millimeters
 _TEXT = 9.0  # millimeters for the ruler and text below the target
 
 
@@ -30,8 +30,8 @@ def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit"
     Args:
         board: the target.
         path: the PDF file, replaced atomically.
-        paper: "fit" for a page of the target's size with a margin of one square, or a key of `PAPERS`, in portrait or
-            landscape as the target fits.
+        paper: "fit" for a page of the target's size with a margin of one square, or a key of `PAPERS`; the orientation
+            (portrait or landscape) is chosen so that the target fits.
 
     Returns:
         width and height of the page in millimeters.
@@ -60,7 +60,7 @@ def write_target_pdf(board: CalibrationTarget, path: Path, *, paper: str = "fit"
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # no date or host in the file: the same target gives the same bytes
+        # no date or host name in the file: the same target gives the same bytes
         with rc_context({"pdf.compression": 6}):
             about = {"Title": describe(board), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
             FigureCanvasPdf(figure).print_pdf(str(temporary), metadata=about)

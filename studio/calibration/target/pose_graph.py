@@ -1,4 +1,4 @@
-"""Initial camera poses from targets that pairs of cameras see in the same sync frame."""
+"""Initial camera poses from sync frames in which two cameras see the target."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 _WORST = 5.0
-"""Pixels: observations with a larger RMS error at their own pose are ignored."""
+"""Observations with a larger RMS error at their own best target pose are ignored; in pixels."""
 
 
 def chain_poses(
@@ -50,7 +50,7 @@ def chain_poses(
             links[first, second] = shared
     placed = {next(iter(lenses)): np.eye(4)}
     while True:
-        # the strongest link from a placed camera to one that is not
+        # the strongest link from a placed camera to one that has not been placed
         ways = [(len(shared), pair) for pair, shared in links.items() if (pair[0] in placed) != (pair[1] in placed)]
         if not ways:
             break
@@ -62,7 +62,7 @@ def chain_poses(
     if lost:
         raise StudioError(
             "target.not_connected",
-            f"no sync frame in which the target is seen both by {' or '.join(lost)} and by {' or '.join(placed)}",
+            f"there is no sync frame in which both {' or '.join(lost)} and {' or '.join(placed)} see the target",
             value=lost,
             fix="Film the target where cameras of both groups see it.",
             camera=lost[0],
@@ -97,7 +97,7 @@ def _relative(
     second: str,
     shared: list[int],
 ) -> np.ndarray:
-    """(4, 4) first to second camera: of the candidates from each sync frame the one that fits all of them best."""
+    """(4, 4) first to second camera: the candidate, one per sync frame, that fits all sync frames best."""
     trial = shared if len(shared) <= 24 else [shared[i] for i in np.linspace(0, len(shared) - 1, 24).astype(int)]
     best, found = np.inf, np.eye(4)
     for sync_frame in trial:

@@ -24,12 +24,12 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 
 _OUTLIER = 4.0
-"""Views whose error is this many times that against a target pose of their own, and above half a pixel, are left out:
-the target moved, and the cameras are not exactly synchronized."""
+"""Outlier threshold as a multiple of the median error of the views, each at its own best target pose; see
+`refine_without_outliers`. Larger errors mean that the target moved and the cameras are not exactly synchronized."""
 
 _COVERED = 0.6
 """Fraction of the image that views must cover for the principal point to be estimated: with less, a shifted principal
-point cannot be told from a rotated camera."""
+point cannot be distinguished from a rotated camera."""
 
 
 def _estimates_principal_point(
@@ -94,13 +94,13 @@ def calibrate_lenses(
     settings: CalibrateSettings | None = None,
     threads: int = 0,
 ) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
-    """Intrinsics only, of each camera from its own images of the target, which need not be synchronized.
+    """Estimate only the intrinsics of each camera, from its own images of the target, which need not be synchronized.
 
     Returns:
         name to camera at the identity pose, and name to report.
 
     Raises:
-        StudioError: a camera has too few observations (target.too_few_views), or they determine no intrinsics
+        StudioError: a camera has too few observations (target.too_few_views), or they do not determine its intrinsics
             (target.focal_length, target.no_fit).
     """
     settings = settings or CalibrateSettings()
@@ -135,23 +135,23 @@ def calibrate_from_target(
     threads: int = 0,
     progress: ProgressFn = no_progress,
 ) -> CalibrationResult:
-    """Intrinsics and poses of all cameras.
+    """Estimate intrinsics and poses of all cameras.
 
     Args:
         board: the target.
         views: (sync frame, camera) to observation.
-        sizes: (width, height) of each camera's images; has all cameras.
+        sizes: camera name to (width, height) of its images, for all cameras to calibrate.
         known: cameras with fixed intrinsics; their poses are not used.
         settings: how to solve.
         threads: number of threads, 0 = all cores.
         progress: called per step.
 
     Returns:
-        cameras in meters; the points are the corners of the target in all sync frames. The report has `boards`.
+        cameras in meters; the points are the corners of the target in all sync frames. The report contains `boards`.
 
     Raises:
-        StudioError: the target is symmetric (target.symmetric), a camera never sees it (target.not_seen) or never
-            together with another camera (target.not_connected), or no camera sees it in the origin frame
+        StudioError: the target is symmetric (target.symmetric), a camera never sees it (target.not_seen) or never in
+            the same sync frame as another camera (target.not_connected), or no camera sees it in the origin frame
             (target.origin).
     """
     settings = settings or CalibrateSettings()
@@ -267,11 +267,11 @@ def _result(state: TargetRig, board: CalibrationTarget, settings: CalibrateSetti
 
 
 def target_world(board: CalibrationTarget, place: np.ndarray, *, upright: bool) -> Similarity:
-    """World coordinates defined by a target: origin in its center, x along its columns, z up.
+    """The transform to world coordinates defined by a target: origin at its center, x along its rows, z up.
 
     Args:
         board: the target.
-        place: (4, 4) target to current coordinates.
+        place: (4, 4) transform from target to current coordinates.
         upright: see `CalibrateSettings.board_upright`.
     """
     x, y, z = place[:3, :3].T

@@ -12,7 +12,7 @@ from studio.rays import nearest_point_to_rays
 
 
 def shared_sync_frames(state: TargetRig) -> dict[str, int]:
-    """ "cam0 cam1" to the number of sync frames in which both see the target, for pairs with any."""
+    """Two camera names ("cam0 cam1") to the number of sync frames in which both see the target, if above 0."""
     sync_frames: dict[str, set[int]] = {name: set() for name in state.cameras}
     for sync_frame, name in state.views:
         sync_frames[name].add(sync_frame)
@@ -29,8 +29,8 @@ def scale_check(state: TargetRig, board: CalibrationTarget) -> tuple[float, floa
     """Triangulate the corners with the calibrated cameras and compare them with the target.
 
     Returns:
-        relative error of the distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters of
-        the triangulated corners from the target fitted to them; None if no two cameras see the same corners.
+        relative error of the distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters
+        between the triangulated corners and the target fitted to them; None if no two cameras see the same corners.
     """
     scales, squares = [], []
     for sync_frame in state.boards:

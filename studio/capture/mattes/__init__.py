@@ -1,1 +1,1 @@
-"""Matte sources, one file each, and what they share."""
+"""Matte sources, one per file, and the code that they share."""

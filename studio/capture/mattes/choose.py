@@ -1,4 +1,4 @@
-"""Choose the `MatteSource` for a `CaptureSettings` and find its files."""
+"""Selects the `MatteSource` for a `CaptureSettings` and finds its files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings, OnnxSettings
 from studio.errors import StudioError
 
-_FEW_FRAMES = 10  # below this the performer hides too much of the set
+_FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set
 
 
 def mask_source(
@@ -42,7 +42,7 @@ def mask_source(
     device: str = "auto",
     threads: int = 0,
 ) -> tuple[MatteSource, str]:
-    """The matte source that `spec.masks` selects.
+    """The matte source selected by `spec.masks`.
 
     Args:
         spec: the capture's settings.
@@ -50,13 +50,13 @@ def mask_source(
         frames: frame numbers that must have a mask file.
         pool: bounds the number of open decoders.
         cache_folder: for estimated backgrounds and mattes of a model; None caches in memory only.
-        device, threads: what a matting model runs on, as in `OnnxModel`.
+        device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
 
     Returns:
         the source, and a sentence that describes it.
 
     Raises:
-        StudioError: `matte.*`: its files are not found, or lack a camera or frame.
+        StudioError: `matte.*`: its files are not found, or files for a camera or frame are missing.
     """
     kind = spec.masks
     names = tuple(sources)
@@ -133,11 +133,11 @@ def _first(source: FrameSource) -> np.ndarray:
 
 
 def _before_plain(sources: Mapping[str, FrameSource]) -> bool:
-    """Whether the images show the performer cut out on a plain color, judged from three cameras."""
+    """Whether the images show the performer cut out on a plain color, according to three cameras."""
     some = list(sources.values())
     try:
         return all(plain_color(_first(source)) is not None for source in {some[0], some[len(some) // 2], some[-1]})
-    except StudioError:  # a broken file is reported where it is needed
+    except StudioError:  # an unreadable file is reported when it is needed
         return False
 
 
@@ -170,7 +170,7 @@ def _model(
     model = OnnxModel(path, spec, device=device, threads=threads)
     cache = None
     if cache_folder is not None:
-        # mattes do not depend on the device
+        # the device is not part of the recipe, because mattes do not depend on it
         recipe = spec.model_dump_json(include=set(OnnxSettings.model_fields) - {"mask_model"})
         cache = MatteCache(cache_folder / "mattes", f"{digest_files(path.parent, model.files())} {recipe}")
     return FunctionMatteSource(

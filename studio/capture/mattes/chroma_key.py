@@ -21,11 +21,11 @@ from studio.capture.per_camera_cache import PerCameraCache
 from studio.capture.settings import DifferenceSettings
 
 SAMPLES = 5
-"""Frames per camera from which the screen color is estimated."""
+"""Number of frames per camera from which the screen color is estimated."""
 
 _WORK_SIDE = 1920  # longest side for computing evidence; edges are solved at full size
-_FLOOR = 0.06  # tangent of the angle by which reflections and compression may rotate the screen color
-_DEEPEST_SHADOW = 0.3  # of the screen's brightness nearby; darker pixels have no usable color
+_FLOOR = 0.06  # tangent of the angle by which reflections and compression may change the screen color
+_DEEPEST_SHADOW = 0.3  # fraction of the screen's brightness nearby; darker pixels have no usable color
 _NO_SHADOW = 0.75
 
 
@@ -38,7 +38,7 @@ def chroma_matte(
         image: (H, W, 3) uint8 RGB.
         screen: from `find_screen`.
         settings: sensitivity, components and shadows; None: the defaults.
-        inside: (H, W) bool, where the performer may be; None is everywhere.
+        inside: (H, W) bool, where the performer may be; None: everywhere.
 
     Returns:
         (H, W) uint8, 255 = foreground, soft at the edges.
@@ -85,7 +85,7 @@ def key_evidence(image: np.ndarray, screen: Screen, settings: DifferenceSettings
     angle = tangents[..., 0] ** 2 + tangents[..., 1] ** 2
     variance = screen.spread**2 + _FLOOR**2 + (noise / along) ** 2
     by_angle = 1.2 * (np.sqrt(angle / variance) * settings.mask_sensitivity - 4.0)
-    # Local brightness of the screen, from pixels that are certainly screen; follows shadows if these are to be ignored.
+    # Local brightness of the screen, from pixels that are certainly screen; it includes shadows if they are ignored.
     typical = float(np.linalg.norm(screen.color))
     least, reach = (_DEEPEST_SHADOW, 0.04) if settings.mask_shadows else (_NO_SHADOW, 0.2)
     plain = ((by_angle < -1.0) & (along > _DEEPEST_SHADOW * typical)).astype(np.uint8)
@@ -109,7 +109,7 @@ def _binary(image: np.ndarray, screen: Screen, settings: DifferenceSettings, ins
 
 
 def edge_reach(image: np.ndarray) -> float:
-    """Pixels around the silhouette of an (H, W, ...) image that may have mixed colors: 2 up to 1920 pixels wide."""
+    """Width in pixels of the band around the silhouette that may have mixed colors: 2 for images up to 1920 wide."""
     return 2.0 * max(1.0, max(image.shape[:2]) / _WORK_SIDE)
 
 
@@ -138,8 +138,8 @@ def screen_behind(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise: np.ndarray) -> np.ndarray:
     """Local mean of the (H, W, C) `values` where `where` is 1, extrapolated to the rest.
 
-    Uses Gaussian means of `sigma`, and of 4 and 16 times `sigma` where too few pixels are near; `otherwise` (C,) where
-    there are none at all.
+    Uses Gaussian means with standard deviation `sigma`, or 4 and 16 times `sigma` where too few pixels are near, and
+    `otherwise` (C,) where there are none at all.
     """
     import cv2
 
@@ -168,14 +168,14 @@ def _weighted_mean(values: np.ndarray, weight: np.ndarray, sigma: float) -> tupl
 
 
 class ChromaMatteSource:
-    """Foreground is what differs from the screen's color.
+    """A `MatteSource` whose foreground is everything that differs from the screen's color.
 
     Args:
         read: returns the raw (H, W, 3) uint8 RGB image of a camera and frame.
         frames: returns a camera's frame numbers; the screen color is estimated from `SAMPLES` of them.
         key_color: approximate RGB in 0..1; None detects it per camera.
         settings: see `chroma_matte`.
-        garbage: where the performer may be; None is everywhere.
+        garbage: where the performer may be; None: everywhere.
 
     Attributes:
         screen: camera name to its `Screen`, estimated on first use.

@@ -1,4 +1,4 @@
-"""Clean plate: a soft matte from an image and an image of the same view of the empty set.
+"""Clean plate: a soft matte from an image and a second image of the empty set, taken by the same camera.
 
 Steps: per-pixel evidence (difference from the plate in units of the noise, discounting shadows; then the likelihood
 ratio of the color in foreground and background), edge-preserving smoothing of the evidence (a guided filter, He et al.
@@ -13,8 +13,8 @@ import numpy as np
 from studio.capture.mattes.filters import color_table, guided_filter, keep_components, look_up, masked_mean
 from studio.capture.settings import DifferenceSettings
 
-_NO_CHROMA = 127.5  # gray in Cr and Cb
-_FADED = 4.0  # levels of chroma: a smaller loss by a shadow is ignored
+_NO_CHROMA = 127.5  # value of Cr and Cb for gray
+_FADED = 4.0  # in chroma levels: a smaller loss of chroma in a shadow is ignored
 _WORK_SIDE = 960  # longest side for computing evidence; edges are solved at full size
 
 
@@ -37,7 +37,7 @@ def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | Non
 
     Args:
         image, plate: (H, W, 3) float32 in 0..255.
-        known: (H, W) bool, which pixels to use; None is all.
+        known: (H, W) bool, which pixels to use; None: all.
 
     Returns:
         (3,) float32 median of ratios, clamped to 0.7..1.4; ones if fewer than 500 pixels are usable.
@@ -54,7 +54,7 @@ def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | Non
 
 
 def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: DifferenceSettings) -> np.ndarray:
-    """Log-odds of foreground from the difference from the plate alone.
+    """Log-odds of foreground, from the difference from the plate alone.
 
     Args:
         image, plate: (H, W, 3) float32 RGB in 0..255, the plate at the image's exposure.
@@ -82,7 +82,7 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
     if settings.mask_shadows:
         shadow, factor = _shadow(ours[..., 0], empty[..., 0], noise)
         variance[..., 0] += shadow * difference[..., 0] ** 2
-        # less light reduces chroma by the same factor, which matters where the set is colorful
+        # shadow reduces chroma by the same factor, which matters where the set is colorful
         faded = (shadow * (1 - factor))[..., None] * (empty[..., 1:] - np.float32(_NO_CHROMA))
         difference[..., 1:] += faded * np.clip(np.abs(faded) - _FADED, 0.0, 1.0)
     # This floor suppresses faint reflections and flicker in very clean footage.
@@ -93,7 +93,7 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
 
 
 def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) in 0..1, 1 where luma nearby is the plate's times one factor below 1 (a shadow); and that factor."""
+    """(H, W) in 0..1, 1 where luma nearby is the plate's times a constant below 1 (a shadow); and that constant."""
     import cv2
 
     size = (9, 9)
@@ -118,9 +118,9 @@ def difference_matte(
         image: (H, W, 3) uint8 RGB.
         plate: (H, W, 3) uint8 RGB, the same view without the performer.
         settings: None: the defaults.
-        known: (H, W) bool, where the plate is reliable; None is everywhere. Elsewhere only `colors` decides.
-        doubtful: (H, W) bool, where the plate may show the performer: similarity does not make a hole there.
-        colors: `color_table` of performer over set, learned from the whole footage; None learns it from this image.
+        known: (H, W) bool, where the plate is reliable; None: everywhere. Elsewhere, only `colors` is used.
+        doubtful: (H, W) bool, where the plate may show the performer: similarity to the plate makes no hole there.
+        colors: `color_table` of performer over set, learned from all footage; None: it is learned from this image.
 
     Returns:
         (H, W) uint8, 255 = foreground, soft at the edges.
@@ -211,8 +211,8 @@ def solve_edges(
         image, plate: (H, W, 3) uint8.
         gain: (3,) gain applied to the plate.
         mask: (H, W) uint8, 0 or 1.
-        reach: in pixels.
-        known: (H, W) bool, where the plate is reliable; None is everywhere.
+        reach: width of the band in pixels.
+        known: (H, W) bool, where the plate is reliable; None: everywhere.
 
     Returns:
         (H, W) uint8 matte.
@@ -237,7 +237,7 @@ def solve_edges(
     power = cv2.transform(contrast * contrast, total)
     by_color = cv2.transform((ours - behind) * contrast, total) / np.maximum(power, 1.0)
     by_place = cv2.GaussianBlur(inner.astype(np.float32), (0, 0), 0.5 * reach)
-    # Standard deviation of the color solution: noise and texture of about 12 levels; of the distance: 0.25.
+    # Standard deviation of alpha from color: noise and texture of about 12 levels; from the distance: 0.25.
     trust = power / (12.0**2 * 3) * 0.25**2 * 16
     trust = np.where(weight > 1e-3, trust, 0.0)
     if known is not None:

@@ -2,19 +2,19 @@
 
 A pixel at the outline mixes performer and screen, I = a F + (1 - a) B, and light from the screen also tints the
 performer. The mixture is solved for F with the matte and the screen color next to the performer; the tint is limited by
-the usual rule that the screen's channel may not exceed the larger of the other two. Both apply to the outline only,
-since clothes of the screen's hue would lose their color.
+the usual rule that the screen's channel may not exceed the larger of the other two. Both are applied only to the
+outline, since clothes of the screen's hue would lose their color.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-_LEAST_COVER = 0.1  # alpha is clamped to this when solving for F: below, noise dominates
+_LEAST_COVER = 0.1  # lower limit of alpha when solving for F; below it, noise dominates
 
 
 def key_channels(color: np.ndarray) -> tuple[list[int], list[int]]:
-    """The bright channels (0 red, 1 green, 2 blue) of a screen's (3,) RGB color, and the others.
+    """The bright channels (0 red, 1 green, 2 blue) of a screen's (3,) RGB color, and the other channels.
 
     There is one bright channel for green, blue and red screens, two for yellow, cyan and magenta ones.
     """
@@ -25,7 +25,7 @@ def key_channels(color: np.ndarray) -> tuple[list[int], list[int]]:
 
 
 def despill(image: np.ndarray, matte: np.ndarray, behind: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """Remove the screen's light at the performer's outline.
+    """Remove the screen's light from the performer's outline.
 
     Args:
         image: (H, W, 3) uint8 RGB.

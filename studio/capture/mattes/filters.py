@@ -12,7 +12,7 @@ def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: f
         guide: (H, W) float32 in 0..1.
         values: (H, W) float32.
         radius: in pixels; windows are 2 radius + 1 wide.
-        epsilon: regularization; variance of the guide below which it counts as flat.
+        epsilon: regularization: variance of the guide below which it is considered flat.
 
     Returns:
         (H, W) float32.
@@ -48,7 +48,7 @@ def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: floa
 
     Args:
         front, back: (N, 3) samples of foreground and background colors in 0..255.
-        bins: per channel.
+        bins: number of bins per channel.
         floor: density added to both; colors that occur in neither get 0.
 
     Returns:
@@ -97,12 +97,12 @@ def keep_components(
 
     Args:
         mask: (H, W) uint8, 0 or 1, or bool.
-        components: how many components to keep, largest first; 0 keeps all.
+        components: maximum number of components, largest first; 0: no limit.
         minimum: area in pixels; smaller components are removed and smaller holes filled. Components below 1 % of the
-            largest are removed too.
-        core: (H, W) bool; a component without at least 2x2 such pixels is removed.
-        likeness: (H, W) float32; a component whose mean is below half of the largest component's is removed
-            (reflections, mostly).
+            area of the largest one are also removed.
+        core: (H, W) bool; components without at least 2x2 such pixels are removed.
+        likeness: (H, W) float32; components whose mean is below half that of the largest one are removed (mostly
+            reflections).
 
     Returns:
         (H, W) uint8, 0 or 1.

@@ -21,7 +21,8 @@ class GarbageMattes:
     Args:
         matches: the files; an image without a frame number applies to all frames of its camera.
         pool: bounds the number of open decoders.
-        offsets: camera to sync offset in frames, as in `CaptureSettings`; for files with a frame number, and videos.
+        offsets: camera to sync offset in frames, as in `CaptureSettings`; applies to files with a frame number and to
+            videos.
 
     Raises:
         StudioError: a file cannot be opened.
@@ -38,7 +39,7 @@ class GarbageMattes:
         self._matte_source = FileMatteSource(make_sources(matches, pool, offsets=moving))
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
-        """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None is everywhere.
+        """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None: everywhere.
 
         Raises:
             StudioError: the file cannot be read, `matte.aspect_ratio`, or `footage.no_such_frame`.
@@ -48,7 +49,7 @@ class GarbageMattes:
         return self._matte_source.matte(camera, 0 if camera in self._still else frame, image) > 127
 
     def files(self) -> list[Path]:
-        """The files that they are read from."""
+        """The files from which they are read."""
         return self._matte_source.files()
 
 

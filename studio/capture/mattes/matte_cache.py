@@ -10,11 +10,11 @@ import numpy as np
 
 
 class MatteCache:
-    """PNG files named by a digest of the image and of everything else that a matte depends on, so never stale.
+    """PNG files named by a digest of everything that a matte depends on, so that they never become stale.
 
     Args:
-        folder: where the files are; created by the first write. Files may be deleted at any time.
-        recipe: everything that the mattes depend on apart from the image.
+        folder: folder of the files; created by the first write. Files may be deleted at any time.
+        recipe: everything except the image that the mattes depend on.
     """
 
     def __init__(self, folder: Path, recipe: str) -> None:

@@ -1,7 +1,7 @@
 """The `MatteSource` protocol and its basic implementations.
 
-A `MatteSource` works on raw footage pixels; `Footage` undistorts and scales its mattes like the images. A new source
-only has to implement this protocol; for a matting function there is `FunctionMatteSource`.
+A `MatteSource` works on raw footage pixels; `Footage` undistorts and scales its mattes like the images. New sources
+only have to implement this protocol; `FunctionMatteSource` implements it for any matting function.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class MatteSource(Protocol):
         ...
 
     def files(self) -> list[Path]:
-        """The files that the mattes depend on, apart from the footage."""
+        """The files that the mattes depend on, excluding the footage."""
         ...
 
 
 @runtime_checkable
 class Recolors(Protocol):
-    """A `MatteSource` that also corrects colors, such as by despill."""
+    """A `MatteSource` that also corrects colors, for example by despill."""
 
     def recolored(self, camera: str, image: np.ndarray, matte: np.ndarray) -> np.ndarray:
         """The corrected (H, W, 3) uint8 RGB of a raw `image` (H, W, 3) uint8 with the `matte` (H, W) uint8."""
@@ -56,7 +56,7 @@ class Recolors(Protocol):
 
 
 class FullMatteSource:
-    """Everything is foreground."""
+    """A `MatteSource` for which everything is foreground."""
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MatteSource`."""
@@ -68,7 +68,7 @@ class FullMatteSource:
 
 
 class AlphaMatteSource:
-    """The alpha channel of the images."""
+    """A `MatteSource` that uses the alpha channel of the images."""
 
     def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MatteSource`. Raises StudioError `matte.alpha_missing`."""
@@ -89,10 +89,10 @@ class AlphaMatteSource:
 
 
 class FileMatteSource:
-    """Mask images or videos, one per camera and frame; white is foreground.
+    """A `MatteSource` that reads mask images, one per camera and frame, or mask videos; white is foreground.
 
-    A file's alpha channel is used if it has one and all its colors are equal. Masks of another size than the images
-    are resized if the aspect ratio is the same.
+    If a file has an alpha channel and all its pixels have the same color, the alpha channel is used. Masks that differ
+    in size from the images are resized if the aspect ratio is the same.
 
     Args:
         sources: camera name to its masks.
@@ -150,7 +150,7 @@ class FileMatteSource:
 
 
 class PlateMatteSource:
-    """Difference from the empty set, whose image is loaded or estimated once per camera.
+    """A `MatteSource` from the difference to the empty set, whose image is loaded or estimated once per camera.
 
     Args:
         background: loads or estimates the background of a camera; called once per camera.
@@ -200,7 +200,7 @@ def plates_from_files(matches: list[Match], color_matrix: str) -> Callable[[str]
 
     Args:
         matches: files of the clean plates.
-        color_matrix: of videos, see `VideoReader`.
+        color_matrix: for videos, see `VideoReader`.
 
     Returns:
         a function from a camera's name to its background. It raises StudioError `matte.plate_missing` for a camera

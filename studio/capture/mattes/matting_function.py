@@ -15,7 +15,7 @@ from studio.errors import StudioError
 
 
 class MattingFunction(Protocol):
-    """Computes the matte of an image. May be called from several threads at once."""
+    """Computes the matte of an image. May be called from several threads concurrently."""
 
     def __call__(self, image: np.ndarray, /) -> np.ndarray:
         """(H, W) float in 0..1, 1 = performer, from (H, W, 3) uint8 RGB."""
@@ -27,12 +27,11 @@ class FunctionMatteSource:
 
     Args:
         function: computes the mattes.
-        name: what the function is called in errors.
-        files: files that the function depends on; a take becomes stale when they change. The first one is named in
-            errors.
-        cache: caches mattes on disk; None does not.
-        components: how many connected components to keep, largest first; 0 keeps all.
-        garbage: where the performer may be; None is everywhere.
+        name: name of the function in errors.
+        files: files that the function depends on; a take becomes stale when they change. Errors name the first one.
+        cache: disk cache of the mattes; None: no cache.
+        components: maximum number of connected components, largest first; 0: no limit.
+        garbage: where the performer may be; None: everywhere.
     """
 
     def __init__(
@@ -55,8 +54,8 @@ class FunctionMatteSource:
         """See `MatteSource`.
 
         Raises:
-            StudioError: `matte.function_output`: the function did not return a matte of the image's size in 0..1; or
-                what the function raises.
+            StudioError: `matte.function_output`: the function did not return a matte of the image's size in 0..1.
+            Exception: any exception raised by the function.
         """
         image = np.ascontiguousarray(image[:, :, :3])
         matte = self._cache.read(image) if self._cache is not None else None
@@ -99,7 +98,7 @@ class FunctionMatteSource:
 
 
 def _largest(matte: np.ndarray, components: int) -> np.ndarray:
-    """The largest components of a soft matte, with their soft edges."""
+    """A soft matte reduced to its largest components, including their soft edges."""
     import cv2
 
     solid = matte > 127

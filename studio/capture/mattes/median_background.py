@@ -1,14 +1,14 @@
 """The empty set, estimated from footage in which a performer moves.
 
-A temporal median fails if the performer covers a pixel half of the time. Instead, per camera and at reduced size:
+A temporal median fails if the performer covers a pixel half of the time. Instead, for each camera and at reduced size:
 
-1. The background of a pixel is the mode of its color over time: static parts have one exact color, moving parts do not,
-   even if they are visible more often.
-2. Differences from clear modes give the performer's colors, the rest the set's. Of the modes of a pixel the one that
-   looks more like the set is chosen, and colors are learned again.
-3. Frames are matted with the result, and modes are computed once more from frames in which a pixel is not covered.
+1. The background of a pixel is the mode of its color over time: static parts have one exact color, while moving parts
+   do not, even if they are visible more often.
+2. Differences from clear modes give the colors of the performer, the other pixels those of the set. For each pixel, the
+   mode that looks most like the set is chosen, and the colors are learned again.
+3. Mattes are computed with the result, and the modes are computed again from the frames in which a pixel is uncovered.
 
-Where a pixel is always covered, its background is marked as unknown.
+If a pixel is always covered, its background is marked as unknown.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from studio.capture.settings import DifferenceSettings
 
 _SIDE = 480  # longest side while estimating
 _SLOTS = 7  # full-size samples per pixel for the median
-_VERSION = 1  # of the algorithm, part of the names of cached files
+_VERSION = 1  # of the algorithm; part of the names of cached files
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,9 @@ class Background:
 
     Attributes:
         plate: (H, W, 3) uint8 RGB.
-        known: (H, W) bool, where the plate is reliable; None is everywhere.
-        doubtful: (H, W) bool, where the plate has an intermittent color of the performer's, and so may show the
-            performer standing still; None is nowhere.
+        known: (H, W) bool, where the plate is reliable; None: everywhere.
+        doubtful: (H, W) bool, where the plate has a color of the performer that is only visible at times, so that the
+            plate may show the performer standing still; None: nowhere.
         colors: (B, B, B) float32, log ratio of a color's density on the performer to that on the set (see
             `color_table`); None if the performer's colors were not learned.
     """
@@ -54,8 +54,8 @@ def median_plate(images: Callable[[int], np.ndarray], count: int, samples: int =
 
     Args:
         images: returns the (H, W, 3) uint8 image of an index below `count`.
-        count: how many images there are.
-        samples: how many of them to use at most, evenly spaced.
+        count: number of images.
+        samples: maximum number of images to use, evenly spaced.
 
     Returns:
         (H, W, 3) uint8.
@@ -74,7 +74,7 @@ def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int]
     Args:
         read: returns the (H, W, 3) uint8 RGB image of a frame; called twice per sample, in order.
         frames: frame numbers to choose from.
-        samples: how many frames to use, evenly spaced.
+        samples: maximum number of frames to use, evenly spaced.
 
     Returns:
         the background, at full size.
@@ -102,14 +102,14 @@ def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int]
 
 
 def _tolerance(stack: np.ndarray) -> int:
-    """Largest difference of a static pixel between samples, in levels: 4 plus three times the noise."""
+    """Largest difference between samples of a static pixel, in levels: 4 plus three times the noise."""
     steps = [np.abs(stack[i + 1].astype(np.int16) - stack[i]) for i in range(0, len(stack) - 1, 4)]
     noise = 1.4826 * float(np.median(np.stack(steps))) / np.sqrt(2.0)
     return round(4 + 3 * noise)
 
 
 def _neighbors(stack: np.ndarray, tolerance: int) -> np.ndarray:
-    """(S, H, W) float32: number of samples of a pixel within `tolerance` of each one, itself included."""
+    """(S, H, W) float32: number of samples of the same pixel within `tolerance` of each sample, including itself."""
     import cv2
 
     count = np.ones(stack.shape[:3], np.uint16)
@@ -123,7 +123,7 @@ def _neighbors(stack: np.ndarray, tolerance: int) -> np.ndarray:
 
 
 def _pick(stack: np.ndarray, score: np.ndarray, tolerance: int) -> tuple[np.ndarray, np.ndarray]:
-    """Per pixel the mean color (H, W, 3) float32 around the best-scored sample, and its members (S, H, W) bool."""
+    """Mean color (H, W, 3) float32 of the samples similar to the best-scored one, and these samples (S, H, W) bool."""
     best = score.argmax(axis=0)
     center = np.take_along_axis(stack, best[None, :, :, None], axis=0)[0].astype(np.int16)
     members = np.stack([np.abs(sample - center).max(axis=-1) <= tolerance for sample in stack])
@@ -159,7 +159,7 @@ def _estimate_small(
             clear &= _evidence_of_color(table, plate) < 1.0
         front = stack[moved & clear]
         if len(front) < 200:
-            # Hardly anything moves: no performer to learn colors from.
+            # Hardly anything moves: there is no performer to learn colors from.
             everywhere = np.ones(plate.shape[:2], bool)
             return plate, members, everywhere, ~everywhere, None
         # Colors of the set count more near the performer.
@@ -179,7 +179,7 @@ def _estimate_small(
         plate, members = _pick(stack, score, tolerance)
     members &= covered < 0.0
     best = np.take_along_axis(covered, score.argmax(axis=0)[None], axis=0)[0]
-    # An intermittent color of the performer's may still be the performer standing there.
+    # A color of the performer that is only visible at times may be the performer standing there.
     doubtful = (_evidence_of_color(table, plate) > 0.0) & (members.mean(axis=0) < 0.85)
     return plate, members, best < 0.0, doubtful, table
 
@@ -189,7 +189,7 @@ def _covered(
 ) -> np.ndarray:
     """Log-odds that the performer covers a pixel, smoothed along edges."""
     evidence = difference_evidence(image, plate, settings)
-    # Where the plate looks more like the performer than the image does, the plate is wrong.
+    # If the plate looks more like the performer than the image does, the plate is wrong.
     evidence = np.where((behind - colors > 1.0) & (evidence > 0.0), -2.0, evidence) + 0.7 * colors
     gray = np.ascontiguousarray((image[..., 0] + image[..., 1] + image[..., 2]) / 765.0)
     return guided_filter(gray, evidence.astype(np.float32), radius=6, epsilon=4e-4)
@@ -198,7 +198,7 @@ def _covered(
 def _full_plate(
     read: Callable[[int], np.ndarray], chosen: Sequence[int], members: np.ndarray, fallback: np.ndarray
 ) -> np.ndarray:
-    """Full-size plate: per pixel the median of up to `_SLOTS` of its members, spread over time, or `fallback`."""
+    """Full-size plate: for each pixel, the median of up to `_SLOTS` of its members, spread over time, or `fallback`."""
     import cv2
 
     height, width = fallback.shape[:2]
@@ -228,7 +228,7 @@ def cached_background(folder: Path | None, key: str, make: Callable[[], Backgrou
     """`make()`, cached on disk.
 
     Args:
-        folder: of the cache; None: no caching.
+        folder: folder of the cache; None: no caching.
         key: identifies the footage; its first 32 characters are part of the file name.
         make: computes the background.
 

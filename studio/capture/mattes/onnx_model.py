@@ -25,9 +25,7 @@ class OnnxModel:
 
     Args:
         path: the ONNX file.
-    Args:
-        path: the ONNX file.
-        settings: how images are prepared; None: the defaults. `mask_model` is not read.
+        settings: how images are preprocessed; None: the defaults. `mask_model` is ignored.
         device: "cpu", "cuda", "cuda:1", or "auto": CUDA if onnxruntime supports it.
         threads: CPU threads; 0: all cores.
 
@@ -121,7 +119,7 @@ class _Loaded:
 
         self._path = path
         options = onnxruntime.SessionOptions()
-        options.log_severity_level = 3  # errors are raised; warnings concern only its optimizer
+        options.log_severity_level = 3  # no warnings: errors are raised, and warnings only concern the optimizer
         options.intra_op_num_threads = threads
         try:
             self._session: Any = onnxruntime.InferenceSession(
@@ -129,7 +127,7 @@ class _Loaded:
             )
         except StudioError:
             raise
-        except Exception as error:  # onnxruntime has no common base class of its errors
+        except Exception as error:  # onnxruntime's errors have no common base class
             raise StudioError(
                 "matte.model_unloadable",
                 f"cannot load the matting model ({_first_line(error)})",
@@ -194,7 +192,7 @@ def providers(device: str, available: Sequence[str]) -> list[Any]:
     """The execution providers to pass to onnxruntime.
 
     Args:
-        device: see `OnnxSettings.device`.
+        device: see `OnnxModel`.
         available: those of the installed onnxruntime.
 
     Raises:
@@ -222,7 +220,7 @@ def input_size(
 
     Args:
         path: the model's file, for errors.
-        wanted: longer side in pixels, or 0 for the image's own size.
+        wanted: longer side in pixels, or 0 for the size of the image.
         fixed: (height, width) of the model's input, None where it is dynamic.
         width, height: size of the image in pixels.
 

@@ -1,5 +1,5 @@
-"""Images in which the performer has already been cut out and placed on a plain color, mostly white or black, as in many
-published data sets.
+"""Mattes of images in which the performer has already been cut out and placed on a plain color, usually white or black,
+as in many published data sets.
 """
 
 from __future__ import annotations
@@ -13,23 +13,24 @@ from studio.capture.per_camera_cache import PerCameraCache
 from studio.errors import StudioError
 
 _BORDER = 4  # width in pixels of the border in which the color is measured
-_UNIFORM = 0.97  # share of the border that must have the color
+_UNIFORM = 0.97  # fraction of the border that must have the color
 _NEAR = 6  # largest difference in levels that counts as the same color there
 _STRONG = 40  # difference in levels above which a pixel is certainly foreground
 _MOST = 30  # largest tolerance in levels
-_SPECK = 1e-5  # share of the image; smaller components are noise
+_SPECK = 1e-5  # fraction of the image; smaller components are noise
 
 
 def plain_color(image: np.ndarray) -> np.ndarray | None:
     """The plain background color of an image, from its border.
 
-    Camera footage never has one: nearly all of the border must have the same color up to compression artifacts.
+    Nearly all of the border must have the same color, except for compression artifacts, which is never the case in
+    camera footage.
 
     Args:
         image: (H, W, 3) uint8.
 
     Returns:
-        (3,) uint8; None if there is no such color, or nothing else in the image.
+        (3,) uint8; None if there is no such color, or if the image contains nothing else.
     """
     border = np.concatenate(
         [part.reshape(-1, 3) for part in (image[:_BORDER], image[-_BORDER:], image[:, :_BORDER], image[:, -_BORDER:])]
@@ -45,12 +46,12 @@ def plain_color(image: np.ndarray) -> np.ndarray | None:
 def plain_matte(image: np.ndarray, color: np.ndarray) -> np.ndarray:
     """Matte of everything that differs from a plain color, soft by one pixel at the outline.
 
-    Areas of that color inside the performer are holes (between an arm and the body). The tolerance is measured from
-    the compression noise next to the performer.
+    Areas of that color inside the performer are holes (for example, between an arm and the body). The tolerance is
+    derived from the compression noise next to the performer.
 
     Args:
         image: (H, W, 3) uint8.
-        color: (3,) uint8, the background's.
+        color: (3,) uint8 color of the background.
 
     Returns:
         (H, W) uint8, 255 = performer.
@@ -79,7 +80,7 @@ def plain_matte(image: np.ndarray, color: np.ndarray) -> np.ndarray:
 
 
 def _without_specks(mask: np.ndarray, least: float) -> np.ndarray:
-    """The 0/1 mask without components of fewer than `least` pixels."""
+    """The 0/1 mask without components that have fewer than `least` pixels."""
     import cv2
 
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
@@ -89,7 +90,9 @@ def _without_specks(mask: np.ndarray, least: float) -> np.ndarray:
 
 
 class PlainMatteSource:
-    """Foreground is what differs from the plain background; its color is removed from the outline (see `Recolors`).
+    """A `MatteSource` whose foreground is everything that differs from a plain background color.
+
+    The background color is also removed from the outline (see `Recolors`).
 
     Args:
         first: returns a camera's first image (H, W, 3) uint8, in which the background color is measured.
@@ -104,7 +107,7 @@ class PlainMatteSource:
         if color is None:
             raise StudioError(
                 "matte.not_plain",
-                f"Camera '{camera}': the border of its first image is not one plain color",
+                f"Camera '{camera}': the border of its first image does not have one plain color",
                 fix="Choose another source of masks in capture.masks.",
                 camera=camera,
                 setting="capture.masks",

@@ -1,7 +1,7 @@
 """The color of the screen behind a performer, estimated per camera.
 
-A screen is described by its direction in RGB space: less light scales a color toward black and keeps its direction, so
-wrinkles and shadows of the screen are still screen. Colors are compared by the tangent of their angle to it.
+A screen is described by a direction in RGB space: with less light, a color moves toward black but keeps its direction,
+so wrinkled and shaded parts of the screen still match. Colors are compared by the tangent of their angle to it.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 from studio.errors import StudioError
 
-_SIDE = 320  # longest side of the images in which the color is searched
+_SIDE = 320  # longest side of the images in which the color is estimated
 _HUES = 72  # bins of 5 degrees
 _NEAR = 0.25  # tangent of the largest angle between a color and a given key color: 14 degrees
-_LEAST_SHARE = 0.12  # share of the image, border counted twice, that a screen must cover to be detected
+_LEAST_SHARE = 0.12  # fraction of the image, border counted twice, that a screen must cover to be detected
 _LEAST_SATURATION = 0.3
 
 
@@ -27,8 +27,8 @@ class Screen:
     """The screen as seen by one camera.
 
     Attributes:
-        color: (3,) float32 RGB in 0..255, the median.
-        spread: robust standard deviation of its colors' tangents, per axis.
+        color: (3,) float32 RGB in 0..255, the median of its pixels.
+        spread: robust standard deviation of the tangents of its colors, per axis.
     """
 
     color: np.ndarray
@@ -36,7 +36,7 @@ class Screen:
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """(3, 3) float32 orthonormal rows: the color's direction, and two perpendicular to it."""
+        """(3, 3) float32 orthonormal rows: the direction of the color, and two directions perpendicular to it."""
         along = self.color.astype(np.float64) / np.linalg.norm(self.color)
         start = np.zeros(3)
         start[int(along.argmin())] = 1.0
@@ -45,14 +45,14 @@ class Screen:
         return np.stack([along, first, np.cross(along, first)]).astype(np.float32)
 
     def tangents(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Direction of colors relative to the screen's, and their brightness along it.
+        """Directions of colors relative to the screen's, and their brightness along it.
 
         Args:
             image: (H, W, 3) float32 RGB in 0..255.
 
         Returns:
-            (H, W, 2) tangents along the two perpendicular axes, 0 for the screen under any light; (H, W) length along
-            the screen's direction, at least 1.
+            (H, W, 2) tangents along the two perpendicular axes, 0 for the screen under any light; and (H, W) length
+            along the screen's direction, at least 1.
         """
         import cv2
 
@@ -66,9 +66,9 @@ def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[f
 
     Args:
         images: a few frames, (H, W, 3) uint8 RGB.
-        camera: its name, for errors.
-        key_color: approximate RGB in 0..1; None takes the saturated hue that covers most of the image, counting the
-            border twice (the performer is rarely there).
+        camera: name of the camera, for errors.
+        key_color: approximate RGB in 0..1; None: the saturated hue that covers most of the image, with the border
+            counted twice (the performer is rarely there).
 
     Returns:
         the screen.
@@ -166,5 +166,5 @@ def saturated(color: Sequence[float]) -> bool:
 
 
 def _text(color: np.ndarray) -> str:
-    """[0.10, 0.60, 0.20] of an RGB color in 0..255."""
+    """An RGB color in 0..255 as text, such as [0.10, 0.60, 0.20]."""
     return "[" + ", ".join(f"{value / 255:.2f}" for value in color) + "]"

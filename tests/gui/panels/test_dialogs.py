@@ -1,4 +1,4 @@
-"""Dialogs: the list of folders, what Enter does, and what is gone from the recent ones."""
+"""Dialogs: the list of folders, the Enter key, and missing entries in the recent list."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gui.presenters.preferences import Preferences
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    """Two plain folders, a take, a stream, files, something hidden."""
+    """Two plain folders, a take, a stream, files, and a hidden entry."""
     for name in ("cam10", "cam2", "a take", "Stream", ".hidden"):
         (tmp_path / name).mkdir()
     (tmp_path / "a take" / "take.json").write_text("{}")
@@ -91,7 +91,7 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     window.wait_for("no dialog", lambda s: s["dialog"] == "")
     assert json.loads((settings / "window.json").read_text())["recent"] == recent[1:]
 
-    # the list begins beside the newest: mark the take, press Open
+    # the list starts next to the newest take: select the take, press Open
     window.menu("File", 1)
     window.wait_for("the folders", lambda s: s["dialog"] == "path")
     names = [entry.path.name for entry in FolderList(take_copy.parent, "take").entries]
@@ -113,11 +113,11 @@ def test_a_marked_folder_is_opened_and_enter_confirms(
     window.key("Return")
     window.wait_for("the mark", lambda s: s["marks"] == {"0": "by enter"} and s["dialog"] == "")
 
-    # losing the keyboard confirms nothing
+    # losing the keyboard focus does not confirm
     window.key("m")
     window.wait_for("the question", lambda s: s["dialog"] == "mark")
     window.wait_for("a line with the keyboard", lambda s: s["typing"])
-    window.enter_text("dialog line", "more", selected=True)  # Tab selects what it gives the keyboard to
+    window.enter_text("dialog line", "more", selected=True)  # Tab selects the text of the field that it focuses
     window.click("dialog line", 0.5, -1.0)
     assert window.states()[-1]["dialog"] == "mark"
     window.click("dialog close")

@@ -1,4 +1,4 @@
-"""How large the window is made for a screen."""
+"""The size of the window for a screen."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gui.platform import screen
         ("", 1.0),
         ("Xft.dpi:\t192\n", 2.0),
         ("Xcursor.size: 48\nXft.dpi: 144.0\nXft.hinting: 1\n", 1.5),
-        ("Xft.dpi: 72", 1.0),  # letters are never smaller than usual
+        ("Xft.dpi: 72", 1.0),  # never smaller than the default font size
         ("Xft.dpi: 1.2.3", 1.0),
         ("MyXft.dpi: 192", 1.0),
     ],
@@ -28,7 +28,7 @@ def test_scale_is_read_from_the_resources(resources: str, scale: float) -> None:
         (1920, 1080, 96, (1280, 800)),
         (3840, 2160, 192, (2560, 1600)),
         (2560, 1600, 192, (2432, 1520)),  # no larger than the screen
-        (1024, 768, 96, (1280, 800)),  # what was asked for stays
+        (1024, 768, 96, (1280, 800)),  # the requested size is kept
     ],
 )
 def test_windows_grow_with_letters(

@@ -1,4 +1,4 @@
-"""The Vulkan probe: its sentences, and its answer where there is a driver."""
+"""The Vulkan probe: its error messages, and its result if there is a driver."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_missing_driver_names_the_package() -> None:
     nowhere = {"VK_ICD_FILENAMES": "/dev/null/none.json", "VK_DRIVER_FILES": "/dev/null/none.json", "PYTHONPATH": "."}
     done = subprocess.run([sys.executable, "-c", code], env=nowhere, capture_output=True, text=True, timeout=60)
     assert "mesa-vulkan-drivers" in done.stderr
-    assert done.returncode == 1  # an exception, no native abort
+    assert done.returncode == 1  # an exception, not a native abort
 
 
 def test_devices_are_listed_where_a_driver_is_installed() -> None:

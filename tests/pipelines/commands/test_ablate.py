@@ -1,4 +1,4 @@
-"""The ablation: Bjontegaard figures of curves whose distance is known, and a run over a tiny capture."""
+"""The ablation: Bjontegaard figures of curves with a known distance, and a run on a tiny capture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.support.errors import refuses
 
 
 def curve(factor: float, shift: float) -> list[RatePoint]:
-    """PSNR linear in the logarithm of the rate, as Bjontegaard assumes."""
+    """PSNR linear in the logarithm of the rate."""
     rates = [10.0, 20.0, 40.0, 80.0, 160.0]
     return [
         RatePoint(qp=index, kb_per_frame=rate * factor, psnr_decoded=20 + 3 * math.log2(rate) + shift)
@@ -63,7 +63,7 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
         assert [point["qp"] for point in entry["points"]] == [10, 20, 24, 34, 42], "the default QP is measured too"
         rates = [point["kb_per_frame"] for point in entry["points"]]
         assert rates == sorted(rates, reverse=True)
-    # the keyframe is the same, to the byte; the frame after it is not
+    # the keyframe is the same, byte for byte; the frame after it is not
     frames = [
         sorted((out / "takes" / name / "train" / "group_000").glob("frame_*")) for name in ("full", "no-finetune")
     ]

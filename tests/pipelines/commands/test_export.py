@@ -45,7 +45,7 @@ def body(frame: int, splats: int) -> Gaussians:
 
 @pytest.fixture(scope="module")
 def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A take with two groups of three and two frames, trained and baked, without ever having run."""
+    """A take with two groups of three and two frames, trained and baked, made without a run."""
     take = Take.create(tmp_path_factory.mktemp("export") / "take")
     take.config.write_text("capture: {fps: 12.5, background: [0.0, 0.0, 1.0]}\n")
     take.rig.parent.mkdir()
@@ -120,6 +120,12 @@ def test_viewer_axes(here, take, tmp_path):
     done = here("export", take / "stream", "--format", "spz", "--frames", "0:1", "--out", tmp_path / "a.spz")
     assert done.returncode == 0, done.stderr
     assert torch.allclose(read_splats(tmp_path / "a.spz").means[:, 1], world[:, 2], atol=1e-3)  # y up
+    assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
+    older = ("--spz-version", "3", "--frames", "0:1", "--out", tmp_path / "b.spz")
+    done = here("export", take / "stream", "--format", "spz", *older)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "b.spz").read_bytes()[:2] == b"\x1f\x8b"
+    assert torch.equal(read_splats(tmp_path / "b.spz").means, read_splats(tmp_path / "a.spz").means)
 
 
 def test_videogs_there_and_back(here, take, tmp_path):
@@ -164,7 +170,7 @@ def test_movies(here, take, tmp_path):
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
     assert len(frames) == 5
     assert frames[0][0, 0, 2] > 240  # the take's background is blue
-    assert frames[0][32, 48].min() > 100  # the body in the middle
+    assert frames[0][32, 48].min() > 100  # the body at the center
 
     keys = [Key(0, RIG["front"], 4.0), Key(1, RIG["side"], 0.0)]
     (tmp_path / "path.json").write_text(json.dumps(path_to_json(keys)))
@@ -184,7 +190,7 @@ def test_movies(here, take, tmp_path):
 def test_mistakes_are_one_sentence(here, take, tmp_path):
     out = tmp_path / "out"
     cases = [
-        ([take, "--format", "ply", "--out", tmp_path], "exists already"),
+        ([take, "--format", "ply", "--out", tmp_path], "already exists"),
         ([take, "--format", "ply", "--out", out, "--frames", "0:9"], "Choose a range within 0:5"),
         ([take, "--format", "ply", "--out", out, "--frames", "all"], "--frames 'all' is not of the form"),
         ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames cannot be written to one file"),
@@ -198,7 +204,8 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
             [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"],
             "--background 'red' is",
         ),
-        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "only has the axes of the capture"),
+        ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "supports only the axes of the capture"),
+        ([take, "--format", "ply", "--spz-version", "3", "--out", out], "has no --spz-version"),
         ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
     ]
     for arguments, message in cases:
@@ -211,7 +218,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     assert here("export", take, "--format", "obj", "--out", out).returncode == 2
     done = here("import", take, "--out", out)
     assert done.returncode == 1
-    assert "no .ply or .spz files" in done.stderr
+    assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
 
 
 def test_nothing_trained_yet(tmp_path):

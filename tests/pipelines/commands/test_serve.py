@@ -1,4 +1,4 @@
-"""`v3studio serve` and `v3studio play http://...`, over real connections on this machine."""
+"""`v3studio serve` and `v3studio play http://...`, over real local connections."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LENGTHS = (5,) * 8
 
 
 def bake(folder: Path) -> Path:
-    """40 frames at 20 fps in groups of 5; splat 0 of frame i lies at x = i."""
+    """40 frames at 20 fps in groups of 5; splat 0 of frame i is at x = i."""
     settings = BakeSettings(profile="planes", qp=0, preset="ultrafast")
     entries, first = [], 0
     for group, length in enumerate(LENGTHS):
@@ -51,7 +51,7 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def port(stream: Path):
-    """A server over `stream`, with things beside and in it that nobody may get."""
+    """A server for `stream`, with files in and next to it that must not be served."""
     (stream.parent / "secret.txt").write_text("secret")
     (stream / ".hidden").write_text("secret")
     (stream / "out.txt").symlink_to(stream.parent / "secret.txt")
@@ -219,7 +219,7 @@ def test_a_port_that_is_taken(here, stream):
 
 
 def served(start, stream: Path, port: int = 0):
-    """A server process; its address."""
+    """Start a server process; yields its address."""
     process = start("serve", stream, "--port", port)
     line = process.stdout.readline()
     assert "at http://127.0.0.1:" in line, process.stderr.read()
@@ -236,7 +236,7 @@ def test_ctrl_c_ends_it_within_two_seconds_whoever_is_connected(start, tmp_path)
         idle.sendall(b"GET /manifest.json HTTP/1.1\r\nHost: x\r\n\r\n")
         assert idle.recv(100)
         slow.sendall(b"GET /big.bin HTTP/1.1\r\nHost: x\r\n\r\n")
-        assert slow.recv(100)  # and no more: the answer stays under way
+        assert slow.recv(100)  # and no more: the response stays incomplete
         began = time.monotonic()
         process.send_signal(signal.SIGINT)
         process.wait(10)
@@ -268,7 +268,7 @@ def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(sta
     assert report.skipped == ()
     assert seen == sorted(set(seen))
     assert seen[-1] == 39
-    # What was fetched before plays on and the clock waits for the rest: an outage costs time, hardly any frames.
+    # Fetched groups keep playing and the clock waits for the rest: an outage costs time, but hardly any frames.
     assert report.shown + report.dropped == 40
     assert report.shown > 12
     assert report.seconds > 40 / 20

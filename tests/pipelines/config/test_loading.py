@@ -29,7 +29,7 @@ def load(folder: Path, text: str, *overrides: str) -> Config:
 
 
 def test_defaults_are_the_papers():
-    """Where the paper names a value (sections 4 and 5)."""
+    """Where the paper specifies a value (sections 4 and 5)."""
     train = Config().train
     assert (train.group_size, train.max_splats, train.prune_ratio) == (20, 100_000, 0.3)
     assert (train.motion_iterations, train.finetune_iterations) == (500, 2000)
@@ -44,7 +44,7 @@ def test_the_entropy_weight_is_not_the_papers():
 
 
 def test_defaults_of_the_library_are_those_of_the_command_line():
-    """They had drifted apart when each was declared twice."""
+    """The library and the command line must not have different defaults."""
     config = Config()
     assert config.initialize == InitializeSettings()
     assert (config.initialize.resolution, config.initialize.max_faces) == (256, 200_000)
@@ -58,14 +58,14 @@ def test_defaults_of_the_library_are_those_of_the_command_line():
 
 
 def test_sections_are_the_librarys_models():
-    """So they are passed on as they are."""
+    """Therefore they are passed on unchanged."""
     config = Config()
     assert isinstance(config.capture, CaptureSettings)
     assert isinstance(config.train, TrainSettings)
 
 
 def test_settings_keep_their_order():
-    """It is that of `v3studio config`, and digests of ablations are taken over it."""
+    """`v3studio config` uses this order, and digests of ablations depend on it."""
     names = list(all_names())
     assert names[:4] == ["capture.root", "capture.images", "capture.rig", "capture.masks"]
     assert names.index("train.check_footage") + 1 == names.index("train.sh_degree")
@@ -142,7 +142,7 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
             "capture.key_color = [0.5, 0.5, 0.5] is invalid: gray and black cannot be keyed. "
             "Use a saturated color such as [0.2, 0.6, 0.3], or auto.",
         ),
-        ("train: 3", "train", 3, "train = 3 is not a section. Put settings below it, one per line (train: ...)."),
+        ("train: 3", "train", 3, "train = 3 is not a section. Indent settings under it, one per line (train: ...)."),
         (
             "calibrate: {board: {marker: 0.07}}",
             "calibrate.board",
@@ -212,7 +212,7 @@ def test_missing_file_and_folder(tmp_path):
 
 
 def test_numbers_with_exponents_are_numbers(tmp_path):
-    """YAML 1.1, and so PyYAML by itself, reads 1e-3 as text."""
+    """YAML 1.1, and therefore PyYAML by default, reads 1e-3 as text."""
     assert load_config(write(tmp_path, "train: {entropy_weight: 2e-3}")).train.entropy_weight == 2e-3
     assert parse_override("train.entropy-weight=1e-3") == ("train.entropy_weight", 1e-3)
 
@@ -273,7 +273,7 @@ def test_a_rule_over_several_settings_names_the_command_line_too(tmp_path: Path)
     [("2026-02-30", "date"), ("!!int abc", "number"), ("!!float x", "number"), ("!!bool 3", "Boolean")],
 )
 def test_values_that_yaml_cannot_make(tmp_path, value, kind):
-    """PyYAML raises ValueError or KeyError there, in Python's own words."""
+    """PyYAML raises ValueError or KeyError there, with Python's messages."""
     (tmp_path / "a.yaml").write_text(f"train:\n  max_splats: {value}\n")
     with refuses("settings.not_yaml", file=tmp_path / "a.yaml", line=2) as caught:
         load_config(tmp_path / "a.yaml")

@@ -1,4 +1,4 @@
-"""Old names of settings: taken from files and the command line, told once, and never a reason to make anything anew."""
+"""Old names of settings: accepted in files and on the command line, reported once, and never making a result stale."""
 
 from __future__ import annotations
 

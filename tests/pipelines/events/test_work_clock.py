@@ -1,4 +1,4 @@
-"""Pauses are no work: the clock by itself, and a run that is really halted."""
+"""Pauses do not count as work: the clock alone, and a run that is actually suspended."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pipelines.stages.base import Context, StageReporter
 
 
 class Now:
-    """A clock that is moved by hand."""
+    """A clock that the test controls."""
 
     def __init__(self) -> None:
         self.seconds = 100.0
@@ -60,7 +60,7 @@ def test_a_gap_alone_is_work_and_the_clock_never_runs_backwards() -> None:
     assert seen == sorted(seen)
     assert clock.paused == 0
     assert seen[-1] - seen[0] == pytest.approx(now.seconds - 100)
-    clock.continued()  # halted for a moment too short to matter
+    clock.continued()  # suspended for too short a time to matter
     assert clock.paused == 0
 
 

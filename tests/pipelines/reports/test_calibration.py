@@ -1,4 +1,4 @@
-"""The calibration's page and what is warned of."""
+"""The calibration report and its warnings."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_page_says_what_the_report_holds():
     page.feed(render_calibration(report, ["left <1>", "right"]))
     assert page.open == []  # whole HTML
     text = " ".join(" ".join(page.words).split())
-    assert "Cameras: excellent" in text
+    assert "Calibration: excellent" in text
     assert "0.300 px" in text
     assert "80 observations of 40 points by 2 cameras" in text
     assert "left <1>" in text

@@ -1,4 +1,4 @@
-"""kill -9 and SIGTERM in the middle, then `run` again: the same stream as unbroken."""
+"""kill -9 and SIGTERM during a run, then `run` again: the same stream as from an uninterrupted run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def stream_bytes(take: Path) -> dict[str, bytes]:
 
 
 def events_in(lines: Iterable[str]) -> list:
-    """What other tests hold the run to, that it prints nothing else, is not asked here."""
+    """The events in the output; other tests check that a run prints nothing else."""
     return [event for event, _ in map(read_line, lines) if event is not None]
 
 
@@ -44,7 +44,7 @@ def test_killed_in_training_and_in_baking_gives_the_same_stream(finished, projec
     take = project / "take"
     arguments = ("run", project / "ball.yaml", "--take", take, "--json")
 
-    # one frame is done, others are under way in two groups side by side
+    # one frame is done, others are in progress in two parallel groups
     first = start(*arguments, "--run.groups-at-once", "2")
     events = stop_when(
         first,
@@ -57,14 +57,14 @@ def test_killed_in_training_and_in_baking_gives_the_same_stream(finished, projec
     assert {0, 3} & set(killed_after), "a keyframe is done"
     assert len(killed_after) < 5
 
-    # in the middle of baking: the first group is done, the manifest is not written
+    # during baking: the first group is done, the manifest is not written yet
     second = start(*arguments)
     events = stop_when(
         second,
         lambda event: isinstance(event, Metrics) and event.stage == "bake" and event.group == 0,
         signal.SIGKILL,
     )
-    # a frame that was finished is not trained again
+    # a finished frame is not trained again
     assert not set(frames_of(events)) & set(killed_after)
     assert not (take / "stream" / "manifest.json").exists() or second.returncode == -signal.SIGKILL
 
@@ -92,7 +92,7 @@ def test_sigterm_stops_within_two_seconds_and_run_goes_on(finished, project, sta
 
     events = stop_when(process, in_training, signal.SIGTERM)
     assert events[-1].time - stopped[0] < 2
-    assert time.time() - stopped[0] < 3  # with the end of the process, on a machine that runs other tests
+    assert time.time() - stopped[0] < 3  # including process exit, on a machine that runs other tests
     assert process.returncode == 130
     assert isinstance(events[-1], RunFinished)
     assert events[-1].outcome == "cancelled"

@@ -21,7 +21,7 @@ from tests.support.errors import refuses
 
 
 class Project:
-    """A copy of the finished take beside its capture."""
+    """A copy of the finished take next to its capture."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -76,7 +76,7 @@ def test_a_run_leaves_every_result_in_its_place(project):
     assert {path.name for path in (root / "stream").iterdir()} == {"manifest.json", "group_000", "group_001"}
     points, colors = read_points(root / "initialize/group_001/points.ply")
     assert points.shape == colors.shape == (400, 3)
-    # the ball of radius 0.55 stands at (0.09, 0.06, 0) in frame 3; a hull of five cameras is a little larger
+    # the ball of radius 0.55 is at (0.09, 0.06, 0) in frame 3; a hull from five cameras is slightly larger
     assert np.abs(np.linalg.norm(points - [0.09, 0.06, 0], axis=1) - 0.55).mean() < 0.1
     assert len(read_frame(root / "train/group_001/frame_000003.safetensors")) <= 400
 
@@ -99,7 +99,7 @@ def test_evaluation_says_what_was_measured_and_how(project):
 
 
 def test_psnr_is_that_of_the_cropped_held_out_image(project):
-    """Against numpy, from the files: the decoded frame 3 drawn here, the held-out PNG over black, cut by hand."""
+    """Compared with NumPy, from the files: decoded frame 3 rendered here, the held-out PNG over black, cropped here."""
     import torch
 
     from studio.camera_files import read_rig

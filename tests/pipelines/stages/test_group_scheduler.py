@@ -1,4 +1,4 @@
-"""Groups side by side: how threads are shared out, what happens when one fails, and that the stream stays the same."""
+"""Groups in parallel: how threads are distributed, what happens if one fails, and that the stream stays the same."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_jobs_run_side_by_side_with_their_own_number_of_threads() -> None:
 
     def job(index: int) -> None:
         if index < 2:
-            together.wait()  # breaks unless both run at once
+            together.wait()  # breaks unless both run at the same time
         seen[index] = torch.get_num_threads()
 
     run_groups({index: lambda index=index: job(index) for index in range(3)}, 2, [1, 1, 3], Cancellation())

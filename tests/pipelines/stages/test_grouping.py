@@ -1,4 +1,4 @@
-"""Groups that begin where the performer has changed."""
+"""Groups that begin where the performer's appearance has changed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipelines.takes.groups import cut_at, cut_into_groups
 
 
 def half(share: float) -> np.ndarray:
-    """A picture of which so much of the upper part is white; `change` between two is known from the areas."""
+    """An image whose upper part is white to a given fraction; `change` between two follows from the areas."""
     picture = np.zeros((20, 20, 4), np.float32)
     picture[: round(20 * share)] = 1
     return picture

@@ -58,7 +58,7 @@ def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> No
 
 
 def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> None:
-    """One in proportion is scaled by the footage and written as it came; one of another shape needs a rule."""
+    """A rig of the same aspect ratio is scaled by the footage and written unchanged; another one needs a size rule."""
     made = context(tmp_path)
     file = tmp_path / "capture" / "given.json"
 
@@ -126,7 +126,7 @@ def test_moments_that_contradict_each_other(tmp_path: Path) -> None:
 
 
 def test_lenses_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
-    """Pictures of 88 x 60 for footage of 80 x 60, which is cut by four columns on each side."""
+    """Images of 88 x 60 for footage of 80 x 60, which is cropped by four columns on each side."""
     from pipelines.stages.known_cameras import at_footage_size
 
     K = np.array([[100.0, 0, 44], [0, 100, 30], [0, 0, 1]])

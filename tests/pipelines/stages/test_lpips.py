@@ -1,4 +1,4 @@
-"""LPIPS through evaluation, report, table and ablation, with a stand-in for the network."""
+"""LPIPS in evaluation, report, table and ablation, with a substitute for the network."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_weights_that_are_not_there_are_told_before_training(take: Take, monkeyp
     with refuses("lpips.download_failed"):
         measured(take, "evaluate.lpips=alex", "train.finetune_iterations=30")
     assert {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")} == frames
-    measured(take, "evaluate.lpips=alex", "bake.qp=21", stages=("bake",))  # where nothing is measured none are needed
+    measured(take, "evaluate.lpips=alex", "bake.qp=21", stages=("bake",))  # not needed if nothing is measured
 
 
 def test_only_known_networks_can_be_set() -> None:

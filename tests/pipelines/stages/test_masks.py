@@ -1,4 +1,4 @@
-"""Takes whose masks are made: by a matting model, from a colored screen."""
+"""Takes with generated mattes: by a matting model, and by keying."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GREEN = (80, 165, 60)  # as OpenCV writes it: blue first
 
 
 def put_before(behind: tuple[int, int, int], capture: Path, saturation: float = 1.0) -> None:
-    """The ball's images without alpha channel, over a color, with noise; the ball less colorful."""
+    """The ball's images without an alpha channel, over a color, with noise; the ball less saturated."""
     random = np.random.default_rng(0)
     for path in capture.glob("images/*/*.png"):
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(float)
@@ -40,7 +40,7 @@ def radii(take: Path) -> np.ndarray:
 
 
 def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) -> None:
-    """The model gives the picture's brightness; mean, deviation and sigmoid make it a step above black."""
+    """The model outputs the image's brightness; mean, deviation and sigmoid turn it into a step above black."""
     put_before((0, 0, 0), project / "capture")
     model = project / "capture" / "models" / "one.onnx"
     model.parent.mkdir()
@@ -70,7 +70,7 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
 
 
 def test_a_take_before_a_screen(project: Path, here: Callable[..., Any]) -> None:
-    put_before(GREEN, project / "capture", saturation=0.3)  # it is green itself in places
+    put_before(GREEN, project / "capture", saturation=0.3)  # parts of it are green
     take = project / "take"
     given = ("--capture.masks", "chroma_key", "--capture.key-color", "[0.24, 0.65, 0.31]")
     done = here("run", project / "ball.yaml", "--take", take, "--until", "train", *given)

@@ -1,4 +1,4 @@
-"""Numbers on the command line: what is wrong with them is said in plain words and in the option's own unit."""
+"""Numbers on the command line: errors are clear and use the unit of the option."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def test_what_is_no_number_is_wrong_usage(here, tmp_path, option, value, said):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--square", "-5"), "--square -5: not between 0 and 10000 mm"),
-        (("--square", "0", "--kind", "chessboard"), "--square 0: not between 0 and 10000 mm"),
-        (("--marker", "70"), "--marker 70: not between 0 and the side of a square, 60 mm"),
-        (("--marker", "-1"), "--marker -1: not between 0"),
+        (("--square", "-5"), "--square -5 is not between 0 and 10000 mm"),
+        (("--square", "0", "--kind", "chessboard"), "--square 0 is not between 0 and 10000 mm"),
+        (("--marker", "70"), "--marker 70 is not between 0 and the side of a square, 60 mm"),
+        (("--marker", "-1"), "--marker -1 is not between 0"),
     ],
 )
 def test_a_boards_sizes_are_answered_in_millimeters(here, tmp_path, options, said):
@@ -64,4 +64,4 @@ def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, moving):
 def test_sync_needs_seconds_to_look_through(here, moving, seconds):
     done = here("sync", moving, "--seconds", seconds)
     assert done.returncode == 1
-    assert f"The largest offset to search is {seconds} s. It must be above 0 and finite" in done.stderr
+    assert f"The largest offset to search is {seconds} s. It must be positive and finite" in done.stderr

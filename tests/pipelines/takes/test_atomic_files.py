@@ -28,7 +28,7 @@ def test_nan_never_reaches_a_json_file(tmp_path):
 
 
 def test_full_disk_is_a_sentence_that_names_the_folder(tmp_path):
-    """/dev/full answers every write as a full disk does."""
+    """Writes to /dev/full fail like those to a full disk."""
     with refuses("take.disk_full", file=tmp_path), disk_errors(tmp_path):
         Path("/dev/full").write_text("x")
 

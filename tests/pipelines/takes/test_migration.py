@@ -1,4 +1,4 @@
-"""Takes of format 1: read as they are, brought to format 2 by a run, whenever that was stopped before."""
+"""Takes of format 1: read as is, and migrated to format 2 by a run, even after an interrupted migration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pipelines.takes.take import Take
 
 
 def old_take(root: Path) -> Path:
-    """A small take of format 1, written as the program of that format did: its names, digests over its names."""
+    """A small take of format 1, as written by earlier versions: old names, and digests over the old names."""
     config = Config.model_validate({"train": {"strategy": "mcmc"}})
     group = root / "initialise" / "group_000"
     group.mkdir(parents=True)
@@ -137,7 +137,7 @@ def test_a_migration_that_was_killed_anywhere_goes_on(root: Path, monkeypatch: p
 
 
 def test_a_stage_that_has_not_changed_is_not_stale(root: Path) -> None:
-    """Of a stage's record, names of before and of now compare equal."""
+    """Old and current names in a stage's record compare equal."""
     take = Take.open(root)
     context = Context(take, load_config(take.config))
     found = assess_all(STAGES[:1], context)["calibrate"]

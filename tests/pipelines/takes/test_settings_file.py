@@ -1,4 +1,4 @@
-"""Changing a value in a file of settings: comments and order stay, hostile files are refused."""
+"""Changing a value in a settings file: comments and order are kept, malicious files are refused."""
 
 from __future__ import annotations
 

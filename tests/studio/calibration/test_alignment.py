@@ -45,7 +45,7 @@ def test_alignment_finds_the_move() -> None:
     assert found.scale == pytest.approx(2.5)
     np.testing.assert_allclose(found.rotation, MOVE.rotation, atol=1e-12)
     np.testing.assert_allclose(found.translation, MOVE.translation, atol=1e-12)
-    # a mirror image is no rotation
+    # a reflection is not a rotation
     mirrored = align_points(points, points * [1, 1, -1])
     assert np.linalg.det(mirrored.rotation) == pytest.approx(1)
 
@@ -54,7 +54,7 @@ def test_comparison_measures_what_was_changed() -> None:
     rig = ring(8)
     assert compare_rigs(MOVE.rig(rig), rig).center_percent < 1e-9
     assert compare_rigs(MOVE.rig(rig), rig).rotation_degrees < 1e-6
-    # turn one camera on its spot by half a degree
+    # rotate one camera in place by half a degree
     cameras = list(rig.cameras)
     spin = Similarity(1.0, turn([1, 0, 0], np.radians(0.5)), np.zeros(3))
     center = cameras[3].center
@@ -68,7 +68,7 @@ def test_comparison_measures_what_was_changed() -> None:
 
 
 def test_upright_world() -> None:
-    """z up, the origin where the cameras look, x toward the first camera, mean distance 1; whatever it was before."""
+    """For any initial world: z up, origin where the cameras look, x toward the first camera, mean distance 1."""
     rig = MOVE.rig(ring(5, 4.0, (0.3, 0.2, 0.1)))
     world = upright(rig, np.zeros((0, 3))).rig(rig)
     np.testing.assert_allclose(world.up, [0, 0, 1], atol=1e-9)
@@ -78,7 +78,7 @@ def test_upright_world() -> None:
 
 
 def test_upright_world_of_cameras_that_diverge() -> None:
-    """Axes that meet behind the cameras: the points tell where the scene is."""
+    """If the axes meet behind the cameras, the points determine the origin."""
     cameras = []
     for x in (-1.0, 0.0, 1.0):
         rotation = turn([0, 1, 0], -0.1 * x)

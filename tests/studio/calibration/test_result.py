@@ -1,4 +1,4 @@
-"""Reports of a calibration, checked by hand; the floor of a synthetic scene."""
+"""Calibration reports compared with values computed by hand; the floor of a synthetic scene."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RIG = Rig(
 
 
 def test_report_of_known_errors() -> None:
-    """Two points; east sees both exactly, north both 0.6 px off, west one 2 px off."""
+    """Two points; east observes both exactly, north both with an error of 0.6 px, west one with an error of 2 px."""
     points = np.array([[0.0, 0, 0], [0.1, 0.1, 0.1]])
     seen = {}
     for name, off, ids in (("east", 0.0, [0, 1]), ("north", 0.6, [0, 1]), ("west", 2.0, [0])):

@@ -1,4 +1,4 @@
-"""Camera files of other programs, as these write them or as documented, then damaged in every way."""
+"""Camera files of other programs, as written by them or as documented; then damaged in many ways."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def assert_same_images(found: Rig, wanted: Rig, within: float = 1e-6) -> None:
 
 
 def easymocap(folder: Path) -> dict[str, np.ndarray]:
-    """Written by OpenCV's FileStorage, as EasyMocap does; what cv2.projectPoints then says, in OpenCV's pixels."""
+    """Files written with OpenCV's FileStorage, as in EasyMocap, and cv2.projectPoints's result in OpenCV's pixels."""
     lens = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
     pose = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
     expected = {}
@@ -101,7 +101,7 @@ def test_what_we_write_opencv_reads(tmp_path: Path) -> None:
         np.testing.assert_allclose(pixels.reshape(-1, 2) + 0.5, camera.project(POINTS)[0], atol=1e-6)
 
 
-# Two cameras of the calibration that comes with Pose2Sim's demonstration, as the program wrote it (BSD-3-Clause)
+# Two cameras of the calibration in Pose2Sim's demonstration, as written by the program (BSD-3-Clause)
 POSE2SIM = """[cam_01]
 name = "cam_01"
 size = [ 1088.0, 1920.0]
@@ -125,7 +125,7 @@ adjusted = false
 error = 0.0
 """
 
-# Two cameras of a sample session of Caliscope, as the program wrote it (BSD-2-Clause)
+# Two cameras of a sample session of Caliscope, as written by the program (BSD-2-Clause)
 CALISCOPE = """[cameras.0]
 cam_id =0
 rotation_count = 0
@@ -155,7 +155,7 @@ ignore = true
 
 @pytest.mark.parametrize(("text", "names"), [(POSE2SIM, ("cam_01", "cam_03")), (CALISCOPE, ("cam_0", "cam_2"))])
 def test_toml_projects_as_the_programs_do(tmp_path: Path, text: str, names: tuple[str, ...]) -> None:
-    """Both hand the numbers to cv2.projectPoints, whose pixels are half a pixel less than ours."""
+    """Both programs pass the numbers to cv2.projectPoints, whose pixel coordinates are smaller than ours by 0.5."""
     import tomllib
 
     path = tmp_path / "Calib_scene.toml"
@@ -173,7 +173,7 @@ def test_toml_projects_as_the_programs_do(tmp_path: Path, text: str, names: tupl
         np.testing.assert_allclose(camera.project(0.3 * POINTS)[0], pixels.reshape(-1, 2) + 0.5, atol=1e-6)
 
 
-# The program's own sample of a RealityScan export (a row of it), and what its importers make of the angles
+# One row of the sample that comes with RealityScan, and the angles as interpreted by importers of other programs
 REALITYSCAN = """#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2
 a.jpg,{c0!r},{c1!r},{c2!r},{heading!r},{pitch!r},{roll!r},{f!r},{px!r},{py!r},{k1!r},{k2!r},{k3!r},{k4!r},0,0
 """
@@ -181,7 +181,7 @@ a.jpg,{c0!r},{c1!r},{c2!r},{heading!r},{pitch!r},{roll!r},{f!r},{px!r},{py!r},{k
 
 @pytest.mark.parametrize("k4", [0.0, 0.01])
 def test_realityscan(tmp_path: Path, k4: float) -> None:
-    """The published camera model, applied by hand to the points."""
+    """The published camera model, implemented here and applied to points."""
     heading, pitch, roll, f = 170.35, 85.19, -22.75, 24.0
     center = np.array([0.4, 3.1, 0.2])
     k = np.array([0.003, -0.02, 0.004, k4])
@@ -192,7 +192,7 @@ def test_realityscan(tmp_path: Path, k4: float) -> None:
     )  # fmt: skip
     (tmp_path / "export.csv").write_text(text)
     Image.new("RGB", (800, 600)).save(tmp_path / "a.jpg")
-    # heading turns clockwise about the up axis, pitch lifts the view from straight down, roll turns about the view
+    # heading rotates clockwise about the up axis, pitch raises the view from straight down, roll is about the view axis
     turns = [
         cv2.Rodrigues(np.radians(angle) * axis)[0]
         for angle, axis in zip((-heading, pitch, roll), np.eye(3)[[2, 0, 1]], strict=True)
@@ -256,7 +256,7 @@ METASHAPE = """<?xml version="1.0" encoding="UTF-8"?>
 
 @pytest.mark.parametrize("k4", [0.0, -0.0761413904])
 def test_metashape(tmp_path: Path, k4: float) -> None:
-    """A file that the program wrote (shortened); the manual's equations, applied by hand."""
+    """A file written by the program (shortened); the manual's equations are implemented here."""
     path = tmp_path / "cameras.xml"
     path.write_text(METASHAPE.format(k4=f"<k4>{k4}</k4>" if k4 else ""))
     rig = read_rig(path)
@@ -279,12 +279,12 @@ def test_metashape(tmp_path: Path, k4: float) -> None:
     bent_y = y * factor + p2 * (s + 2 * y * y) + 2 * p1 * x * y
     f, b1 = 3705.4728792737214, 0.5262024073
     expected = np.column_stack([5280 / 2 + 11.6738523909 + bent_x * (f + b1), 3956 / 2 - 27.7497969199 + bent_y * f])
-    # the file's rotations have eight digits
+    # rotations in the file have eight digits
     np.testing.assert_allclose(camera.project(world)[0], expected, atol=0.2 if k4 else 5e-4)
 
 
 def test_actorshq(tmp_path: Path) -> None:
-    """By the data set's own equations: camera to world by a rotation vector, parts of width and height."""
+    """The data set's equations: camera to world as a rotation vector, intrinsics as fractions of width and height."""
     text = "name,w,h,rx,ry,rz,tx,ty,tz,fx,fy,px,py\n"
     expected = {}
     for index in range(2):
@@ -328,7 +328,7 @@ def test_rerf(tmp_path: Path) -> None:
 
 
 def test_folders_of_frames_with_transforms(tmp_path: Path) -> None:
-    """VideoGS: 0/transforms.json, 1/transforms.json ...; the first frame's cameras are the capture's."""
+    """VideoGS: 0/transforms.json, 1/transforms.json, ...; the cameras of the first frame are used."""
     for frame in (0, 1, 10):
         write_rig(STRAIGHT, tmp_path / str(frame) / "transforms.json")
     assert_same_images(read_rig(tmp_path), STRAIGHT)
@@ -479,7 +479,7 @@ def test_broken_rerf(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["Calib.toml", "intri.yml", "calibration.csv"])
 def test_cut_short_anywhere(tmp_path: Path, name: str) -> None:
-    """A cut may leave a shorter list of whole cameras; what is read is then right, and nothing else is raised."""
+    """A truncated file may be a valid, shorter list of cameras, which is read correctly; otherwise it is an error."""
     write_rig(STRAIGHT, tmp_path / name)
     path = tmp_path / name
     whole = path.read_text()
@@ -493,7 +493,7 @@ def test_cut_short_anywhere(tmp_path: Path, name: str) -> None:
 
 
 def test_a_nan_in_cameras_json_is_named(tmp_path: Path) -> None:
-    """Not the whole matrix: the entry."""
+    """The error names the entry, not only the matrix."""
     import json
 
     camera = BENT["cam01"]

@@ -1,4 +1,4 @@
-"""Values that are not numbers, in every format: one sentence with file, camera and value, without Python's messages."""
+"""Values that are not numbers, in every format: one error with file, camera and value, without Python's messages."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def camera(name: str, width: int = 96, height: int = 64, **values: object) -> Ca
 
 @pytest.fixture(scope="session")
 def make() -> SimpleNamespace:
-    """The functions above, for test modules, which cannot import them."""
+    """The functions above, for test modules, which cannot import this one."""
     return SimpleNamespace(
         video=write_video, image=write_image, numbered=numbered, number_of=number_of, camera=camera, sample=SAMPLE
     )

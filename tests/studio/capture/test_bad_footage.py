@@ -1,4 +1,4 @@
-"""Bad footage: one clear error each."""
+"""Bad footage: one clear error per problem."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -18,7 +18,7 @@ LATE = {"a": 0, "b": 3, "c": -2, "d": 0}
 
 
 def pace(time: np.ndarray) -> np.ndarray:
-    """Position (0..1) at a time (seconds) of something that moves irregularly."""
+    """Position (0..1) of an irregularly moving object at a time in seconds."""
     rng = np.random.default_rng(5)
     steps = rng.gamma(0.6, 1.0, 400)
     way = np.concatenate([[0], np.cumsum(steps)])
@@ -53,7 +53,7 @@ def test_offsets_from_motion_and_their_correction(tmp_path: Path) -> None:
         ("sync.offset", "b", 3),
         ("sync.offset", "c", -2),
     ]
-    assert str(warnings[0]) == "Camera 'b' is 3 frames late, judged by motion. Set capture.offsets to {b: 3}."
+    assert str(warnings[0]) == "Camera 'b' is 3 frames late according to its motion. Set capture.offsets to {b: 3}."
     aligned = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS, offsets=report.whole))
     assert aligned.frames == tuple(range(2, 57))  # what all cameras have
     assert check_sync(aligned).whole == {}

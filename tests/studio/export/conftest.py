@@ -11,7 +11,7 @@ from studio.splat_video import SplatVideo
 
 
 def cloud(frame: int, splats: int, degree: int, seed: int) -> Gaussians:
-    """Splats of a body about 1 unit high that translates and rotates a little per frame."""
+    """Splats of a body about 1 unit high that translates and rotates slightly in each frame."""
     generator = torch.Generator().manual_seed(seed)
 
     def noise(*shape: int) -> torch.Tensor:

@@ -22,7 +22,7 @@ def camera(eye, target=(0, 0, 0), up=(0, 0, 1)) -> Camera:
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_turned_splats_look_the_same_to_a_camera_that_turns_with_them(make_video, degree):
-    """The reference rasterizer's picture, with SH; rotating only splats or camera changes it."""
+    """Images of the reference rasterizer, with SH; rotating only the splats or only the camera changes them."""
     splats = make_video((1,), degree=degree).read(0).to(torch.float64)
     rotation = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
     here = camera([2.0, 0.5, 0.3])
@@ -54,9 +54,9 @@ def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
     assert np.linalg.det(rotation) == pytest.approx(1)
     np.testing.assert_allclose(rotation @ [0, 0, 1], [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(rotation @ [1, 0, 0], [0, 0, 1], atol=1e-12)  # toward the camera
-    # seen from the camera, its right stays right
+    # what is on the right of the camera remains on the right
     np.testing.assert_allclose(rotation @ video.view.rotation[0], [1, 0, 0], atol=1e-12)
-    # 3DGS's files: y down, z away from the camera
+    # 3DGS files: y down, z away from the camera
     ply = axes_of(video, ".ply", True)
     np.testing.assert_allclose(ply @ [0, 0, 1], [0, -1, 0], atol=1e-12)
     np.testing.assert_allclose(ply @ [1, 0, 0], [0, 0, -1], atol=1e-12)
@@ -104,7 +104,7 @@ def test_whole_or_not_at_all(tmp_path, make_video):
     (tmp_path / "one.ply").touch()
     with refuses("export.already_exists", file=tmp_path / "one.ply") as caught:
         export_frame(make_video(), tmp_path / "one.ply")
-    assert str(caught.value) == f"{tmp_path / 'one.ply'}: the file exists already. Delete it, or choose another name."
+    assert str(caught.value) == f"{tmp_path / 'one.ply'}: the file already exists. Delete it, or choose another name."
 
 
 def test_parts_of_a_video(make_video):

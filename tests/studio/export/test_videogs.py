@@ -1,5 +1,5 @@
-"""The VideoGS layout, read by a reader that was written from the layout's description alone, with OpenCV, as the
-players of the released code decode: BGR pictures turned to gray."""
+"""The VideoGS layout, read by a reader that was written from the description of the layout alone. Like the players of
+the released code, it decodes with OpenCV to BGR pictures and converts these to gray."""
 
 import json
 
@@ -16,7 +16,7 @@ from tests.support.errors import refuses
 
 
 def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]:
-    """All frames: positions, f_dc, harmonics, opacity, scale, rotation as the released players have them."""
+    """All frames: positions, f_dc, f_rest, opacity, scale and rotation, as in the released players."""
     groups = json.loads((folder / "group_info.json").read_text())
     ranges = json.loads((folder / "viewer_min_max.json").read_text())
     assert sorted(groups, key=int) == [str(g) for g in range(len(groups))]
@@ -69,7 +69,7 @@ def order(points: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
 def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
-    """QP 0: within half a step of the ranges of each frame, splat by splat."""
+    """QP 0: every splat is within half a quantization step of the ranges of its frame."""
     video = make_video((3, 1, 2), degree=degree)
     export_videogs(video, tmp_path / "out", qp=0)
     frames = players_reader(tmp_path / "out")
@@ -93,7 +93,8 @@ def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
             for name, (values, levels) in expected.items():
                 array = values.double().numpy()
                 if array.size:
-                    step = (array.max(axis=0) - array.min(axis=0)) / levels
+                    least = 0 if name == "opacity" else array.min(axis=0)
+                    step = (array.max(axis=0) - least) / levels
                     assert (np.abs(found[name] - array) <= 0.5 * step + 1e-6).all(), name
             rotation = found["rotation"] / np.linalg.norm(found["rotation"], axis=1, keepdims=True)
             alike = np.abs((rotation * meant.unit_quats.double().numpy()).sum(axis=1))
@@ -101,7 +102,7 @@ def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
 
 
 def test_independent_reader_agrees_with_our_decoder(tmp_path, make_video):
-    """Of a decoded stream, exported without loss: the players' decoder, our import and our stream decoder agree."""
+    """For a losslessly exported stream, the players' decoder, our import and our stream decoder agree."""
     video = make_video((4, 3))
     settings = BakeSettings(qp=12)
     entries = [
@@ -141,7 +142,7 @@ def test_lossy_export_is_smaller_and_keeps_high_bytes(tmp_path, make_video):
     for channel in (1, 3, 5):
         data = [(tmp_path / str(qp) / "group0" / f"{channel}.mp4").read_bytes() for qp in (0, 35)]
         assert data[0] == data[1]
-    # above 22, color, scale and rotation stay at 22; low bytes of positions and opacity follow the QP
+    # the QP of color, scale and rotation is at most 22; low bytes of positions and opacity have the given QP
     export_videogs(video, tmp_path / "22", qp=22)
     files = {path.name: path.read_bytes() for path in (tmp_path / "22" / "group0").iterdir()}
     same = {name for name, data in files.items() if data == (tmp_path / "35" / "group0" / name).read_bytes()}
@@ -150,6 +151,34 @@ def test_lossy_export_is_smaller_and_keeps_high_bytes(tmp_path, make_video):
     extent = np.ptp(video.read(1).means.numpy(), axis=0)
     a, b = (np.sort(points, axis=0) for points in (high[1]["position"], video.read(1).means.numpy()))
     assert (np.abs(a - b) < 256 / 65535 * extent + 1e-6).all()
+
+
+def opacities_of_pixels(folder, group: int, frame: int, index: int, attributes: int = 17) -> tuple[np.ndarray, int]:
+    """Opacity of each pixel of a frame as a player has it that draws padding, too, and the number of splats."""
+    file = cv2.VideoCapture(str(folder / f"group{group}" / f"{attributes - 8 + 3}.mp4"))
+    for _ in range(frame + 1):
+        good, picture = file.read()
+        assert good
+    entry = json.loads((folder / "viewer_min_max.json").read_text())[str(index)]
+    low, high = entry["info"][2 * (attributes - 8) : 2 * (attributes - 8) + 2]
+    return cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).ravel() / 255 * (high - low) + low, entry["num"]
+
+
+@pytest.mark.parametrize("qp", [0, 20, 28, 35])
+def test_padding_is_invisible_and_opacities_are_as_exact_as_the_codec_would_be(tmp_path, make_video, qp):
+    """Players draw nothing below 1/255. A codec's quantizer with the step s has an error of s / sqrt(12)."""
+    video = make_video((4,), splats=1900)  # of 48 x 48 pixels
+    export_videogs(video, tmp_path / "out", qp=qp)
+    for index in range(4):
+        values, count = opacities_of_pixels(tmp_path / "out", 0, index, index)
+        assert (len(values), count) == (48 * 48, 1900)
+        assert abs(values[count:]).max() < 1 / 255
+        # ordered, since the export orders splats: a lower bound of the error, and close to it where it is small
+        meant = np.sort(video.read(index).opacities.numpy())
+        error = np.sort(values[:count]) - meant
+        step = max(1, 2 ** ((qp - 4) / 6)) / 255 * meant.max()
+        assert np.sqrt((error**2).mean()) <= 1.1 * step / 12**0.5
+        assert abs(error).max() <= 0.55 * step
 
 
 def test_names_and_constant_channels(tmp_path, make_video):

@@ -1,11 +1,15 @@
 """Sequences of splat files from other programs: order, group boundaries, baking."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
 from studio.errors import Cancelled
+from studio.export import export_videogs
 from studio.gaussians import Gaussians
 from studio.imports import open_import
 from studio.imports.baking import bake_video, cut
@@ -14,6 +18,8 @@ from studio.playback import play_headless
 from studio.splat_files import write_splats
 from studio.stream import BakeSettings, StreamReader
 from tests.support.errors import refuses
+
+SPLATS = Path(__file__).parents[2] / "data" / "splats"
 
 
 def body(frame: int, splats: int = 120, degree: int = 0, seed: int = 0) -> Gaussians:
@@ -55,6 +61,60 @@ def test_nothing_to_import(folder, tmp_path):
         open_import(folder)
     with refuses("import.not_found", file=tmp_path / "none"):
         open_import(tmp_path / "none")
+
+
+def test_a_folder_of_more_than_one_format_is_refused_by_name(folder):
+    for name in ("a1.ply", "a2.PLY", "a2.spz", "a3.glb"):
+        (folder / name).touch()
+    files = ["a1.ply", "a2.spz", "a3.glb"]
+    with refuses("import.mixed_formats", file=folder, value=[".ply", ".spz", ".glb"], files=files):
+        open_import(folder)
+    for name in ("a1.ply", "a2.PLY"):
+        (folder / name).unlink()
+    with refuses("import.mixed_formats", file=folder, value=[".spz", ".glb"]):
+        open_import(folder)
+    (folder / "a2.spz").unlink()
+    with refuses("import.no_files", file=folder):  # GLB is only written
+        open_import(folder)
+
+
+def test_a_videogs_folder_with_other_files_is_refused(folder):
+    write_splats(folder / "f0.ply", body(0))
+    export_videogs(open_import(folder), folder / "out")
+    assert open_import(folder / "out").frame_count == 1
+    write_splats(folder / "out" / "f0.ply", body(0))
+    with refuses("import.mixed_formats", file=folder / "out", value=["VideoGS", ".ply"]):
+        open_import(folder / "out")
+
+
+def test_open_sog_data_sets(folder):
+    """meta.json with images: itself, its folder, and folders of them as frames; others' meta.json do not count."""
+    assert open_import(SPLATS / "sog" / "degree1" / "meta.json").frame_count == 1
+    assert open_import(SPLATS / "sog" / "degree1").frame_count == 1
+    for number in (10, 9):
+        shutil.copytree(SPLATS / "sog" / "degree1", folder / f"frame{number}")
+    (folder / "notes").mkdir()
+    (folder / "meta.json").write_text('{"made by": "someone"}')
+    assert [path.parent.name for path in find_frames(folder)] == ["frame9", "frame10"]
+    video = open_import(folder)
+    assert (video.frame_count, video.group_starts, video.up.tolist()) == (2, (0,), [0, -1, 0])
+    shutil.copytree(SPLATS / "sog" / "degree1", folder / "again9")
+    with refuses("import.duplicate_frame", file=folder, value=9, files=["again9", "frame9"]):
+        find_frames(folder)
+    shutil.copy(SPLATS / "degree3.sog", folder)
+    with refuses("import.mixed_formats", file=folder, value=["*/meta.json", ".sog"]):
+        find_frames(folder)
+
+
+@pytest.mark.parametrize("name", ["degree1.compressed.ply", "degree1.spz", "degree0.sog", "degree0.splat",
+                                  "degree2-level2.ksplat"])  # fmt: skip
+def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
+    for frame in range(3):
+        shutil.copy(SPLATS / name, folder / f"f{frame}{name[name.index('.') :]}")
+    manifest = bake_video(open_import(folder), tmp_path / "stream", BakeSettings(qp=0))
+    assert [group.frame_count for group in manifest.groups] == [3]
+    assert manifest.sh_degree == int(name[6])
+    assert manifest.metadata["up"] == ([0, 1, 0] if name.endswith(".spz") else [0, -1, 0])
 
 
 @pytest.mark.parametrize("ending", [".ply", ".spz"])
@@ -102,7 +162,7 @@ def test_baked_and_played(folder, tmp_path):
             found = reader.gaussians(index)
             assert len(found) == len(meant)
             nearest = torch.cdist(meant.means.double(), found.means.double())
-            assert nearest.min(dim=1).values.max() < 1e-3  # positions' steps follow the splats' size and opacity
+            assert nearest.min(dim=1).values.max() < 1e-3  # position steps depend on the splats' size and opacity
             which = nearest.argmin(dim=1)
             assert (found.opacities[which] - meant.opacities).abs().max() < 0.01
             shapes = [covariances(splats) for splats in (found[which], meant)]

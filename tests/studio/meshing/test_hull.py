@@ -73,7 +73,7 @@ def test_mesh_is_closed_and_faces_outward(two_balls: Callable[..., list[Any]]) -
 
 
 def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., list[Any]]) -> None:
-    """A camera whose mask lacks its right half must not halve the hull."""
+    """A camera whose mask has no right half must not halve the hull."""
     views = two_balls(12)
     good = visual_hull(views, COARSE)
     matte = views[4].matte.copy()
@@ -86,7 +86,7 @@ def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., lis
     assert max(corrected.disagreement, key=lambda name: corrected.disagreement[name]) == "cam04"
     outliers = [warning for warning in corrected.warnings if warning.code == "hull.outlier_mask"]
     assert [warning.fields["camera"] for warning in outliers] == ["cam04"]
-    assert str(outliers[0]).startswith("Camera 'cam04': the mask lacks ")
+    assert str(outliers[0]).startswith("Camera 'cam04': the mask misses ")
     mismatches = [warning.fields["camera"] for warning in corrected.warnings if warning.code == "hull.mask_mismatch"]
     assert "cam04" in mismatches
 

@@ -14,7 +14,7 @@ FPS = 50.0
 
 
 class GatedSource(FolderSource):
-    """A folder source whose reads can be blocked; records them."""
+    """A folder source that records its reads and can block them."""
 
     def __init__(self, root: Path) -> None:
         super().__init__(root)
@@ -31,7 +31,7 @@ class GatedSource(FolderSource):
         return data
 
     def whole(self, group: str) -> bool:
-        """True if all files of a group have been read."""
+        """Whether all files of a group have been read."""
         files = {f"{group}/{file.name}" for file in (Path(self.name) / group).iterdir()}
         return files <= set(self.finished)
 
@@ -103,7 +103,7 @@ def clock() -> HandClock:
 
 @pytest.fixture
 def until() -> Callable[..., None]:
-    """`until(condition)`: wait, at most 10 s, until other threads make it true."""
+    """`until(condition)`: wait up to 10 s until other threads make it true."""
     import time
 
     def wait(condition: Callable[[], bool], what: str = "condition") -> None:

@@ -152,7 +152,7 @@ def test_a_slow_fetch_is_waited_for_and_nothing_is_dropped(long_stream, gate, cl
         player.play()
         until(lambda: player.frame() is not None)
         until(lambda: source.groups_read() == ["group_000", "group_001", "group_002"])
-        until(lambda: source.whole("group_002"))  # otherwise the gate would block the rest of it
+        until(lambda: source.whole("group_002"))  # otherwise the gate would block its remaining files
         source.gate.clear()
         clock.forward(30)
         until(lambda: number(player.frame()) == 30)  # fetched frames keep playing; group 3 is blocked
@@ -165,7 +165,7 @@ def test_a_slow_fetch_is_waited_for_and_nothing_is_dropped(long_stream, gate, cl
         until(lambda: number(player.frame()) == 42, "the first frame after the wait")
         clock.forward(1)
         until(lambda: number(player.frame()) == 43)
-        assert player.dropped <= before + 11  # of what was there before the wait
+        assert player.dropped <= before + 11  # frames that were ready before the wait
 
 
 class Dead:

@@ -123,7 +123,7 @@ def test_a_reader_of_frames_that_rarely_looks_does_not_fall_behind(player, clock
     player.play()
     until(lambda: shown(player) == 0)
     clock.forward(12)
-    time.sleep(0.5)  # no consumer: the pipeline has to drop frames by itself
+    time.sleep(0.5)  # no consumer: the pipeline itself must drop frames
     until(lambda: player.dropped >= 8, "dropping by the pipeline")
     until(lambda: shown(player) == 12)
 
@@ -190,7 +190,7 @@ def test_loop(gated, clock, until):
             clock.forward(1)
             until(lambda index=index: shown(player) == index, f"frame {index}")
         assert player.frame().tick == 18
-        clock.forward(32)  # two laps later
+        clock.forward(32)  # two loops later
         until(lambda: player.frame().tick == 50)
         assert shown(player) == 2
         assert not player.finished

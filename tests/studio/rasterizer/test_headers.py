@@ -1,4 +1,4 @@
-"""Each header of the kernels compiles by itself, so that clangd and other tools can read it alone."""
+"""Each kernel header compiles on its own, so that clangd and other tools can read it."""
 
 from __future__ import annotations
 

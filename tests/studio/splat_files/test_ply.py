@@ -1,4 +1,4 @@
-"""3DGS PLY: our files read by Open3D and byte by byte, and foreign files read by us."""
+"""3DGS PLY: our files read by Open3D and byte by byte, and files of other programs read by us."""
 
 import struct
 
@@ -123,7 +123,7 @@ def test_damage_and_other_things_than_splats(tmp_path):
             read_splats(path)
     with refuses("splat_file.not_found", file=tmp_path / "none.ply"):
         read_splats(tmp_path / "none.ply")
-    with refuses("splat_file.unsupported_format", value=".obj", expected=[".ply", ".spz"]):
+    with refuses("splat_file.unsupported_format", value=".obj", expected=[".ply", ".spz", ".sog", ".splat", ".ksplat"]):
         read_splats(tmp_path / "a.obj")
 
 

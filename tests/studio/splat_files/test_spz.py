@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import zstandard
 from scipy.spatial.transform import Rotation
 
 from studio.errors import StudioError
@@ -40,11 +41,28 @@ def test_files_of_other_programs(name, z, dc, quat):
     assert torch.allclose(splats.sh[:, 0, 2], torch.tensor(0.0131), atol=1e-4)
 
 
-def by_the_description(data: bytes) -> dict[str, np.ndarray]:
-    """Splat by splat, as in the README of the format for version 3."""
-    data = gzip.decompress(data)
+def unpacked(data: bytes, version: int) -> bytes:
+    """The 16 bytes of the header that all versions share, and the attributes one after the other."""
+    if version == 3:
+        return gzip.decompress(data)
+    streams, table = data[15], struct.unpack_from("<I", data, 16)[0]
+    assert (data[14], table, data[20:32]) == (0, 32, bytes(12))  # no extensions, nothing in the reserved bytes
+    entries = [struct.unpack_from("<QQ", data, table + 16 * index) for index in range(streams)]
+    position, body = table + 16 * streams, b""
+    for stored, size in entries:
+        body += zstandard.ZstdDecompressor().decompress(data[position : position + stored])
+        position += stored
+        assert size > 0
+    assert position == len(data)
+    assert len(body) == sum(size for _, size in entries)
+    return data[:15] + bytes(1) + body
+
+
+def by_the_description(data: bytes, expected_version: int) -> dict[str, np.ndarray]:
+    """Splat by splat, as in the README of the format."""
+    data = unpacked(data, expected_version)
     magic, version, count, degree, bits, flags, reserved = struct.unpack_from("<IIIBBBB", data)
-    assert (magic, version, flags, reserved) == (0x5053474E, 3, 0, 0)
+    assert (magic, version, flags, reserved) == (0x5053474E, expected_version, 0, 0)
     rest = (degree + 1) ** 2 - 1
     starts = np.cumsum([16, 9 * count, count, 3 * count, 3 * count, 4 * count])
     assert len(data) == starts[-1] + 3 * rest * count
@@ -71,11 +89,12 @@ def by_the_description(data: bytes) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
-def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree):
+@pytest.mark.parametrize("version", [3, 4])
+def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree, version):
     splats = make_splats(120, degree)
     path = tmp_path / "a.spz"
-    write_splats(path, splats)
-    found = by_the_description(path.read_bytes())
+    write_splats(path, splats, spz_version=version)
+    found = by_the_description(path.read_bytes(), version)
     np.testing.assert_allclose(found["means"], splats.means, atol=0.5 / 2**14 + 1e-7)
     np.testing.assert_allclose(found["opacities"], splats.opacities, atol=0.5 / 255 + 1e-6)
     np.testing.assert_allclose(found["dc"], splats.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-6)
@@ -95,10 +114,18 @@ def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree):
     np.testing.assert_allclose(mine.sh[:, 1:], found["sh"].reshape(120, -1, 3), atol=1e-6)
 
 
-def test_equal_splats_give_equal_bytes(tmp_path, make_splats):
+@pytest.mark.parametrize("version", [3, 4])
+def test_equal_splats_give_equal_bytes(tmp_path, make_splats, version):
     for name in ("a.spz", "b.spz"):
-        write_splats(tmp_path / name, make_splats())
+        write_splats(tmp_path / name, make_splats(), spz_version=version)
     assert (tmp_path / "a.spz").read_bytes() == (tmp_path / "b.spz").read_bytes()
+
+
+def test_version_4_is_the_default_and_2_is_not_written(tmp_path, make_splats):
+    write_splats(tmp_path / "a.spz", make_splats(5))
+    assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
+    with refuses("splat_file.unsupported_version", file=tmp_path / "b.spz", value=2):
+        write_splats(tmp_path / "b.spz", make_splats(5), spz_version=2)
 
 
 @pytest.mark.parametrize("size", [1e-4, 1.0, 300.0, 1e6])
@@ -121,7 +148,7 @@ def test_too_far_out(tmp_path, make_splats):
 
 def test_damage(tmp_path, make_splats):
     path = tmp_path / "a.spz"
-    write_splats(path, make_splats(64))
+    write_splats(path, make_splats(64), spz_version=3)
     good = path.read_bytes()
     plain = gzip.decompress(good)
 
@@ -135,12 +162,14 @@ def test_damage(tmp_path, make_splats):
         (good[:30] + bytes([good[30] ^ 255]) + good[31:], {"splat_file.truncated", "splat_file.unreadable"}),
         (b"", {"splat_file.unreadable"}),
         (b"hello, this is text", {"splat_file.unreadable"}),
-        (with_head(version=4), {"splat_file.unsupported_version"}),
+        (with_head(version=5), {"splat_file.unsupported_version"}),
+        (with_head(version=4), {"splat_file.unreadable"}),  # version 4 is not gzipped as a whole
         (with_head(count=65), {"splat_file.truncated"}),
         (with_head(count=0), {"splat_file.invalid_header"}),
         (with_head(count=4_000_000_000), {"splat_file.invalid_header"}),
         (with_head(degree=4), {"splat_file.invalid_header"}),
         (with_head(flags=2), {"splat_file.extensions"}),
+        (with_head(count=1 << 26), {"splat_file.expansion"}),
     ]
     for data, codes in cases:
         path.write_bytes(data)

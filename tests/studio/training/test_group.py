@@ -49,7 +49,7 @@ def cameras() -> list[Camera]:
 
 
 def ball(offset: torch.Tensor) -> Gaussians:
-    """300 opaque splats on a sphere of radius 0.5 with a checkered texture that moves along."""
+    """300 opaque splats on a sphere of radius 0.5, with a checkered texture that moves with it."""
     index = torch.arange(300) + 0.5
     polar, turn = torch.acos(1 - 2 * index / 300), math.pi * (1 + 5**0.5) * index
     unit = torch.stack([polar.sin() * turn.cos(), polar.cos(), polar.sin() * turn.sin()], -1)

@@ -140,7 +140,7 @@ def test_dropout_removes_a_fraction_and_keeps_the_total_opacity() -> None:
 
 def test_dropped_splats_are_not_drawn() -> None:
     view = TrainingView.from_view(captured(False))
-    # equal splats in front of the camera: each one that is not dropped is drawn and gets a gradient
+    # equal splats in front of the camera: each splat that is not dropped is drawn and gets a gradient
     n = 40
     many = Gaussians(
         torch.tensor([[0.0, 0.0, 2.0]]).repeat(n, 1),

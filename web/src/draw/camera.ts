@@ -1,11 +1,11 @@
-/** A camera that turns about a point, and the pinhole that it is for a canvas of some size. */
+/** An orbit camera, and its pinhole camera for a given canvas size. */
 
 import type { Camera, Vector } from "../stream/manifest.ts";
 import type { DepthAxis } from "../worker/messages.ts";
 
 export type Vec3 = [number, number, number];
 
-/** What a renderer draws from: OpenCV axes, pixels of the drawing's own size. */
+/** The camera to render from: OpenCV axes, in pixels of the render resolution. */
 export interface Pinhole {
   readonly width: number;
   readonly height: number;
@@ -13,12 +13,12 @@ export interface Pinhole {
   readonly fy: number;
   readonly cx: number;
   readonly cy: number;
-  /** (3, 3) world to camera, row by row. */
+  /** (3, 3) world to camera, row-major. */
   readonly rotation: readonly number[];
   readonly translation: Vector;
 }
 
-/** A place to look from, as it stands in links: angles in degrees, lengths in world units. */
+/** A view, as in links: angles in degrees, lengths in world units. */
 export interface View {
   readonly azimuth: number;
   readonly elevation: number;
@@ -41,14 +41,14 @@ export const unit = (a: Vector): Vec3 => {
 
 const DEGREES = 180 / Math.PI;
 const MAX_ELEVATION = 89;
-/** Room left around the scene. */
+/** Margin around the scene, as a factor. */
 const MARGIN = 1.12;
-/** As in studio.rasterizer: the projection is linearized at most this far (x / z, y / z) off the axis, ... */
+/** As in studio.rasterizer: the projection is linearized at most this far off the axis (x / z, y / z), ... */
 const FIELD = 2;
-/** ... or outside the image by this part of half its size. */
+/** ... or outside the image by this fraction of half its size. */
 const FIELD_MARGIN = 0.3;
 
-/** Lowest and highest x / z, lowest and highest y / z at which a splat's projection is linearized. */
+/** Minimum and maximum x / z, then y / z, at which a splat's projection is linearized. */
 export function fieldLimits({ width, height, fx, fy, cx, cy }: Pinhole): [number, number, number, number] {
   const [mx, my] = [(FIELD_MARGIN * 0.5 * width) / fx, (FIELD_MARGIN * 0.5 * height) / fy];
   return [
@@ -59,7 +59,7 @@ export function fieldLimits({ width, height, fx, fy, cx, cy }: Pinhole): [number
   ];
 }
 
-/** The pinhole of a camera as the stream's metadata and rig files give it. */
+/** The pinhole of a camera as specified in the stream's metadata and in rig files. */
 export function pinholeOf({ width, height, K, worldToCamera: w }: Camera): Pinhole {
   const rows = w.slice(0, 3);
   return {
@@ -78,7 +78,7 @@ export function depthAxis({ rotation: r, translation: t }: Pinhole): DepthAxis {
   return [r[6], r[7], r[8], t[2]];
 }
 
-/** The camera's place in the world. */
+/** The camera center in world coordinates. */
 export function centerOf({ rotation: r, translation: t }: Pinhole): Vec3 {
   return [0, 1, 2].map((k) => -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2])) as Vec3;
 }
@@ -88,7 +88,7 @@ export class OrbitCamera {
   elevation = 0;
   distance = 1;
   target: Vec3 = [0, 0, 0];
-  /** Tangents of half the field of view that must be seen, across and up. */
+  /** Tangents of half the field of view that must be visible, horizontally and vertically. */
   private tangents: readonly [number, number] = [0.35, 0.35];
   private up: Vec3 = [0, 1, 0];
   private ahead: Vec3 = [0, 0, 1];
@@ -96,7 +96,7 @@ export class OrbitCamera {
   private home: View = { azimuth: 0, elevation: 0, distance: 1, target: [0, 0, 0] };
   private radius = 1;
 
-  /** Sets up the world: from the suggested camera where there is one, else from in front of the box. */
+  /** Sets the initial view: the suggested camera if there is one, else from in front of the box. */
   frame(box: { readonly min: Vector; readonly max: Vector }, camera: Camera | null, up: Vector | null): void {
     const middle = add(box.min, box.max).map((value) => value / 2) as Vec3;
     this.radius = Math.max(length(add(box.max, box.min, -1)) / 2, 1e-6);
@@ -111,19 +111,19 @@ export class OrbitCamera {
       this.home = { azimuth: 0, elevation: 0, distance: 3 * this.radius, target: middle };
     } else {
       const center = centerOf(pinhole);
-      // The point on the camera's axis that is nearest to the middle of the scene.
+      // The point on the camera's axis that is nearest to the center of the scene.
       const distance = Math.max(dot(add(middle, center, -1), forward), 0.1 * this.radius);
       const elevation = Math.asin(Math.max(-1, Math.min(1, -dot(forward, this.up)))) * DEGREES;
       this.home = { azimuth: 0, elevation, distance, target: add(center, forward, distance) };
     }
     this.reset();
-    // All of the box is to be seen, but no more than the suggested camera saw.
+    // The whole box should be visible, but no more than the suggested camera shows.
     const [across, up_] = pinhole === null ? [1, 1] : [pinhole.width / 2 / pinhole.fx, pinhole.height / 2 / pinhole.fy];
     const [x, y] = this.extent(box);
     this.tangents = [Math.min(across, MARGIN * x), Math.min(up_, MARGIN * y)];
   }
 
-  /** Largest |x / z| and |y / z| of the box's corners; without bound where one is behind the camera. */
+  /** Maximum |x / z| and |y / z| of the box's corners; infinite if one is behind the camera. */
   private extent({ min, max }: { readonly min: Vector; readonly max: Vector }): [number, number] {
     const axes = this.axes();
     const eye = add(this.target, axes[2], -this.distance);
@@ -153,7 +153,7 @@ export class OrbitCamera {
     this.target = [...view.target];
   }
 
-  /** Right, down, forward: the rows of the rotation. */
+  /** Right, down and forward axes: the rows of the rotation. */
   private axes(): [Vec3, Vec3, Vec3] {
     const [a, e] = [this.azimuth / DEGREES, this.elevation / DEGREES];
     const flat = add(this.ahead.map((v) => v * Math.cos(a)) as Vec3, this.side, Math.sin(a));
@@ -162,24 +162,24 @@ export class OrbitCamera {
     return [right, cross(forward, right), forward];
   }
 
-  /** Turns by angles in degrees. */
+  /** Orbits by angles in degrees. */
   orbit(azimuth: number, elevation: number): void {
     this.view = { ...this.view, azimuth: this.azimuth + azimuth, elevation: this.elevation + elevation };
   }
 
-  /** Comes nearer by a factor below 1, goes away by one above. */
+  /** Scales the distance: factors below 1 move closer, above 1 farther away. */
   zoom(factor: number): void {
     this.view = { ...this.view, distance: this.distance * factor };
   }
 
-  /** Moves the target across the picture, so that what lies there follows by (dx, dy) parts of the picture's height. */
+  /** Pans so that the target moves by (dx, dy) on screen, as fractions of the picture's height. */
   pan(dx: number, dy: number, aspect: number): void {
     const [right, down] = this.axes();
     const size = 2 * this.distance * this.tangentsFor(aspect)[1];
     this.target = add(add(this.target, right, -dx * size), down, -dy * size);
   }
 
-  /** Half fields of view of a picture of some aspect in which all is seen that the suggested camera saw. */
+  /** Tangents of half the field of view for an aspect ratio, such that everything in `tangents` is visible. */
   private tangentsFor(aspect: number): [number, number] {
     const [across, up] = this.tangents;
     const vertical = Math.max(up, across / aspect);

@@ -1,41 +1,41 @@
-/** What draws pictures. WebGL2 does; another way of drawing is another class of this interface. */
+/** The renderer interface. WebGL2 implements it; another graphics API would be another implementation. */
 
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import type { Pinhole } from "./camera.ts";
 
 export interface Renderer {
   readonly name: string;
-  /** Side of the largest picture that can be held. */
+  /** Maximum texture size in pixels. */
   readonly maxTexture: number;
-  /** Whether the graphics are still at what was drawn last; drawing more would only queue up. */
+  /** Whether the GPU is still working on the last drawing; more drawings would only queue up. */
   readonly busy: boolean;
-  /** Whether the graphics were lost; nothing can be drawn until they are restored. */
+  /** Whether the graphics context is lost; nothing can be drawn until it is restored. */
   readonly lost: boolean;
-  /** Compiles, in the background, what drawing such a stream takes. */
+  /** Compiles the shaders for such a stream in the background. */
   prepare(profile: "motion" | "planes", shDegree: number): void;
-  /** Takes over a group; pictures of other groups must not be shown before its own. */
+  /** Uploads a group's shared data; only pictures of this group may follow until the next call. */
   setGroup(setup: GroupSetup): void;
-  /** Takes over a frame's content. */
+  /** Uploads a frame. */
   setPicture(picture: Picture): void;
-  /** Takes over another order of the same frame. */
+  /** Uploads a new sort order for the same frame. */
   setOrder(order: Uint32Array, count: number): void;
   /**
-   * Draws what was taken over last, scaled to the canvas.
+   * Draws the last upload, scaled to the canvas.
    *
-   * @param background - RGB 0 to 1; null leaves the canvas transparent there
+   * @param background - RGB, 0 to 1; null leaves the background transparent
    */
   draw(pinhole: Pinhole, background: readonly [number, number, number] | null): void;
-  /** Draws and reads back, (height, width, 4) bytes from the top row on, without touching the canvas. */
+  /** Draws off screen and reads the pixels back: (height, width, 4) bytes, top row first. */
   snapshot(pinhole: Pinhole, background: readonly [number, number, number]): Uint8ClampedArray<ArrayBuffer>;
-  /** Milliseconds that the graphics took for a recent frame, where they can say. */
+  /** GPU time of a recent frame in milliseconds; null if it cannot be measured. */
   readonly gpuMilliseconds: number | null;
-  /** Waits until everything was drawn. */
+  /** Waits until all drawing is done. */
   finish(): void;
   dispose(): void;
 }
 
-/** Largest alpha of a splat at a pixel, and the smallest that is drawn: as in studio.rasterizer. */
+/** Maximum alpha of a splat at a pixel, and the minimum that is drawn, as in studio.rasterizer. */
 export const ALPHA_MAX = 0.99;
 export const ALPHA_MIN = 1 / 255;
-/** Square pixels added to every projected covariance: as in studio.rasterizer. */
+/** Added to the diagonal of every projected covariance, in square pixels, as in studio.rasterizer. */
 export const DILATION = 0.3;

@@ -1,11 +1,11 @@
 /**
- * The shaders. Drawing takes two passes:
+ * The shaders. Rendering takes two passes:
  *
- * 1. `project` dequantizes and projects each splat once, a fragment per pixel of the splats' tile: the luma of all its
- *    channels in, eight words out (place, inverse covariance, color, opacity, size).
+ * 1. `project` dequantizes and projects each splat once, one fragment per pixel of the splats' tile: from the luma of all
+ *    its channels to eight words (position, inverse covariance, color, opacity, size).
  * 2. `splat` draws the quads in the sorted order, reading these words.
  *
- * A frame's escapes (codes that a byte cannot hold) are drawn over the first pass's result as points.
+ * A frame's escapes (codes that do not fit into a byte) are drawn as points over the result of the first pass.
  */
 
 import { ALPHA_MAX, ALPHA_MIN, DILATION } from "./renderer.ts";
@@ -17,11 +17,11 @@ precision highp float; precision highp int;
 precision highp sampler2D; precision highp usampler2D; precision highp isampler2D;
 `;
 
-/** A triangle that covers everything. */
+/** A triangle that covers the viewport. */
 export const FULL_VERTEX = `${HEAD}
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
 
-/** One point per splat that has escapes: its pixel, where its escapes begin and how many they are. */
+/** One point per splat with escapes: its pixel, and the start and number of its escapes. */
 export const ESCAPE_VERTEX = `${HEAD}
 in ivec3 entry;
 uniform float tile;
@@ -53,14 +53,14 @@ const HARMONICS = [
   "-0.5900435899266435 * d.x * (d.x * d.x - 3.0 * d.y * d.y)",
 ];
 
-/** Sum over the coefficients, each read from three channels from `first` on. */
+/** Sum over the coefficients, each read from three channels, starting at `first`. */
 function colorSum(shDegree: number, first: number): string {
   return HARMONICS.slice(0, (shDegree + 1) ** 2)
     .map((basis, k) => `color += (${basis}) * vec3(v(${first + 3 * k}), v(${first + 3 * k + 1}), v(${first + 3 * k + 2}));`)
     .join("\n  ");
 }
 
-/** Reading channels of the picture: `v(c)` is channel c's value. */
+/** Reads channels of the picture: `v(c)` is the value of channel c. */
 function channels(count: number, escapes: boolean): string {
   const patched = `
 flat in ivec2 range;
@@ -155,10 +155,10 @@ vec3 harmonics(vec3 d) {
 
 /**
  * The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
- * blue and opacity (half floats); 1 where the splat is to be drawn.
+ * blue and opacity (half floats); 1 if the splat is visible.
  */
 export function projectFragment(profile: "motion" | "planes", shDegree: number, escapes: boolean): string {
-  // Positions of planes have two planes each.
+  // In the profile planes, each position coordinate has two planes.
   const channelCount = (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;
   return `${HEAD}
 layout(location = 0) out uvec4 first;
@@ -166,7 +166,7 @@ layout(location = 1) out uvec4 second;
 uniform mat3 rotation;
 uniform vec3 translation, eye;
 uniform vec4 lens; // fx, fy, cx, cy
-uniform vec4 limits; // x / z from, to; y / z from, to
+uniform vec4 limits; // minimum and maximum x / z, then y / z
 uniform vec2 size;
 ${channels(channelCount, escapes)}
 ${profile === "motion" ? MOTION(shDegree) : PLANES(shDegree)}
@@ -190,7 +190,7 @@ void main() {
   vec2 flat2 = local.xy / local.z;
   vec2 bent = clamp(flat2, limits.xz, limits.yw);
   vec2 focal = lens.xy / local.z;
-  // Rows of Jacobian * rotation * axes: how the splat's axes lie in the picture.
+  // Rows of Jacobian * rotation * axes: the splat's axes in image space.
   vec3 ax = scale.x * turned[0], ay = scale.y * turned[1], az = scale.z * turned[2];
   vec3 u = focal.x * (vec3(ax.x, ay.x, az.x) - bent.x * vec3(ax.z, ay.z, az.z));
   vec3 t = focal.y * (vec3(ax.y, ay.y, az.y) - bent.y * vec3(ax.z, ay.z, az.z));
@@ -211,9 +211,9 @@ void main() {
 }`;
 }
 
-/** The second pass: a quad along the splat's axes in the picture, as far as its alpha reaches 1/255. */
+/** The second pass: a quad along the splat's axes in image space, out to where its alpha falls to 1/255. */
 export const SPLAT_VERTEX = `${HEAD}
-uniform usampler2D order; // pixels of the splats' tile, the farthest first
+uniform usampler2D order; // pixels of the splats' tile, farthest first
 uniform int count, batch;
 uniform usampler2D words0, words1;
 uniform int tile;
@@ -258,7 +258,7 @@ void main() {
   pixel = vec4(paint.rgb * alpha, alpha);
 }`;
 
-/** Copies the drawing onto the canvas, scaled, over the background. */
+/** Copies the framebuffer to the canvas, scaled, over the background. */
 export const RESOLVE_FRAGMENT = `${HEAD}
 uniform sampler2D drawing;
 uniform vec4 background; // alpha 0: none

@@ -1,4 +1,4 @@
-/** Drawing with WebGL2. */
+/** The WebGL2 renderer. */
 
 import { StreamError } from "../stream/errors.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
@@ -6,10 +6,10 @@ import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import type { Renderer } from "./renderer.ts";
 import { ESCAPE_VERTEX, FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
-/** Blocks per row of their table, and its width in texels. */
+/** Blocks per row of the block table, and its width in texels. */
 const BLOCKS_PER_ROW = 128;
 const BLOCK_TEXELS = 5;
-/** Escapes per row of their list. */
+/** Escapes per row of the escape texture. */
 const ESCAPES_PER_ROW = 1024;
 
 /** Texture units. */
@@ -22,9 +22,9 @@ const WORDS1 = 5;
 const DRAWING = 6;
 const ORDER = 7;
 
-/** Splats per row of the order's texture. */
+/** Splats per row of the order texture. */
 const ORDER_WIDTH = 1024;
-/** Splats per instance: with one each, graphics spend more on the instances than on the splats. */
+/** Splats per instance: with one splat each, the overhead of instances would exceed the work on splats. */
 const BATCH = 1024;
 
 class Program {
@@ -50,7 +50,7 @@ class Program {
     gl.linkProgram(this.handle);
   }
 
-  /** Drivers compile in the background until somebody asks how it went. */
+  /** Drivers compile in the background until the status is queried. */
   use(): void {
     if (!this.checked) this.check();
     this.checked = true;
@@ -61,7 +61,7 @@ class Program {
     const { gl } = this;
     if (gl.getProgramParameter(this.handle, gl.LINK_STATUS) !== true && !gl.isContextLost()) {
       const logs = (gl.getAttachedShaders(this.handle) ?? []).map((shader) => gl.getShaderInfoLog(shader) ?? "");
-      throw new StreamError(`This device's graphics refuse the player's shader: ${logs.join(" ").slice(0, 300)}`);
+      throw new StreamError(`The graphics driver cannot compile the player's shader: ${logs.join(" ").slice(0, 300)}`);
     }
   }
 
@@ -79,7 +79,7 @@ class Program {
   }
 }
 
-/** A texture without filtering whose memory is kept while its size stays. */
+/** A texture without filtering; its memory is reused while its size does not change. */
 class Texture {
   readonly handle: WebGLTexture;
   private readonly gl: WebGL2RenderingContext;
@@ -110,7 +110,7 @@ class Texture {
     this.gl.bindTexture(this.gl.TEXTURE_2D, this.handle);
   }
 
-  /** Makes room; true where it is new. */
+  /** Allocates the texture if needed; true if it is new. */
   resize(width: number, height: number): boolean {
     this.bind();
     if (width === this.width && height === this.height) return false;
@@ -122,7 +122,7 @@ class Texture {
     return true;
   }
 
-  /** Fills the first rows with whole rows of data. */
+  /** Fills the first rows with complete rows of data. */
   fill(data: ArrayBufferView, width: number, height: number): void {
     const { gl } = this;
     const [, format, type] = this.format;
@@ -135,7 +135,7 @@ class Texture {
   }
 }
 
-/** A drawing to be shown on the canvas or read back. */
+/** A framebuffer, to be copied to the canvas or read back. */
 class Target {
   readonly texture: Texture;
   readonly frame: WebGLFramebuffer;
@@ -163,7 +163,7 @@ class Target {
   }
 }
 
-/** Everything that lives in the graphics' memory, made anew when it was lost. */
+/** All GPU resources, recreated after the context is lost. */
 class Resources {
   readonly luma: Texture;
   readonly statics: Texture;
@@ -259,7 +259,7 @@ export class WebGL2Renderer implements Renderer {
   private escapePoints = 0;
   private count = 0;
 
-  /** @throws StreamError - the browser has no WebGL2 */
+  /** @throws StreamError - the browser does not support WebGL2 */
   constructor(canvas: HTMLCanvasElement) {
     const gl = canvas.getContext("webgl2", {
       alpha: true,
@@ -269,10 +269,10 @@ export class WebGL2Renderer implements Renderer {
       premultipliedAlpha: true,
       powerPreference: "high-performance",
     });
-    if (gl === null) throw new StreamError("This browser has no WebGL2, which the player draws with.");
+    if (gl === null) throw new StreamError("This browser does not support WebGL2, which the player requires.");
     this.gl = gl;
     this.maxTexture = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
-    // Sums of many faint splats lose too much in 8 bits.
+    // 8 bits are not precise enough to accumulate many faint splats.
     this.half = gl.getExtension("EXT_color_buffer_float") !== null || gl.getExtension("EXT_color_buffer_half_float") !== null;
     this.timer = gl.getExtension("EXT_disjoint_timer_query_webgl2") as TimerQuery | null;
     this.resources = new Resources(gl, this.half);
@@ -353,7 +353,7 @@ export class WebGL2Renderer implements Renderer {
     this.count = count;
   }
 
-  /** Whole rows at once, then what is left of the last. */
+  /** Uploads the complete rows first, then the rest of the last row. */
   private fillBlocks(texture: Texture, table: Float32Array, count: number): void {
     const { gl } = this;
     const rows = Math.floor(count / BLOCKS_PER_ROW);
@@ -503,7 +503,7 @@ export class WebGL2Renderer implements Renderer {
       gl.uniform1i(program.at("escapeList"), ESCAPES);
       gl.uniform1f(program.at("tile"), setup.tile);
     }
-    // WebGL wants columns first: rows given as columns of the transpose.
+    // WebGL matrices are column-major: the rows are passed as columns of the transpose.
     gl.uniformMatrix3fv(program.at("rotation"), true, pinhole.rotation);
     gl.uniform3f(program.at("translation"), ...pinhole.translation);
     gl.uniform3f(program.at("eye"), ...centerOf(pinhole));
@@ -530,7 +530,7 @@ export class WebGL2Renderer implements Renderer {
     gl.bindVertexArray(null);
   }
 
-  /** Starts timing where the graphics can and the last query was answered. */
+  /** Starts a timer query if they are supported and the last one has finished. */
   private beginTimer(): boolean {
     const { gl, timer } = this;
     if (timer === null) return false;

@@ -1,5 +1,5 @@
 /**
- * The player without controls: a worker that decodes and sorts, a renderer that draws, a clock that says which frame is
+ * The player without controls: a worker that decodes and sorts, a renderer, and a clock that determines which frame is
  * due. The main thread only uploads and draws.
  */
 
@@ -14,18 +14,18 @@ import { Statistics } from "./statistics.ts";
 import { VideoReader } from "./video_reader.ts";
 import workerSource from "worker-source";
 
-/** The view must have turned or moved by this much of its size to be sorted again. */
+/** Relative change of the view that triggers another sort. */
 const SORT_AGAIN = 1e-3;
-/** Milliseconds to wait for a frame before the clock stands still, and before that is told. */
+/** Milliseconds to wait for a frame before the clock stops, and before the stall is reported. */
 const GRACE = 120;
-/** Milliseconds without a change after which the picture is drawn as finely as can be. */
-const SETTLE = 200;
 const TELL = 500;
-/** Phones have up to four times the pixels that a person sees on them. */
+/** Milliseconds without a change after which the picture is drawn at full resolution. */
+const SETTLE = 200;
+/** Phones have up to four times as many pixels as a viewer can resolve. */
 const MAX_PIXEL_RATIO = 2;
 
 export interface PlayerEvents {
-  /** The stream is known; its first picture is on its way. */
+  /** The manifest has been read; the first picture is loading. */
   opened: StreamInfo;
   /** The first picture is on the canvas. */
   ready: undefined;
@@ -34,13 +34,13 @@ export interface PlayerEvents {
   /** Another frame is shown. */
   frame: { readonly frame: number; readonly seconds: number };
   seeked: { readonly frame: number };
-  /** The end was reached without a loop. */
+  /** The end was reached without looping. */
   ended: undefined;
   looped: undefined;
   waiting: boolean;
   view: View;
   fetched: { readonly groups: readonly number[] };
-  /** Something to tell the person who watches; playing goes on. */
+  /** A message for the viewer; playback continues. */
   notice: string;
   /** Nothing can be played. */
   failed: string;
@@ -78,7 +78,7 @@ export class Player {
   private playing_ = false;
   private loop_: boolean;
   private speed_ = 1;
-  /** Where the clock stands, in frames. */
+  /** Clock position in frames. */
   private position = 0;
   private lastTick: number | null = null;
   private lastShownAt: number | null = null;
@@ -87,12 +87,12 @@ export class Player {
   private shown: { frame: number; count: number; group: number } | null = null;
   private ready: Picture | null = null;
   private requested: { frame: number; at: number; seek: boolean; lap: number } | null = null;
-  /** Frames to take off the clock when `ready` is shown: all of them where the stream has begun again. */
+  /** Frames to subtract from the clock when `ready` is shown: the stream's length if playback has looped. */
   private readyLap = 0;
   private waiting = false;
   private sortedAxis: readonly number[] = [0, 0, 0, 0];
   private sorting = false;
-  /** Number of the last sort asked for. */
+  /** Number of the last sort request. */
   private sortRequest = 0;
   private dirty = true;
   private viewTold = "";
@@ -100,7 +100,7 @@ export class Player {
   private failed = false;
   private size = [0, 0];
 
-  /** @throws StreamError - the browser cannot draw */
+  /** @throws StreamError - the browser cannot render */
   constructor(canvas: HTMLCanvasElement, options: PlayerOptions = {}) {
     this.canvas = canvas;
     this.options = options;
@@ -120,14 +120,14 @@ export class Player {
       this.handlerTime += performance.now() - began;
     };
     this.worker.onerror = (event) => {
-      this.fail(`The player's worker has failed: ${event.message}.`);
+      this.fail(`The player's worker failed: ${event.message}.`);
     };
     const { signal } = this.stop;
     canvas.addEventListener("webglcontextrestored", () => {
       this.restore();
     }, { signal });
     document.addEventListener("visibilitychange", () => {
-      // Hidden pages get no frames; the clock must not run on meanwhile.
+      // Hidden pages get no animation frames; the clock must not advance in the meantime.
       this.lastTick = this.drawBegan = this.lastShownAt = null;
       this.resolution.forget();
     }, { signal });
@@ -150,7 +150,7 @@ export class Player {
     for (const handler of this.handlers.get(event) ?? []) (handler as Handler<PlayerEvents[K]>)(value);
   }
 
-  /** Opens a stream: the address of its folder or its manifest. */
+  /** Opens a stream by the URL of its folder or its manifest. */
   open(address: string): void {
     this.info = null;
     this.shown = this.ready = this.requested = null;
@@ -174,7 +174,7 @@ export class Player {
   play(): void {
     if (this.playing_ || this.failed) return;
     const { info } = this;
-    // From the end it goes on at the beginning.
+    // At the end, playback starts over.
     if (info !== null && !this.loop_ && this.nextPlayable(info) === null) this.seekFrame(0);
     this.playing_ = true;
     this.lastTick = null;
@@ -197,7 +197,7 @@ export class Player {
     this.post({ type: "loop", loop });
   }
 
-  /** Frames per second over the stream's own, 0.1 to 4. */
+  /** Playback speed relative to the stream's frame rate, 0.1 to 4. */
   get speed(): number {
     return this.speed_;
   }
@@ -218,7 +218,7 @@ export class Player {
     return this.info === null ? 0 : this.info.frameCount / this.info.fps;
   }
 
-  /** Splats on the canvas, and of its frame. */
+  /** Number of splats on the canvas, and of the whole frame. */
   get splats(): { drawn: number; all: number } {
     const group = this.shown?.group;
     return { drawn: this.shown?.count ?? 0, all: group === undefined ? 0 : (this.info?.groups[group]?.splats ?? 0) };
@@ -248,7 +248,7 @@ export class Player {
     this.request(target, true);
   }
 
-  /** Tries groups again that were left out. */
+  /** Retries skipped groups. */
   retry(): void {
     this.leftOut.clear();
     this.post({ type: "retry" });
@@ -258,7 +258,7 @@ export class Player {
     return this.background_;
   }
 
-  /** RGB from 0 to 1; null for none, where the page shows through. */
+  /** RGB, 0 to 1; null for a transparent background. */
   set background(color: Vector | null) {
     this.background_ = color;
     this.dirty = true;
@@ -274,20 +274,20 @@ export class Player {
     this.dirty = true;
   }
 
-  /** Something has moved the camera. */
+  /** Call after moving the camera. */
   moved(): void {
     this.fixed = null;
     this.dirty = true;
   }
 
-  /** Looks through a given camera instead, whose picture fills the canvas; null goes back. */
+  /** Looks through the given camera, whose image fills the canvas; null returns to the orbit camera. */
   set fixedCamera(camera: Camera | null) {
     this.fixed = camera === null ? null : pinholeOf(camera);
     this.dirty = true;
   }
 
   /**
-   * Draws what is shown from a camera, and gives the pixels back: RGBA, rows from the top. Sorts for that camera first.
+   * Renders the current frame from a camera and returns the pixels: RGBA, top row first. Sorts for that camera first.
    */
   async snapshot(camera: Camera, background: Vector = [0, 0, 0]): Promise<ImageData> {
     const before = this.fixed;
@@ -307,7 +307,7 @@ export class Player {
 
   private snapshotSorted: (() => void) | null = null;
 
-  /** Draws what is shown now and waits for the graphics: milliseconds that took. */
+  /** Draws the current frame, waits for the GPU, and returns the time in milliseconds. */
   timeDraw(): number {
     const began = performance.now();
     this.draw(began);
@@ -394,7 +394,7 @@ export class Player {
   }
 
   private request(frame: number, seek: boolean, lap = 0): void {
-    // Sorted for where the camera is now: at most a frame old when it is drawn.
+    // Sorted for the current camera: at most one frame old when it is drawn.
     const axis = depthAxis(this.pinhole());
     this.sortedAxis = axis;
     this.requested = { frame, at: performance.now(), seek, lap };
@@ -422,7 +422,7 @@ export class Player {
     }
   }
 
-  /** Setups that came with pictures not shown yet: one or two. */
+  /** Setups that came with pictures that have not been shown yet: one or two. */
   private readonly setups = new Map<number, NonNullable<Picture["setup"]>>();
 
   private show(picture: Picture, now: number): void {
@@ -462,7 +462,7 @@ export class Player {
       this.fail(message);
       return;
     }
-    this.emit("notice", `${message} Frames ${firstFrame} to ${firstFrame + frameCount - 1} are left out.`);
+    this.emit("notice", `${message} Frames ${firstFrame} to ${firstFrame + frameCount - 1} are skipped.`);
     const { requested } = this;
     if (requested !== null && groupOfFrame(info.groups, requested.frame) === group) {
       const next = this.playable(requested.frame);
@@ -473,7 +473,7 @@ export class Player {
     }
   }
 
-  /** The frame itself, or the first one after it whose group is not left out, from the beginning again where looping. */
+  /** The frame itself, or the first later one whose group is not skipped; wraps around if looping. */
   private playable(frame: number): number | null {
     const { info } = this;
     if (info === null) return null;
@@ -486,7 +486,7 @@ export class Player {
     return null;
   }
 
-  /** The frame after the one that is shown, without looping; null at the end. */
+  /** The frame after the one on screen, without looping; null at the end. */
   private nextPlayable(info: StreamInfo): number | null {
     if (this.shown === null) return 0;
     const next = this.shown.frame + 1;
@@ -520,7 +520,7 @@ export class Player {
     this.handlerTime = 0;
   };
 
-  /** Moves the clock, shows the frame that is due, asks for the next. */
+  /** Advances the clock, shows the frame that is due, and requests the next. */
   private advance(now: number): void {
     const { info } = this;
     const elapsed = this.lastTick === null ? 0 : Math.min(now - this.lastTick, 250);
@@ -532,7 +532,7 @@ export class Player {
     this.position += (elapsed / 1000) * info.fps * this.speed_;
     const next = this.ready?.frame ?? this.requested?.frame ?? null;
     if (next !== null) {
-      // Frames count on past the end where the next frame is one of the beginning again.
+      // Frame numbers continue past the end if the next frame is in the next loop.
       const lap = this.ready !== null ? this.readyLap : (this.requested?.lap ?? 0);
       const due = this.position >= next + lap;
       if (due && this.ready !== null) {
@@ -542,7 +542,7 @@ export class Player {
         this.show(picture, now);
         if (lap > 0) this.emit("looped", undefined);
       } else if (due && this.requested !== null && performance.now() - this.requested.at > GRACE) {
-        // The frame is late: the clock waits for it.
+        // The frame is late; the clock waits for it.
         this.position = Math.max(before, next + lap);
       }
     }
@@ -553,7 +553,7 @@ export class Player {
     const shown = this.shown!.frame;
     let next = shown + 1;
     let lap = 0;
-    // What was due while the last frame was on its way is passed over.
+    // Frames that were due while the last one was loading are skipped.
     const due = this.loop_ ? Math.floor(this.position) : Math.min(Math.floor(this.position), info.frameCount - 1);
     if (due > next) {
       this.statistics.dropped += due - next;
@@ -571,7 +571,7 @@ export class Player {
     const playable = this.playable(next);
     if (playable === null) return;
     if (playable !== next) {
-      // Past groups that are left out; there may be none left before the end.
+      // Jump over skipped groups; there may be no other before the end.
       if (playable < next) {
         if (!this.loop_) {
           this.end();
@@ -589,7 +589,7 @@ export class Player {
     this.emit("ended", undefined);
   }
 
-  /** Has the frame on the canvas sorted again where the camera has turned. */
+  /** Requests a new sort of the frame on the canvas if the camera has moved. */
   private follow(): void {
     if (!this.dirty || this.sorting || this.shown === null || this.requested !== null) return;
     const axis = depthAxis(this.pinhole());
@@ -661,20 +661,20 @@ export class Player {
     }
   }
 
-  /** The graphics are done with the last drawing. */
+  /** Called when the GPU has finished the last drawing. */
   private drawn(now: number): void {
     if (this.drawBegan === null) return;
     const took = now - this.drawBegan;
     this.drawBegan = null;
     if (this.sharp) return;
-    if (this.drawings++ < 2) return; // the first ones compile shaders
+    if (this.drawings++ < 2) return; // the first drawings compile shaders
     this.statistics.done.add(took);
     if (this.resolution.measured(took)) this.dirty = true;
   }
 
   private drawings = 0;
 
-  /** Nothing moves any more: once more, as finely as the display shows. */
+  /** Nothing is moving any more: redraws once at full resolution. */
   private settle(now: number): void {
     if (this.renderer.busy || this.shown === null || this.requested !== null) return;
     this.sharp = true;
@@ -684,7 +684,7 @@ export class Player {
   private sharp = false;
   private drawnAt = 0;
 
-  /** The graphics came back empty. */
+  /** Called when the graphics context is restored, without its contents. */
   private restore(): void {
     this.post({ type: "forget-setup" });
     this.setups.clear();

@@ -1,23 +1,23 @@
-/** How finely to draw: as finely as the display can show, less where that takes the graphics too long. */
+/** Dynamic resolution: that of the display, or less if rendering would take too long. */
 
 const STEPS = [1, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35];
-/** Drawings looked at before a change, fewer where they take long. */
+/** Number of drawings measured before a change; fewer if they are slow. */
 const WINDOW = 12;
 const PATIENCE = 500;
-/** Part of the budget that a finer step may be expected to take. */
+/** Fraction of the budget that a finer step may be expected to take. */
 const HOPE = 0.8;
-/** Pixels to begin with at most: what a slow device draws is not known yet. */
+/** Maximum initial number of pixels, while the speed of the device is unknown. */
 const FIRST_PIXELS = 2.1e6;
 
 export class Resolution {
-  /** What a drawing may take, milliseconds. */
+  /** Time budget of a drawing in milliseconds. */
   budget = 1000 / 30;
   private step = 0;
   private begun = false;
   private readonly times: number[] = [];
   private easy = 0;
 
-  /** Part of the canvas' size to draw at. */
+  /** Render size as a fraction of the canvas size. */
   scale(width: number, height: number): number {
     if (!this.begun) {
       this.begun = true;
@@ -26,12 +26,12 @@ export class Resolution {
     return STEPS[this.step];
   }
 
-  /** Forgets what was measured: the page was hidden, or something else than drawing took the time. */
+  /** Discards the measurements, because the page was hidden or something other than drawing took the time. */
   forget(): void {
     this.times.length = 0;
   }
 
-  /** A drawing took this long, milliseconds, until the graphics were done. True where the scale has changed. */
+  /** Records the time of a drawing in milliseconds until the GPU had finished. True if the scale has changed. */
   measured(milliseconds: number): boolean {
     this.times.push(milliseconds);
     const total = this.times.reduce((sum, time) => sum + time, 0);
@@ -41,7 +41,7 @@ export class Resolution {
     const before = this.step;
     if (median > 1.35 * this.budget) {
       this.easy = 0;
-      // Drawing takes about as long as there are pixels.
+      // The time is roughly proportional to the number of pixels.
       const wanted = STEPS[before] * Math.sqrt(this.budget / median);
       while (this.step + 1 < STEPS.length && STEPS[this.step] > wanted) this.step++;
     } else if (before > 0) {

@@ -1,8 +1,8 @@
-/** Figures of the recent past, for the info panel and the benchmark. */
+/** Recent measurements, for the info panel and the benchmark. */
 
 const KEPT = 600;
 
-/** The last values of something measured. */
+/** The last values of a measurement. */
 export class Series {
   private readonly values: number[] = [];
 
@@ -19,13 +19,13 @@ export class Series {
     return this.values.length;
   }
 
-  /** The last `n` values, 0 where there are none. */
+  /** The mean of the last `n` values; 0 if there are none. */
   mean(n = 30): number {
     const last = this.values.slice(-n);
     return last.length === 0 ? 0 : last.reduce((sum, value) => sum + value, 0) / last.length;
   }
 
-  /** Value below which a part of all values lies; 0 where there are none. */
+  /** The value below which a fraction of all values lies; 0 if there are none. */
   quantile(part: number): number {
     if (this.values.length === 0) return 0;
     const sorted = [...this.values].sort((a, b) => a - b);
@@ -40,11 +40,11 @@ export class Statistics {
   readonly upload = new Series();
   readonly draw = new Series();
   readonly gpu = new Series();
-  /** Main thread, whole frames. */
+  /** Main thread time per frame. */
   readonly main = new Series();
-  /** From drawing to the first tick of the display at which the graphics were done. */
+  /** From drawing to the first display refresh at which the GPU had finished. */
   readonly done = new Series();
-  /** Between frames that were shown. */
+  /** Interval between displayed frames. */
   readonly interval = new Series();
   shown = 0;
   dropped = 0;

@@ -1,8 +1,8 @@
 /**
- * Luma out of <video> elements, on the page's side: the worker asks for pictures by time.
+ * Reads luma from <video> elements on the page; the worker requests pictures by time.
  *
- * The luma of full-range H.264 with neutral chroma comes through texImage2D exactly; four values are packed into each
- * pixel that is read back.
+ * texImage2D returns the luma of full-range H.264 with neutral chroma exactly; four values are packed into each pixel that
+ * is read back.
  */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
@@ -10,7 +10,7 @@ import type { ToWorker, VideoRequest } from "../worker/messages.ts";
 
 /** Milliseconds to wait for a picture. */
 const PATIENCE = 20_000;
-/** The same where the browser may not report the pictures it presents: on hidden pages, or ever. */
+/** The same if the browser may not report presented pictures: on hidden pages, or if it does not support that. */
 const UNREPORTED = 2_000;
 
 const VERTEX = `#version 300 es
@@ -77,7 +77,7 @@ export class VideoReader {
     await happened(element, "loadeddata");
     if (element.videoWidth !== request.width || element.videoHeight !== request.height)
       throw new StreamError(
-        `The video is ${element.videoWidth}x${element.videoHeight} here, the manifest promises ${request.width}x${request.height}.`,
+        `The video is ${element.videoWidth}x${element.videoHeight} here, but the manifest specifies ${request.width}x${request.height}.`,
       );
     return new ArrayBuffer(0);
   }
@@ -114,7 +114,7 @@ export class VideoReader {
     const gl = document
       .createElement("canvas")
       .getContext("webgl2", { alpha: true, antialias: false, depth: false, premultipliedAlpha: true, preserveDrawingBuffer: false });
-    if (gl === null) throw new StreamError("This browser has no WebGL2, which the player draws with.");
+    if (gl === null) throw new StreamError("This browser does not support WebGL2, which the player requires.");
     const program = gl.createProgram();
     for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]] as const) {
       const shader = gl.createShader(kind)!;
@@ -143,13 +143,13 @@ export class VideoReader {
 }
 
 /**
- * Which picture a <video> holds. "seeked" alone does not tell: on a busy machine it fires while the element still holds
+ * Tracks which picture a <video> shows. "seeked" is not enough: on a busy machine it fires while the element still shows
  * the picture from before the seek.
  */
 class Presented {
   private readonly element: HTMLVideoElement;
   private readonly reports: boolean;
-  /** Presentation time of the picture, seconds; null before the first. */
+  /** Presentation time of the picture in seconds; null before the first. */
   private mediaTime: number | null = null;
   private changed: (() => void) | null = null;
 
@@ -159,7 +159,7 @@ class Presented {
     if (this.reports) this.listen();
   }
 
-  /** Waits for the picture that is shown at `time`, the middle of its `duration`; both in seconds. */
+  /** Waits for the picture shown at `time`, the middle of its `duration`; both in seconds. */
   async reach(time: number, duration: number): Promise<void> {
     if (!this.reports) return;
     const there = (): boolean =>
@@ -175,7 +175,7 @@ class Presented {
       const timer = setTimeout(
         () => {
           end(() => {
-            if (reported && !document.hidden) reject(new StreamError("The browser's video player gives no picture."));
+            if (reported && !document.hidden) reject(new StreamError("The browser's video element does not deliver a picture."));
             else resolve();
           });
         },
@@ -196,7 +196,7 @@ class Presented {
   }
 }
 
-/** Resolves at the event; rejects at an error or after too long. */
+/** Resolves on the event; rejects on an error or a timeout. */
 function happened(element: HTMLVideoElement, event: "loadeddata" | "seeked"): Promise<void> {
   return new Promise((resolve, reject) => {
     const stop = new AbortController();
@@ -207,7 +207,7 @@ function happened(element: HTMLVideoElement, event: "loadeddata" | "seeked"): Pr
     };
     const timer = setTimeout(
       end(() => {
-        reject(new StreamError("The browser's video player gives no picture."));
+        reject(new StreamError("The browser's video element does not deliver a picture."));
       }),
       PATIENCE,
     );

@@ -1,7 +1,7 @@
-/** An error whose message is one sentence for the person who watches. */
+/** An error whose message is a sentence for the viewer. */
 export class StreamError extends Error {
   override readonly name = "StreamError";
-  /** Whether trying again may help: the network failed, not the data. */
+  /** Whether retrying may help: the network failed, not the data. */
   readonly transient: boolean;
 
   constructor(message: string, transient = false) {
@@ -10,7 +10,7 @@ export class StreamError extends Error {
   }
 }
 
-/** The message of anything that was thrown. */
+/** The message of any thrown value. */
 export function messageOf(error: unknown): string {
   return error instanceof Error ? error.message : String(error);
 }

@@ -1,7 +1,7 @@
 /**
  * The manifest: types, and the checks of docs/STREAM.md ("What a reader must refuse").
  *
- * Versions 1 (`planes`) and 2 are read. Everything that a later version adds is parsed here and nowhere else.
+ * Reads versions 1 (`planes`) and 2. Additions of later versions are parsed only here.
  */
 
 import { StreamError } from "./errors.ts";
@@ -37,7 +37,7 @@ export interface FileEntry {
 }
 
 export interface SideEntry extends FileEntry {
-  /** Size once decompressed. */
+  /** Decompressed size. */
   readonly rawBytes: number;
 }
 
@@ -49,7 +49,7 @@ interface GroupCommon {
   readonly shDegree: number;
   readonly boundingBox: Box;
   readonly bytes: number;
-  /** All files, in the order in which a player needs them. */
+  /** All files in the order in which a player needs them. */
   readonly files: readonly FileEntry[];
 }
 
@@ -114,7 +114,7 @@ export interface Manifest {
   readonly groups: readonly Group[];
   readonly totalBytes: number;
   readonly sha256: string;
-  /** What metadata offers to a player, each where it is there and well formed. */
+  /** Metadata for players; each value only if it is present and well-formed. */
   readonly camera: Camera | null;
   readonly up: Vector | null;
   readonly background: Vector | null;
@@ -123,13 +123,13 @@ export interface Manifest {
 
 type Values = Record<string, unknown>;
 
-/** Reads values out of JSON, with the place in every message. */
+/** Reads values from JSON; every message names the position in the file. */
 class Reader {
   private readonly values: Values;
   private readonly place: string;
 
   constructor(value: unknown, place: string) {
-    if (typeof value !== "object" || value === null || Array.isArray(value)) throw wrong(place, "is no object", value);
+    if (typeof value !== "object" || value === null || Array.isArray(value)) throw wrong(place, "is not an object", value);
     this.values = value as Values;
     this.place = place;
   }
@@ -138,7 +138,7 @@ class Reader {
     return this.place === "" ? key : `${this.place}.${key}`;
   }
 
-  /** A finite number within bounds. */
+  /** Returns a finite number within bounds. */
   number(key: string, low: number, high: number): number {
     const value = this.values[key];
     if (typeof value !== "number" || !Number.isFinite(value) || value < low || value > high)
@@ -146,7 +146,7 @@ class Reader {
     return value;
   }
 
-  /** A number above zero. */
+  /** Returns a number above zero. */
   step(key: string): number {
     const value = this.number(key, 0, MAX_VALUE);
     if (!(value > 0)) throw wrong(this.at(key), "must be above 0", value);
@@ -197,7 +197,7 @@ class Reader {
   box(key: string): Box {
     const box = this.object(key);
     const [min, max] = [box.vector("min"), box.vector("max")];
-    if (min.some((low, i) => low > max[i])) throw wrong(this.at(key), "has its minimum above its maximum", null);
+    if (min.some((low, i) => low > max[i])) throw wrong(this.at(key), "has a minimum above its maximum", null);
     return { min, max };
   }
 
@@ -232,7 +232,7 @@ export function componentNames(shDegree: number): string[] {
   return names;
 }
 
-/** Side of the smallest square that holds `splats`, a multiple of `multiple`. */
+/** Side of the smallest square that fits `splats` pixels, rounded up to a multiple of `multiple`. */
 export function squareSide(splats: number, multiple: number): number {
   let side = multiple * Math.max(1, Math.floor(Math.sqrt(splats) / multiple));
   while (side * side < splats) side += multiple;
@@ -276,11 +276,11 @@ function readMotion(group: Reader, common: GroupCommon, place: string): MotionGr
   if (result.tile !== squareSide(result.splats, 16))
     throw wrong(`${place}.tile`, `does not fit ${result.splats} splats`, result.tile);
   if (!sameNames(result.channels, channelNames(result.shDegree)))
-    throw wrong(`${place}.channels`, `are not those of SH degree ${result.shDegree}`, null);
+    throw wrong(`${place}.channels`, `do not match SH degree ${result.shDegree}`, null);
   if (result.columns * result.rows < result.channels.length)
     throw wrong(place, `has ${result.columns} x ${result.rows} tiles for ${result.channels.length} channels`, null);
   if (Math.max(result.columns, result.rows) * result.tile > MAX_PICTURE)
-    throw wrong(place, `has a picture larger than ${MAX_PICTURE}`, null);
+    throw wrong(place, `has a picture larger than ${MAX_PICTURE} pixels on a side`, null);
   if (result.blocks.count > result.splats)
     throw wrong(place, `has ${result.blocks.count} blocks for ${result.splats} splats`, null);
   if (result.positions.step * 2 ** result.positions.bits > 2 * MAX_VALUE)
@@ -301,17 +301,17 @@ function readPlanes(group: Reader, common: GroupCommon, place: string): PlanesGr
     };
     const parts = component.planes.map((plane) => plane.part).join(" ");
     const allowed = component.name.startsWith("mean_") ? ["high low", "high low_mirrored"] : ["all"];
-    if (component.min > component.max || !allowed.includes(parts)) throw wrong(place, `has a wrong ${component.name}`, null);
+    if (component.min > component.max || !allowed.includes(parts)) throw wrong(place, `has an invalid component ${component.name}`, null);
     return component;
   });
   const side = group.integer("side", 8, MAX_PICTURE);
   if (side !== squareSide(common.splats, 8)) throw wrong(`${place}.side`, `does not fit ${common.splats} splats`, side);
   if (!sameNames(components, componentNames(common.shDegree)))
-    throw wrong(`${place}.components`, `are not those of SH degree ${common.shDegree}`, null);
+    throw wrong(`${place}.components`, `do not match SH degree ${common.shDegree}`, null);
   return { ...common, profile: "planes", side, components, files: components.flatMap((entry) => [...entry.planes]) };
 }
 
-/** Metadata is free: what is not well formed is as good as absent. */
+/** Metadata is optional: values that are not well-formed are ignored. */
 function optional<T>(read: () => T): T | null {
   try {
     return read();
@@ -342,9 +342,9 @@ function readCamera(metadata: Values): Camera | null {
 }
 
 /**
- * Reads and checks a manifest's text. The checksum is not checked here, since that takes crypto.subtle.
+ * Parses and validates a manifest. The checksum is verified elsewhere, since that requires crypto.subtle.
  *
- * @param text - the file
+ * @param text - the content of the file
  * @param bytes - its size in bytes
  * @throws StreamError - not a manifest, a newer version, or a value out of bounds
  */
@@ -353,14 +353,14 @@ export function parseManifest(text: string, bytes: number): Manifest {
   try {
     head = JSON.parse(text);
   } catch {
-    throw new StreamError("This address has no stream: its manifest is not readable JSON.");
+    throw new StreamError("There is no stream at this address: its manifest is not readable JSON.");
   }
   if (typeof head !== "object" || head === null || (head as Values)["format"] !== FORMAT)
-    throw new StreamError(`This address has no stream: the file is not the manifest of a ${FORMAT}.`);
+    throw new StreamError(`There is no stream at this address: the file is not the manifest of a ${FORMAT}.`);
   const values = head as Values;
   const found = values["version"];
   if (typeof found === "number" && found > NEWEST_VERSION)
-    throw new StreamError(`The stream has format version ${found}, this player reads up to ${NEWEST_VERSION}; update the player.`);
+    throw new StreamError(`The stream has format version ${found}, but this player supports versions up to ${NEWEST_VERSION}; update the player.`);
   const root = new Reader(head, "");
   const version = root.integer("version", 1, NEWEST_VERSION);
   const profile = root.oneOf("profile", version === 1 ? ["planes"] : ["motion", "planes"]);
@@ -387,9 +387,9 @@ export function parseManifest(text: string, bytes: number): Manifest {
     };
     const group = profile === "motion" ? readMotion(entry, common, place) : readPlanes(entry, common, place);
     if (group.files.reduce((sum, file) => sum + file.bytes, 0) !== group.bytes)
-      throw wrong(`${place}.bytes`, "is not the sum over its files", group.bytes);
+      throw wrong(`${place}.bytes`, "is not the sum of its file sizes", group.bytes);
     for (const file of group.files) {
-      if (paths.has(file.path)) throw wrong(place, "uses a path twice", file.path);
+      if (paths.has(file.path)) throw wrong(place, "uses the same path twice", file.path);
       paths.add(file.path);
     }
     frame += group.frameCount;
@@ -420,7 +420,7 @@ export function parseManifest(text: string, bytes: number): Manifest {
   };
 }
 
-/** The group that holds a frame, by bisection; `frame` is within the stream. */
+/** The group that contains a frame, by bisection; `frame` must be within the stream. */
 export function groupOfFrame(groups: readonly { readonly firstFrame: number }[], frame: number): number {
   let low = 0;
   let high = groups.length - 1;

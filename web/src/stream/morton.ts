@@ -1,4 +1,4 @@
-/** Where splats lie in a tile: pixels along the Morton curve (docs/STREAM.md, "Where splat i lies in a tile"). */
+/** Pixels of splats in a tile, along the Morton curve (docs/STREAM.md, "Where splat i lies in a tile"). */
 
 /** The even bits of a number, packed. */
 function compact(value: number): number {
@@ -12,12 +12,12 @@ function compact(value: number): number {
 /**
  * Pixels of splats 0, 1, 2, ... in a tile.
  *
- * The curve is walked and what lies outside the tile is left out, square by square: a square of the curve that lies
- * outside as a whole is skipped at once. Nothing is sorted.
+ * Walks the curve and skips what is outside the tile; a square of the curve that is completely outside is skipped in one
+ * step. Nothing is sorted.
  *
  * @param tile - side of the tile in pixels
- * @param count - splats, at most tile^2
- * @returns row * tile + column of each
+ * @param count - number of splats, at most tile^2
+ * @returns row * tile + column for each splat
  */
 export function tilePixels(tile: number, count: number): Uint32Array<ArrayBuffer> {
   const pixels = new Uint32Array(count);
@@ -33,7 +33,7 @@ export function tilePixels(tile: number, count: number): Uint32Array<ArrayBuffer
       code++;
       continue;
     }
-    // The largest aligned square that begins here has its lowest corner outside, and so all of it.
+    // The lowest corner of the largest aligned square that starts here is outside, and so is the whole square.
     let step = 1;
     while (step < end && (code & (4 * step - 1)) === 0) step *= 4;
     code += step;

@@ -1,4 +1,4 @@
-/** From a side file and a luma picture to numbers of splats, for sorting and for the vertex shader. */
+/** Decodes splats from a side file and a luma picture, for sorting and for the shaders. */
 
 import type { MotionGroup } from "./manifest.ts";
 import { tilePixels } from "./morton.ts";
@@ -6,12 +6,12 @@ import type { SideFile } from "./side_file.ts";
 
 /** RGBA32F texels per block in the table that the shader reads. */
 export const BLOCK_TEXELS = 5;
-/** Floats per block in that table: rows 0 to 3 of the affine map in x, y, z of texels 0 to 3, the center's x, y, z in their w (3), the turn in texel 4. */
+/** Floats per block in that table: the affine map in x, y, z of texels 0 to 3, the center's x, y, z in w of texels 0 to 2, the rotation in texel 4. */
 export const BLOCK_FLOATS = 4 * BLOCK_TEXELS;
 
 const f = Math.fround;
 
-/** What all frames of a group share. */
+/** Data shared by all frames of a group. */
 export class MotionTables {
   readonly group: MotionGroup;
   readonly side: SideFile;
@@ -45,7 +45,7 @@ export class MotionTables {
     for (let b = 0; b < blocks.count; b++)
       for (let k = 0; k < 3; k++)
         this.centers[3 * b + k] = Math.floor(this.centers[3 * b + k] / Math.max(members[b], 1));
-    // Rounded to float32 exactly where the Python decoder rounds, so that positions are equal bit by bit.
+    // Rounded to float32 exactly where the Python decoder rounds, so that positions match bit for bit.
     this.keyframe = new Float32Array(3 * splats);
     this.local = new Float32Array(3 * splats);
     const ratio = positions.step / blocks.radius;
@@ -58,8 +58,8 @@ export class MotionTables {
   }
 
   /**
-   * Where each splat's tile pixel has its static numbers: a (tile, tile) RGBA32UI texture of cell x | y << 16,
-   * cell z | class << 16, block, 1 + splat (0 where there is none).
+   * Static data of each splat at its tile pixel: a (tile, tile) RGBA32UI texture of cell x | y << 16, cell z | class << 16,
+   * block, 1 + splat (0 if there is no splat).
    */
   statics(): Uint32Array<ArrayBuffer> {
     const { cells, labels, classes } = this.side;
@@ -74,7 +74,7 @@ export class MotionTables {
     return texels;
   }
 
-  /** The blocks' table of a frame of the group, (B, 20) float32; see BLOCK_FLOATS. */
+  /** The block table of a frame of the group, (B, 20) float32; see BLOCK_FLOATS. */
   blocks(index: number): Float32Array<ArrayBuffer> {
     const { count, step, rotationStep } = this.group.blocks;
     const { motions, turns } = this.side;
@@ -95,7 +95,7 @@ export class MotionTables {
     return table;
   }
 
-  /** A frame's escapes for the shader, sorted by pixel: (E, 4) pixel, channel, code, 0. Few, or none. */
+  /** A frame's escapes for the shader, sorted by pixel: (E, 4) pixel, channel, code, 0. There are few or none. */
   escapes(index: number): Int32Array<ArrayBuffer> {
     const { starts, channel, splat, code } = this.side.escapes;
     const [begin, end] = [starts[index], starts[index + 1]];
@@ -124,7 +124,7 @@ export class MotionTables {
     const first = [0, 1, 2].map((c) => Math.floor(c / columns) * tile * width + (c % columns) * tile);
     const [fx, fy, fz] = [first[0], first[1], first[2]];
     const gains = Float32Array.from({ length: 16 }, (_, c) => 2 ** c);
-    // value = offset + (code - 128) step, by table: 256 codes, three channels
+    // lookup table of value = offset + (code - 128) * step: 256 codes, three channels
     const values = new Float32Array(768);
     for (let c = 0; c < 3; c++) {
       const { offset, step } = channels[c];

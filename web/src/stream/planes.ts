@@ -1,11 +1,11 @@
-/** The profile `planes`: its planes as tiles of one picture, so that both profiles are drawn alike. */
+/** The profile `planes`: its planes as tiles of one picture, so that both profiles are rendered in the same way. */
 
 import type { PlanesGroup } from "./manifest.ts";
 
-/** Tiles per row of the picture that a frame's planes are put together in. */
+/** Tiles per row of the picture that contains a frame's planes. */
 const COLUMNS = 8;
 
-/** Where plane p lies: tile p % columns, p / columns. */
+/** Layout of the planes: plane p is at column p % columns, row p / columns. */
 export function planesLayout(group: PlanesGroup): { tile: number; columns: number; rows: number } {
   const planes = group.files.length;
   const columns = Math.min(COLUMNS, planes);
@@ -13,8 +13,8 @@ export function planesLayout(group: PlanesGroup): { tile: number; columns: numbe
 }
 
 /**
- * (planes, 2) float32 offset and step of each plane, in order, with value = offset + code * step. Of a position's two
- * planes the high one has the offset and 256 steps of the low one.
+ * (planes, 2) float32 offset and step of each plane, in order, with value = offset + code * step. Of the two planes of a
+ * position, the high one has the offset, and 256 times the step of the low one.
  */
 export function planeUnits(group: PlanesGroup): Float32Array<ArrayBuffer> {
   const units: number[] = [];

@@ -1,4 +1,4 @@
-/** The side file of the profile `motion`, decompressed and read (docs/STREAM.md, "The side file"). */
+/** Decompresses and parses the side file of the profile `motion` (docs/STREAM.md, "The side file"). */
 
 import { messageOf, StreamError } from "./errors.ts";
 import type { MotionGroup } from "./manifest.ts";
@@ -6,19 +6,19 @@ import type { MotionGroup } from "./manifest.ts";
 const MAX_CLASS = 15;
 const MAX_MOVE = 1e9;
 
-/** Content of a side file; N splats, B blocks, F frames. */
+/** Contents of a side file; N splats, B blocks, F frames. */
 export interface SideFile {
   /** (N, 3) cells of the keyframe's lattice. */
   readonly cells: Uint16Array;
   /** (N) block of each splat. */
   readonly labels: Uint16Array;
-  /** (N) residuals' steps are doubled this often. */
+  /** (N) class: the step of the residuals is doubled this many times. */
   readonly classes: Uint8Array;
   /** (F - 1, 12, B) affine motions, in units of `blocks.step`. */
   readonly motions: Float64Array;
-  /** (F - 1, 3, B) turns, in units of `blocks.rotationStep`. */
+  /** (F - 1, 3, B) rotations, in units of `blocks.rotationStep`. */
   readonly turns: Float64Array;
-  /** What the video's 256 codes do not reach, sorted by frame; `starts` (F + 1) says where each frame's begin. */
+  /** Values outside the video's 256 codes, sorted by frame; `starts` (F + 1) is the index of each frame's first. */
   readonly escapes: {
     readonly starts: Uint32Array;
     readonly channel: Uint8Array;
@@ -27,7 +27,7 @@ export interface SideFile {
   };
 }
 
-/** Reads the parts of the file one after the other. */
+/** Reads the parts of the file in sequence. */
 class Cursor {
   private readonly data: Uint8Array;
   private position = 0;
@@ -46,7 +46,7 @@ class Cursor {
     return this.data.subarray(this.position - count, this.position);
   }
 
-  /** Numbers stored as zigzag codes in byte planes, lowest bytes first. */
+  /** Reads integers stored as zigzag codes in byte planes, lowest bytes first. */
   numbers(count: number, width: 2 | 4): Int32Array {
     const planes = this.take(count * width);
     const values = new Int32Array(count);
@@ -65,10 +65,10 @@ class Cursor {
   }
 }
 
-/** Cells of the octree's last level in Morton order, repeated as often as they hold splats: (splats, 3). */
+/** Cells of the octree's last level in Morton order, each repeated once per splat in it: (splats, 3). */
 function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
-  const wrong = "the octree's cells do not fit the number of splats";
-  // Coordinates of the level's filled cells, one array per axis; two sets, swapped from level to level.
+  const wrong = "the octree's cells do not match the number of splats";
+  // Coordinates of the level's occupied cells, one array per axis; two sets, swapped at each level.
   let [x, y, z] = [new Uint16Array(splats), new Uint16Array(splats), new Uint16Array(splats)];
   let [nextX, nextY, nextZ] = [new Uint16Array(splats), new Uint16Array(splats), new Uint16Array(splats)];
   let count = 1;
@@ -97,18 +97,18 @@ function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
   let splat = 0;
   for (let i = 0; i < count; i++) {
     const copies = shared[i] + 1;
-    if (copies < 1 || copies > splats - splat) throw new StreamError("the octree's points do not fit the number of splats");
+    if (copies < 1 || copies > splats - splat) throw new StreamError("the octree's points do not match the number of splats");
     for (let k = 0; k < copies; k++, splat++) {
       cells[3 * splat] = x[i]!;
       cells[3 * splat + 1] = y[i]!;
       cells[3 * splat + 2] = z[i]!;
     }
   }
-  if (splat !== splats) throw new StreamError("the octree's points do not fit the number of splats");
+  if (splat !== splats) throw new StreamError("the octree's points do not match the number of splats");
   return cells;
 }
 
-/** Undoes second differences over frames, of `rows` numbers per frame. */
+/** Undoes second differences over frames, with `rows` numbers per frame. */
 function integrate(differences: Int32Array, frames: number, rows: number): Float64Array {
   const values = new Float64Array(differences.length);
   for (let t = 0; t < frames; t++)
@@ -121,7 +121,7 @@ function integrate(differences: Int32Array, frames: number, rows: number): Float
   return values;
 }
 
-/** Running sums of differences, checked to lie in 0 to `limit` - 1. */
+/** Cumulative sums of differences, checked to be in the range 0 to `limit` - 1. */
 function accumulate(differences: Int32Array, limit: number, what: string): Uint32Array {
   const values = new Uint32Array(differences.length);
   let sum = 0;
@@ -134,9 +134,9 @@ function accumulate(differences: Int32Array, limit: number, what: string): Uint3
 }
 
 /**
- * Reads a decompressed side file.
+ * Parses a decompressed side file.
  *
- * @throws StreamError - the bytes are not what the manifest promises
+ * @throws StreamError - the bytes do not match the manifest
  */
 export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   const cursor = new Cursor(raw);
@@ -151,11 +151,11 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   if (classes.some((value) => value > MAX_CLASS)) throw new StreamError(`a splat has a class above ${MAX_CLASS}`);
   const motions = integrate(cursor.numbers(moved * 12 * blocks, 4), moved, 12 * blocks);
   if (motions.some((value) => Math.abs(value) * group.blocks.step > MAX_MOVE))
-    throw new StreamError(`a block moves further than ${MAX_MOVE}`);
+    throw new StreamError(`a block moves farther than ${MAX_MOVE}`);
   const turns = integrate(cursor.numbers(moved * 3 * blocks, 4), moved, 3 * blocks);
   const count = cursor.numbers(1, 4)[0];
-  if (count < 0 || count > cursor.left) throw new StreamError(`there are ${count} escapes`);
-  const outside = "an escape lies outside the group";
+  if (count < 0 || count > cursor.left) throw new StreamError(`the number of escapes is ${count}`);
+  const outside = "an escape is outside the group";
   const channel = cursor.take(count);
   if (channel.some((value) => value >= group.channels.length)) throw new StreamError(outside);
   const splat = accumulate(cursor.numbers(count, 4), splats, outside);
@@ -165,7 +165,7 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   return { cells, labels, classes, motions, turns, escapes: byFrame(channel, splat, frame, beyond, group.frameCount) };
 }
 
-/** Escapes in order of their frames, by counting. */
+/** Sorts escapes by frame, with a counting sort. */
 function byFrame(
   channel: Uint8Array,
   splat: Uint32Array,
@@ -189,7 +189,7 @@ function byFrame(
 }
 
 /**
- * Decompresses a raw deflate stream, never holding more than `size` bytes of it.
+ * Decompresses a raw deflate stream, never storing more than `size` bytes of output.
  *
  * @throws StreamError - not a deflate stream of exactly that size
  */

@@ -1,23 +1,23 @@
-/** Back to front: a counting sort of 16-bit depths. */
+/** Sorts splats back to front: a counting sort of 16-bit depths. */
 
 const BINS = 1 << 16;
 
-/** Sorts splats by depth; keeps its memory from call to call. */
+/** Sorts splats by depth; reuses its memory between calls. */
 export class DepthSorter {
   private depths = new Float32Array(0);
   private keys = new Uint16Array(0);
   private readonly starts = new Uint32Array(BINS + 1);
 
   /**
-   * The tile pixels of the splats in front of the camera, the farthest first. At equal depth the splat of the higher
-   * number counts as farther: the rasterizer draws from front to back and keeps the given order there.
+   * The tile pixels of the splats in front of the camera, farthest first. At equal depth, the splat with the higher index
+   * counts as farther, because the rasterizer draws front to back and keeps the given order.
    *
    * @param positions - (N, 3) centers
-   * @param pixels - (N) what to give back for each splat; null for the splat's number itself
+   * @param pixels - (N) the value to return for each splat; null for its index
    * @param axis - (4) a splat's depth is axis · (x, y, z, 1)
-   * @param near - splats nearer than this are left out
-   * @param out - (N) filled from its beginning
-   * @returns how many there are
+   * @param near - splats nearer than this are omitted
+   * @param out - (N) filled from the start
+   * @returns the number of values
    */
   sort(
     positions: Float32Array,

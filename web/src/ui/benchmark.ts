@@ -1,6 +1,6 @@
 /**
- * The self-timing page (`?benchmark`): plays 300 frames while the camera turns, then draws the last one again and
- * again, waiting for the graphics each time.
+ * The benchmark (`?benchmark`): plays 300 frames while the camera orbits, then draws the last one repeatedly, waiting for
+ * the GPU each time.
  */
 
 import type { Player } from "../player/player.ts";
@@ -8,7 +8,7 @@ import type { Series } from "../player/statistics.ts";
 
 const FRAMES = 300;
 const DRAWS = 60;
-/** Degrees per frame that the camera turns. */
+/** Degrees that the camera orbits per frame. */
 const TURN = 0.6;
 
 export interface BenchmarkResult {
@@ -44,7 +44,7 @@ function graphics(): string {
   return name;
 }
 
-/** Runs on a player whose first picture is there. */
+/** Runs the benchmark on a player that has shown its first picture. */
 export async function benchmark(player: Player, progress: (part: number) => void): Promise<BenchmarkResult> {
   const info = player.info!;
   const { statistics } = player;

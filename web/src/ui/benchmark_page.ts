@@ -1,4 +1,4 @@
-/** What `?benchmark` shows: progress, then the table, and a button that saves it. */
+/** The page of `?benchmark`: progress, then the results and a button to save them. */
 
 import { benchmark, type BenchmarkResult } from "./benchmark.ts";
 import type { V3PlayerElement } from "./element.ts";
@@ -9,7 +9,7 @@ export function runBenchmark(element: V3PlayerElement): void {
     const sheet = document.createElement("section");
     sheet.className = "sheet bench";
     sheet.setAttribute("aria-label", "Benchmark");
-    sheet.innerHTML = `<h2>Benchmark</h2><p>Playing 300 frames while the camera turns.</p><progress max="1" value="0"></progress>`;
+    sheet.innerHTML = `<h2>Benchmark</h2><p>Playing 300 frames while the camera orbits.</p><progress max="1" value="0"></progress>`;
     element.shadowRoot!.append(sheet);
     const bar = sheet.querySelector("progress")!;
     void benchmark(player, (part) => {
@@ -26,7 +26,7 @@ function show(sheet: HTMLElement, result: BenchmarkResult): void {
   sheet.innerHTML = `<h2>Benchmark</h2><p></p><table><thead><tr><th scope="col">Milliseconds</th><td>median</td><td>95 %</td></tr></thead><tbody></tbody></table>
 <div class="actions choices"><button type="button" data-save>Save as JSON</button></div>`;
   sheet.querySelector("p")!.textContent =
-    `${frames.rate} frames a second of ${frames.wanted}; ${frames.dropped} dropped, ${frames.stalls} stalls. ` +
+    `${frames.rate} of ${frames.wanted} fps; ${frames.dropped} dropped frames, ${frames.stalls} stalls. ` +
     `${stream["splats"]} splats, SH ${stream["shDegree"]}, ${picture.width} × ${picture.height}, ${device["renderer"]}.`;
   const body = sheet.querySelector("tbody")!;
   for (const [name, { median, p95 }] of Object.entries(milliseconds)) {

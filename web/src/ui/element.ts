@@ -16,11 +16,11 @@ import css from "./style.css";
 import { type BackgroundName, BACKGROUNDS, isBackground, TEMPLATE } from "./template.ts";
 import { Timeline } from "./timeline.ts";
 
-/** Milliseconds without a sign of the person until the controls hide. */
+/** Milliseconds without user input until the controls hide. */
 const IDLE = 3000;
 const NOTICE = 5000;
 
-/** What `state` tells, and what an iframe's page is told. */
+/** The type of `state`, which is also sent to a page that embeds the player in an iframe. */
 export interface PlayerState {
   readonly ready: boolean;
   readonly playing: boolean;
@@ -45,7 +45,7 @@ export class V3PlayerElement extends HTMLElement {
   private idleTimer = 0;
   private noticeTimer = 0;
   private isReady = false;
-  /** What to do once the stream is known: go to a link's moment and view. */
+  /** Time and view of a link, applied once the stream has been opened. */
   private startAt: number | null = null;
   private startView: View | null = null;
   private wantsToPlay = false;
@@ -95,7 +95,7 @@ export class V3PlayerElement extends HTMLElement {
     if (name === "loop") this.setLoop(now !== null);
   }
 
-  // What pages may call ------------------------------------------------------------------------------------------------
+  // Public interface --------------------------------------------------------------------------------------------------
 
   play(): void {
     this.wantsToPlay = true;
@@ -107,19 +107,19 @@ export class V3PlayerElement extends HTMLElement {
     this.player?.pause();
   }
 
-  /** Goes to a time in seconds. */
+  /** Seeks to a time in seconds. */
   seek(seconds: number): void {
     if (!this.player?.info) this.startAt = seconds;
     else this.timeline?.seek(Math.floor(seconds * this.player.info.fps + 1e-6));
   }
 
-  /** Looks from a view; see `state.view`. */
+  /** Sets the view; see `state.view`. */
   setView(view: View): void {
     if (!this.player?.info) this.startView = view;
     else this.player.view = view;
   }
 
-  /** Speed over the recording's, 0.1 to 4. */
+  /** Sets the playback speed, 0.1 to 4; 1 is that of the recording. */
   setSpeed(speed: number): void {
     if (this.player === null) return;
     this.player.speed = speed;
@@ -141,14 +141,14 @@ export class V3PlayerElement extends HTMLElement {
     };
   }
 
-  /** The engine, for the benchmark and for tests; not part of the interface that is kept stable. */
+  /** The player without controls, for the benchmark and tests; not part of the stable interface. */
   get engine(): Player | null {
     return this.player;
   }
 
-  // The rest ------------------------------------------------------------------------------------------------------------
+  // Implementation ----------------------------------------------------------------------------------------------------
 
-  // The type is the caller's knowledge of the template.
+  // The caller knows the element's type from the template.
   // eslint-disable-next-line @typescript-eslint/no-unnecessary-type-parameters
   private part_<T extends Element = Element>(selector: string): T {
     return this.root.querySelector<T>(selector)!;
@@ -283,7 +283,7 @@ export class V3PlayerElement extends HTMLElement {
       const full = document.fullscreenElement === this;
       const button = this.part_<HTMLElement>("[data-act='full']");
       button.innerHTML = full ? ICONS.small : ICONS.full;
-      button.title = full ? "Leave full screen" : "Full screen";
+      button.title = full ? "Exit full screen" : "Full screen";
       button.setAttribute("aria-label", button.title);
     }, { signal });
     this.setLoop(this.hasAttribute("loop"));
@@ -315,7 +315,7 @@ export class V3PlayerElement extends HTMLElement {
     if (motion === null || player === null || event.altKey || event.metaKey || event.ctrlKey) return;
     const from = event.composedPath()[0] as Element;
     motion.shift = event.shiftKey;
-    // Buttons are pressed with Space, too.
+    // Space also presses a focused button.
     const onButton = from.tagName === "BUTTON";
     const actions: Record<string, () => void> = {
       " ": () => {
@@ -369,7 +369,7 @@ export class V3PlayerElement extends HTMLElement {
       return;
     }
     if (pointer === "mouse") return;
-    // A tap shows the controls, another one hides them.
+    // A tap shows the controls, another tap hides them.
     if (this.classList.contains("idle")) this.awake();
     else this.classList.add("idle");
   }
@@ -384,7 +384,7 @@ export class V3PlayerElement extends HTMLElement {
     button.innerHTML = playing ? ICONS.pause : ICONS.play;
     button.title = playing ? "Pause" : "Play";
     button.setAttribute("aria-label", button.title);
-    // The large button only before the first play.
+    // The large button is only shown before the first playback.
     const start = this.part_<HTMLElement>(".start");
     start.hidden = playing || this.played;
     this.played ||= playing;
@@ -408,7 +408,7 @@ export class V3PlayerElement extends HTMLElement {
       if (document.fullscreenElement === this) await document.exitFullscreen();
       else await this.requestFullscreen();
     } catch (error) {
-      this.notice(`Full screen is not possible here: ${messageOf(error)}.`);
+      this.notice(`Full screen is not available: ${messageOf(error)}.`);
     }
   }
 
@@ -420,9 +420,9 @@ export class V3PlayerElement extends HTMLElement {
     this.toggleSettings(false);
     try {
       await navigator.clipboard.writeText(address);
-      this.notice("The link to this moment and view is copied.");
+      this.notice("Link to this time and view copied.");
     } catch {
-      this.notice("The link to this moment and view is in the address bar; copy it from there.");
+      this.notice("Copy the link to this time and view from the address bar.");
     }
   }
 

@@ -1,6 +1,6 @@
 /**
- * The message interface of a page in an iframe, version 1 (docs/WEB.md). Commands are harmless, so that any page may
- * send them; answers go to the page that embeds.
+ * The message interface for iframes, version 1 (docs/WEB.md). Commands are harmless, so any embedding page may send them;
+ * replies go to the embedding page.
  */
 
 import type { View } from "../draw/camera.ts";
@@ -38,8 +38,8 @@ export function listen(element: V3PlayerElement): void {
     else if (command === "setView") {
       const view = readView(value);
       if (view !== null) element.setView(view);
-      else post("error", "setView needs a view: azimuth, elevation, distance and target.");
+      else post("error", "setView requires a view: azimuth, elevation, distance and target.");
     } else if (command === "getState") post("state", element.state);
-    else post("error", `Command ${String(command).slice(0, 40)} is not known, or its value is missing.`);
+    else post("error", `Command ${String(command).slice(0, 40)} is unknown, or its value is missing or invalid.`);
   });
 }

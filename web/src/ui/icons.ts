@@ -1,4 +1,4 @@
-/** Icons, 24 x 24, drawn in the text's color. */
+/** Icons, 24 x 24, in the text color. */
 
 const icon = (body: string): string =>
   `<svg viewBox="0 0 24 24" width="22" height="22" fill="none" stroke="currentColor" stroke-width="1.7" stroke-linecap="round" stroke-linejoin="round" aria-hidden="true">${body}</svg>`;

@@ -1,4 +1,4 @@
-/** Links to a moment and a view: `?t=3.2&view=30,10,2.5,0,0,0` (angles in degrees, then distance and target). */
+/** Links to a time and a view: `?t=3.2&view=30,10,2.5,0,0,0` (angles in degrees, then distance and target). */
 
 import type { View } from "../draw/camera.ts";
 
@@ -9,7 +9,7 @@ export function formatView(view: View): string {
   return [azimuth, elevation, distance, ...target].map((value) => short(value)).join(",");
 }
 
-/** The view of a link; null where it is not well formed. */
+/** The view of a link; null if it is malformed. */
 export function parseView(text: string | null): View | null {
   const values = (text ?? "").split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
   if (values.length !== 6 || !values.every(Number.isFinite) || !(values[2] > 0)) return null;
@@ -17,13 +17,13 @@ export function parseView(text: string | null): View | null {
   return { azimuth, elevation, distance, target: [x, y, z] };
 }
 
-/** The time of a link in seconds; null where it is not well formed. */
+/** The time of a link in seconds; null if it is malformed. */
 export function parseTime(text: string | null): number | null {
   const value = text === null || text.trim() === "" ? NaN : Number(text);
   return Number.isFinite(value) && value >= 0 ? value : null;
 }
 
-/** The page's address with a moment and a view in it; all else of it stays. */
+/** The page's URL with a time and a view; the rest of it is unchanged. */
 export function linkTo(address: string, seconds: number, view: View): string {
   const url = new URL(address);
   url.searchParams.delete("benchmark");

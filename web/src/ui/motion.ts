@@ -1,22 +1,22 @@
-/** Moves the camera: by fingers, mouse, trackpad, keys and gamepad, with inertia. */
+/** Camera control by touch, mouse, trackpad, keyboard and gamepad, with inertia. */
 
 import type { View } from "../draw/camera.ts";
 import type { Player } from "../player/player.ts";
 
-/** Degrees per pixel that a finger moves, on a picture of 500 pixels. */
+/** Degrees per pixel of finger movement, for a picture of 500 pixels. */
 const TURN = 0.42;
-/** Seconds in which inertia falls to a third. */
+/** Seconds in which inertia decays to about a third. */
 const GLIDE = 0.28;
-/** Milliseconds and pixels within which two taps are one double tap, and a touch is a tap. */
+/** Time in milliseconds and distance in pixels within which two taps are a double tap and a touch is a tap. */
 const DOUBLE = 320;
 const NEAR = 32;
 const TAP = 250;
 const FLY = 420;
 
 export interface MotionEvents {
-  /** A tap or click that moved nothing. */
+  /** Called on a tap or click without movement. */
   tap(pointer: string): void;
-  /** The person has moved the camera. */
+  /** Called when the user has moved the camera. */
   touched(): void;
 }
 
@@ -40,7 +40,7 @@ export class Motion {
   private handle = 0;
   private last = 0;
   private pressed: readonly boolean[] = [];
-  /** Whether the wheel is the player's, or may scroll the page that it is in. */
+  /** Whether the wheel zooms; otherwise it scrolls the page around the player. */
   ownsWheel: () => boolean = () => true;
 
   constructor(surface: HTMLElement, player: Player, events: MotionEvents) {
@@ -83,7 +83,7 @@ export class Motion {
     cancelAnimationFrame(this.handle);
   }
 
-  /** Goes to a view, in a short flight unless motion is to be reduced. */
+  /** Goes to a view, with a short animation unless reduced motion is preferred. */
   flyTo(to: View): void {
     this.velocity = { x: 0, y: 0, at: 0 };
     if (this.calm.matches) {
@@ -91,7 +91,7 @@ export class Motion {
       return;
     }
     const from = this.player.view;
-    // The short way round.
+    // The shorter way around.
     const azimuth = from.azimuth + (((to.azimuth - from.azimuth + 540) % 360) - 180);
     this.flight = { from, to: { ...to, azimuth }, began: performance.now() };
     this.run();
@@ -106,7 +106,7 @@ export class Motion {
     this.flyTo(home);
   }
 
-  /** A key went down or up; true where it moves the camera. */
+  /** Handles a key press or release; true if the key moves the camera. */
   key(name: string, down: boolean): boolean {
     if (!/^(Arrow(Left|Right|Up|Down)|\+|-|=)$/.test(name)) return false;
     if (down) this.keys.add(name);
@@ -145,7 +145,7 @@ export class Motion {
   }
 
   private down(event: PointerEvent): void {
-    // Events made by scripts have no pointer that could be captured.
+    // Events dispatched by scripts have no pointer to capture.
     if (event.isTrusted) this.surface.setPointerCapture(event.pointerId);
     this.fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     this.velocity = { x: 0, y: 0, at: 0 };
@@ -211,7 +211,7 @@ export class Motion {
     event.preventDefault();
     const unit = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? this.height : 1;
     const [dx, dy] = [event.deltaX * unit, event.deltaY * unit];
-    // Pinching on a trackpad arrives as a wheel with Ctrl; two fingers move in both directions and in small steps.
+    // Pinching on a trackpad arrives as wheel events with Ctrl; two-finger scrolling has small steps in both directions.
     if (event.ctrlKey) this.zoom(Math.exp(dy * 0.01));
     else if (dx !== 0 || Math.abs(dy) < 40) this.turn(-dx, -dy);
     else this.zoom(Math.exp(Math.sign(dy) * Math.min(Math.abs(dy), 200) * 0.0015));
@@ -273,9 +273,9 @@ export class Motion {
     return this.keys.size > 0;
   }
 
-  /** Left stick turns, right stick moves, triggers zoom, the first button plays, the second resets. */
+  /** Left stick orbits, right stick pans, triggers zoom, the first button toggles playback, the second resets the view. */
   private gamepad(seconds: number): boolean {
-    // Absent on pages that are not secure, and then null entries.
+    // Missing on insecure pages; entries can be null.
     const pads = (navigator.getGamepads as (() => (Gamepad | null)[]) | undefined)?.call(navigator) ?? [];
     const pad = pads.find((one) => one !== null) ?? null;
     if (pad === null) return false;

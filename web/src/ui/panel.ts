@@ -1,4 +1,4 @@
-/** The info panel: what playing costs, live. */
+/** The info panel: live playback statistics. */
 
 import type { Player } from "../player/player.ts";
 import { bytes, count, milliseconds } from "./format.ts";
@@ -19,7 +19,7 @@ export function figures(player: Player): [string, string][] {
     ["Sort", milliseconds(s.sort.mean())],
     ["Upload", milliseconds(s.upload.mean())],
     ["Draw", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
-    ["Main thread", `${milliseconds(s.main.mean())} a frame`],
+    ["Main thread", `${milliseconds(s.main.mean())} per frame`],
     ["Picture", `${width} × ${height}`],
     ["Bandwidth", player.bandwidth === 0 ? "–" : `${player.bandwidth.toFixed(1)} Mbit/s`],
     ["Received", `${bytes(player.receivedBytes)} of ${bytes(info?.totalBytes ?? 0)}`],
@@ -27,7 +27,7 @@ export function figures(player: Player): [string, string][] {
   if (info !== null) {
     rows.push(["Stream", `${info.profile}, ${info.codec}, SH ${info.shDegree}, ${bytes(info.totalBytes / info.frameCount)}/frame`]);
     rows.push(["Player", `${player.path === null ? "–" : PATHS[player.path]}, ${player.rendererName}`]);
-    rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only: this page is not secure (https)"]);
+    rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only; SHA-256 requires HTTPS"]);
   }
   return rows;
 }

@@ -1,4 +1,4 @@
-/** The controls' elements. */
+/** The elements of the controls. */
 
 import { ICONS } from "./icons.ts";
 
@@ -7,7 +7,7 @@ const button = (name: string, label: string, picture: string, more = ""): string
 
 export const SPEEDS = [0.25, 0.5, 1, 1.5, 2] as const;
 
-/** Backgrounds to choose from; null lets the page shine through. "stream" is the one that the stream suggests. */
+/** Available backgrounds; null is transparent. "stream" is the background suggested by the stream. */
 export const BACKGROUNDS = {
   stream: { label: "As recorded", color: null },
   black: { label: "Black", color: [0, 0, 0] },
@@ -30,7 +30,7 @@ const swatches = Object.entries(BACKGROUNDS)
 
 export const TEMPLATE = `
 <div class="stage" tabindex="0" role="application" aria-roledescription="3D video"
-  aria-label="Volumetric video. Arrow keys turn, Shift and arrow keys move, plus and minus zoom, R resets the view, Space plays and pauses.">
+  aria-label="Volumetric video. Arrow keys orbit, Shift and arrow keys pan, plus and minus zoom, R resets the view, Space plays and pauses.">
   <canvas></canvas>
 </div>
 <img class="poster" alt="" hidden>

@@ -1,4 +1,4 @@
-/** The timeline: played, buffered and left-out parts; dragging seeks. */
+/** The timeline: played, buffered and skipped parts; dragging seeks. */
 
 import type { Player } from "../player/player.ts";
 import { clock } from "./format.ts";
@@ -75,7 +75,7 @@ export class Timeline {
     });
   }
 
-  /** Seeks; while one seek is under way only the latest wish is kept. */
+  /** Seeks; during a seek, only the latest request is kept. */
   seek(frame: number): void {
     const { info } = this.player;
     if (info === null) return;
@@ -83,7 +83,7 @@ export class Timeline {
     this.show(inside);
     if (this.seeking) {
       this.next = inside;
-      // A seek may be answered by nothing, where its group turns out to be damaged.
+      // A seek may never complete, if its group turns out to be damaged.
       if (performance.now() - this.seekAt < 1500) return;
     }
     this.seeking = true;
@@ -93,12 +93,12 @@ export class Timeline {
 
   private seekAt = 0;
 
-  /** The frame on the canvas. */
+  /** Shows the frame on the canvas. */
   update(frame: number): void {
     if (!this.dragging) this.show(frame);
   }
 
-  /** Which groups are in memory, and which are left out. */
+  /** Shows which groups are in memory and which are skipped. */
   updateBuffered(): void {
     const { info, fetchedGroups, leftOut } = this.player;
     if (info === null) return;

@@ -1,4 +1,4 @@
-/** Packets of an MP4 in memory. */
+/** Extracts the packets of an MP4 file in memory. */
 
 import { BufferSource, EncodedPacketSink, Input, MP4 } from "mediabunny";
 import { messageOf, StreamError } from "../stream/errors.ts";
@@ -13,7 +13,7 @@ export interface Packet {
 
 export interface Demuxed {
   readonly config: VideoDecoderConfig;
-  /** In order of decoding, which is the order of the frames: streams have no B pictures. */
+  /** In decoding order, which equals display order: streams have no B-frames. */
   readonly packets: readonly Packet[];
 }
 
@@ -23,7 +23,7 @@ const CODECS = { h264: "avc", hevc: "hevc", av1: "av1" } as const;
  * Reads the packets of a video file.
  *
  * @param name - for messages
- * @throws StreamError - no MP4 with one video of that codec, size and length
+ * @throws StreamError - not an MP4 file with one video of that codec, size and length
  */
 export async function demux(
   data: Uint8Array<ArrayBuffer>,
@@ -40,13 +40,13 @@ export async function demux(
     const foundCodec = await track.getCodec();
     if (foundCodec !== CODECS[codec] || found[0] !== size[0] || found[1] !== size[1])
       throw new StreamError(
-        `it holds ${foundCodec ?? "unknown"} video of ${found[0]}x${found[1]}, the manifest promises ${codec} of ${size[0]}x${size[1]}`,
+        `it contains ${foundCodec ?? "unknown"} video of ${found[0]}x${found[1]}, but the manifest specifies ${codec} of ${size[0]}x${size[1]}`,
       );
     const config = await track.getDecoderConfig();
-    if (config === null) throw new StreamError("its decoder settings are missing");
+    if (config === null) throw new StreamError("its decoder configuration is missing");
     const packets: Packet[] = [];
     for await (const packet of new EncodedPacketSink(track).packets()) {
-      if (packets.length === frames) throw new StreamError(`it has more than ${frames} pictures`);
+      if (packets.length === frames) throw new StreamError(`it has more than ${frames} frames`);
       packets.push({
         key: packet.type === "key",
         data: packet.data,
@@ -54,7 +54,7 @@ export async function demux(
         duration: packet.duration,
       });
     }
-    if (packets.length < frames) throw new StreamError(`it has ${packets.length} pictures, the manifest says ${frames}`);
+    if (packets.length < frames) throw new StreamError(`it has ${packets.length} frames, but the manifest specifies ${frames}`);
     return { config, packets };
   } catch (error) {
     throw new StreamError(`${name} cannot be read: ${messageOf(error)}.`);

@@ -1,20 +1,20 @@
-/** Files over HTTP: whole, of the promised size, tried again where the network fails. */
+/** Fetches complete files of a known size over HTTP, and retries after network failures. */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
 
 const ATTEMPTS = 10;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 4000;
-/** Milliseconds without a byte after which a request is given up. */
+/** Milliseconds without data after which a request is aborted. */
 const STALL = 15_000;
 
-/** Where a stream's files come from. */
+/** A source of a stream's files. */
 export interface Source {
-  /** A file of exactly `bytes` bytes. */
+  /** Fetches a file of exactly `bytes` bytes. */
   read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
 }
 
-/** Bytes and milliseconds of what was received, for the bandwidth. */
+/** Called with received bytes and milliseconds, to estimate the bandwidth. */
 export type Received = (bytes: number, milliseconds: number) => void;
 
 export class HttpSource implements Source {
@@ -37,7 +37,7 @@ export class HttpSource implements Source {
     });
   }
 
-  /** A file whose size is not known, of at most `limit` bytes. */
+  /** Fetches a file of unknown size, at most `limit` bytes. */
   async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
     return this.tryAgain(path, signal, async () => {
       const parts: Uint8Array[] = [];
@@ -74,7 +74,7 @@ export class HttpSource implements Source {
     }
   }
 
-  /** Fills `out` from where an earlier attempt ended, by a range request where there is something to resume. */
+  /** Fills `out` from where an earlier attempt ended, with a range request if there is something to resume. */
   private async fill(
     path: string,
     out: Uint8Array,
@@ -94,16 +94,16 @@ export class HttpSource implements Source {
       let count = 0;
       await consume(response, (chunk) => {
         if (state.filled + chunk.length > out.length)
-          throw new StreamError(`${path} is larger than the manifest promises (${out.length} bytes).`);
+          throw new StreamError(`${path} is larger than the manifest specifies (${out.length} bytes).`);
         out.set(chunk, state.filled);
         state.filled += chunk.length;
         count += chunk.length;
       });
       this.received(count, performance.now() - began);
     });
-    // A connection that breaks is an error of the reader's; a body that ends as it should is all there is.
+    // A broken connection raises an error in the reader; a body that ends normally is complete.
     if (state.filled !== out.length)
-      throw new StreamError(`${path} has ${state.filled} bytes, the manifest says ${out.length}.`);
+      throw new StreamError(`${path} has ${state.filled} bytes, but the manifest specifies ${out.length}.`);
   }
 
   private async request(
@@ -122,17 +122,17 @@ export class HttpSource implements Source {
       const waiting = setTimeout(abort, STALL);
       let response: Response;
       try {
-        // A browser's cache that holds the first part would ask for other ranges than these.
+        // If the browser's cache contained the first part, it would request other ranges.
         const cache = "Range" in headers ? "no-store" : "no-cache";
         response = await fetch(url, { headers, signal: stop.signal, cache });
       } catch (error) {
-        throw new StreamError(stop.signal.aborted ? "the server does not answer" : messageOf(error), true);
+        throw new StreamError(stop.signal.aborted ? "the server does not respond" : messageOf(error), true);
       } finally {
         clearTimeout(waiting);
       }
       if (!response.ok) {
         const again = response.status >= 500 || response.status === 429 || response.status === 408;
-        throw new StreamError(`${path} cannot be fetched: the server answers ${response.status}.`, again);
+        throw new StreamError(`${path} cannot be fetched: the server returned status ${response.status}.`, again);
       }
       await use(response);
     } finally {
@@ -142,7 +142,7 @@ export class HttpSource implements Source {
   }
 }
 
-/** Hands over a body chunk by chunk; an error where none comes for too long. */
+/** Yields a body chunk by chunk; fails if no data arrives for too long. */
 async function consume(response: Response, take: (chunk: Uint8Array) => void): Promise<void> {
   const reader = response.body?.getReader();
   if (reader === undefined) return;
@@ -151,7 +151,7 @@ async function consume(response: Response, take: (chunk: Uint8Array) => void): P
       let timer = 0;
       const stalled = new Promise<never>((_, reject) => {
         timer = setTimeout(() => {
-          reject(new StreamError("no data arrived for a while", true));
+          reject(new StreamError("the connection timed out", true));
         }, STALL);
       });
       const { done, value } = await Promise.race([reader.read(), stalled]).finally(() => {
@@ -166,9 +166,9 @@ async function consume(response: Response, take: (chunk: Uint8Array) => void): P
   }
 }
 
-/** SHA-256 in small hexadecimal letters; null where the page is not secure and the browser offers none. */
+/** SHA-256 as lowercase hexadecimal digits; null on insecure pages, where browsers do not provide it. */
 export async function sha256(data: Uint8Array<ArrayBuffer>): Promise<string | null> {
-  // In an insecure context `subtle` is undefined, whatever its type says.
+  // In an insecure context `subtle` is undefined, despite its type.
   const subtle = crypto.subtle as SubtleCrypto | undefined;
   if (subtle === undefined) return null;
   const digest = new Uint8Array(await subtle.digest("SHA-256", data));

@@ -1,11 +1,11 @@
-/** The worker's entry. */
+/** The entry point of the worker. */
 
 import { messageOf } from "../stream/errors.ts";
 import type { FromWorker, ToWorker } from "./messages.ts";
 import { Session } from "./session.ts";
 import { VideoChannel } from "./video_pictures.ts";
 
-/** What of DedicatedWorkerGlobalScope is used; the DOM's types do not have it. */
+/** The used part of DedicatedWorkerGlobalScope, which the DOM types do not include. */
 interface Scope {
   postMessage(message: FromWorker, transfer?: Transferable[]): void;
   onmessage: ((event: MessageEvent<ToWorker>) => void) | null;

@@ -1,29 +1,29 @@
-/** What the page and the worker tell each other. */
+/** Messages between the page and the worker. */
 
 import type { Camera, Vector } from "../stream/manifest.ts";
 
 /** A splat's depth is axis · (x, y, z, 1). */
 export type DepthAxis = readonly [number, number, number, number];
 
-/** Which way pictures are decoded. */
+/** How pictures are decoded. */
 export type DecodePath = "webcodecs" | "webcodecs-software" | "video";
 
 export type ToWorker =
   | { readonly type: "open"; readonly url: string; readonly maxTexture: number; readonly path: DecodePath | "auto"; readonly loop: boolean }
-  /** Bring a frame: decode it, sort it along the axis. The latest request wins. */
+  /** Decode a frame and sort it along the axis. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
-  /** Sort the frame that was brought last along another axis. `request` comes back with the order. */
+  /** Sort the last decoded frame along another axis. `request` is returned with the order. */
   | { readonly type: "sort"; readonly request: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
-  /** Buffers whose content is no longer needed. */
+  /** Return buffers that are no longer needed. */
   | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }
-  /** Groups that could not be fetched are to be tried again. */
+  /** Retry groups that could not be fetched. */
   | { readonly type: "retry" }
-  /** The graphics' memory was lost: the next picture is to come with its group's setup. */
+  /** The graphics context was lost: send the next picture with its group's setup. */
   | { readonly type: "forget-setup" }
   | VideoReply;
 
-/** Answers of the page, which alone has <video> elements. */
+/** Replies of the page, since only the page can have <video> elements. */
 export type VideoReply =
   | { readonly type: "video-frame"; readonly request: number; readonly luma: ArrayBuffer }
   | { readonly type: "video-error"; readonly request: number; readonly message: string };
@@ -37,7 +37,7 @@ export type VideoRequest =
       readonly width: number;
       readonly height: number;
     }
-  /** `time` lies in the middle of the wanted picture, which is shown for `duration`; seconds. */
+  /** `time` is the middle of the requested picture, which is shown for `duration`; both in seconds. */
   | {
       readonly type: "video-read";
       readonly request: number;
@@ -47,7 +47,7 @@ export type VideoRequest =
     }
   | { readonly type: "video-close"; readonly source: number };
 
-/** What a player needs to know of a stream. */
+/** What the player needs to know about a stream. */
 export interface StreamInfo {
   readonly url: string;
   readonly version: number;
@@ -63,11 +63,11 @@ export interface StreamInfo {
   readonly up: Vector | null;
   readonly background: Vector | null;
   readonly title: string | null;
-  /** Whether files' SHA-256 are checked; browsers offer that on secure pages only. */
+  /** Whether SHA-256 checksums of files are verified; browsers support that only on secure pages. */
   readonly checksums: boolean;
 }
 
-/** What all frames of a group share, for the renderer. */
+/** Data shared by all frames of a group, for the renderer. */
 export interface GroupSetup {
   readonly group: number;
   readonly profile: "motion" | "planes";
@@ -87,7 +87,7 @@ export interface GroupSetup {
 }
 
 export interface Timings {
-  /** Milliseconds of this frame: video decoding (by the clock, service time of one picture), dequantizing positions, sorting. */
+  /** Milliseconds for this frame: video decoding (wall-clock service time of one picture), dequantizing positions, sorting. */
   readonly decode: number;
   readonly dequantize: number;
   readonly sort: number;
@@ -96,13 +96,13 @@ export interface Timings {
 export interface Picture {
   readonly frame: number;
   readonly group: number;
-  /** There with the first picture of a group that the page has not got, or no longer. */
+  /** Sent with a picture if the page does not have its group's setup. */
   readonly setup: GroupSetup | null;
   readonly luma: Uint8Array<ArrayBuffer>;
   readonly blocks: Float32Array<ArrayBuffer> | null;
   readonly escapes: Int32Array<ArrayBuffer> | null;
   readonly order: Uint32Array<ArrayBuffer>;
-  /** How many of `order` are to be drawn. */
+  /** How many entries of `order` to draw. */
   readonly count: number;
   readonly timings: Timings;
 }
@@ -118,12 +118,12 @@ export type FromWorker =
       readonly count: number;
       readonly sort: number;
     }
-  /** A group that cannot be played; it is left out. */
+  /** A group that cannot be played and is skipped. */
   | { readonly type: "left-out"; readonly group: number; readonly message: string }
   | { readonly type: "fetched"; readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number; readonly cached: number }
   /** Nothing can be played. */
   | { readonly type: "failed"; readonly message: string }
   | { readonly type: "path"; readonly path: DecodePath }
-  /** The network does not answer; it is being tried again. */
+  /** A network problem; the request is being retried. */
   | { readonly type: "trouble"; readonly message: string }
   | VideoRequest;

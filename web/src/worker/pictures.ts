@@ -4,34 +4,34 @@ import type { Packet } from "./demux.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
 import type { Pool } from "./pool.ts";
 
-/** A decoded picture: luma, and how long decoding it took by the clock, milliseconds. */
+/** A decoded picture: luma, and the wall-clock decoding time in milliseconds. */
 export interface Luma {
   readonly data: Uint8Array<ArrayBuffer>;
   readonly decode: number;
 }
 
 export interface PictureSource {
-  /** Picture `index` of the group, given away: the caller owns it. Going forward is cheap, going back starts over. */
+  /** Picture `index` of the group; the caller owns it. Going forward is cheap; going back restarts decoding. */
   get(index: number): Promise<Luma>;
   /** Decodes the first pictures ahead. */
   warm(): void;
   close(): void;
 }
 
-/** Thrown where a group is closed while it is being read; nobody needs to hear of it. */
+/** Thrown if a group is closed while it is being read; not reported. */
 export class Closed extends Error {}
 
-/** WebCodecs gives frames without planes here (w3c/webcodecs#920), or refuses the video; another path may do. */
+/** WebCodecs returns frames without planes (w3c/webcodecs#920) or rejects the video; another decode path may work. */
 export class PathFailed extends StreamError {}
 
-/** Pictures that are decoded ahead of the one asked for last. */
+/** Number of pictures decoded ahead of the last requested one. */
 const AHEAD = 4;
-/** Microseconds per picture, by which a decoder's output is recognized; the manifest has the true rate. */
+/** Microseconds per picture, used to identify decoder output; the true frame rate is in the manifest. */
 const TICK = 33_333;
-/** Milliseconds without any picture after which the decoder is given up. */
+/** Milliseconds without a picture after which the decoder is considered stuck. */
 const PATIENCE = 20_000;
 
-/** One video through WebCodecs. */
+/** Decodes one video with WebCodecs. */
 export class WebCodecsPictures implements PictureSource {
   private readonly config: VideoDecoderConfig;
   private readonly packets: readonly Packet[];
@@ -39,7 +39,7 @@ export class WebCodecsPictures implements PictureSource {
   private readonly name: string;
   private readonly pool: Pool;
   private decoder: VideoDecoder | null = null;
-  /** Next packet to hand to the decoder, next picture that comes out of it, first one that is wanted. */
+  /** Next packet to feed to the decoder, next picture that it will output, first picture that is needed. */
   private fed = 0;
   private out = 0;
   private wanted = 0;
@@ -92,7 +92,7 @@ export class WebCodecsPictures implements PictureSource {
     this.fail(new Closed());
   }
 
-  /** Forgets pictures before `index`, and `index` itself, which is given away. */
+  /** Drops pictures before `index`, and `index` itself, which now belongs to the caller. */
   private drop(index: number): void {
     for (const [at, luma] of this.ready) {
       if (at < index) this.pool.give(luma.data);
@@ -125,7 +125,7 @@ export class WebCodecsPictures implements PictureSource {
         const index = Math.round(frame.timestamp / TICK);
         if (index !== this.out) {
           frame.close();
-          this.fail(new StreamError(`${this.name}: picture ${this.out} is damaged.`));
+          this.fail(new StreamError(`${this.name}: frame ${this.out} is damaged.`));
           return;
         }
         this.out++;
@@ -164,18 +164,18 @@ export class WebCodecsPictures implements PictureSource {
     }
   }
 
-  /** The visible luma of a frame, rows without gaps. */
+  /** The visible luma of a frame, without row padding. */
   private async copy(frame: VideoFrame): Promise<Uint8Array<ArrayBuffer>> {
     const [width, height] = this.size;
     const rect = frame.visibleRect;
     if (rect === null || rect.width !== width || rect.height !== height)
       throw new StreamError(
-        `${this.name}: a picture is ${rect?.width ?? 0}x${rect?.height ?? 0}, expected ${width}x${height}.`,
+        `${this.name}: a frame is ${rect?.width ?? 0}x${rect?.height ?? 0}, expected ${width}x${height}.`,
       );
     if (frame.format === null || !/^(I4|NV12|NV21)/.test(frame.format))
-      throw new PathFailed(`${this.name}: the decoder gives no luma (format ${frame.format ?? "unknown"}).`);
+      throw new PathFailed(`${this.name}: the decoder does not output luma (format ${frame.format ?? "unknown"}).`);
     const all = this.pool.take(frame.allocationSize());
-    // Many decoders' rows are as long as the picture's: then the luma is what the copy begins with.
+    // Many decoders add no row padding; the copy then starts with the luma.
     const planes = await frame.copyTo(all);
     const { offset, stride } = planes[0];
     if (offset === 0 && stride === width) return all.subarray(0, width * height);
@@ -192,7 +192,7 @@ export class WebCodecsPictures implements PictureSource {
     try {
       const decoder = this.decoder ?? this.start();
       const until = Math.min(packets.length, this.wanted + AHEAD);
-      // Ahead of the wanted picture slowly, up to it at once.
+      // Decode up to the requested picture immediately, and beyond it slowly.
       while (this.fed < until && (this.fed < this.wanted + 1 || this.fed - this.out < AHEAD)) {
         const packet = packets[this.fed];
         this.submitted.push(performance.now());
@@ -204,7 +204,7 @@ export class WebCodecsPictures implements PictureSource {
           }),
         );
         this.fed++;
-        // Decoders may hold back pictures until they are flushed.
+        // Decoders may withhold pictures until they are flushed.
         if (this.fed === packets.length) void this.flush(decoder, this.run);
       }
     } catch (error) {
@@ -213,7 +213,7 @@ export class WebCodecsPictures implements PictureSource {
     clearTimeout(this.watchdog);
     if (this.waiting !== null)
       this.watchdog = setTimeout(() => {
-        this.fail(new PathFailed(`${this.name}: the decoder gives no picture.`));
+        this.fail(new PathFailed(`${this.name}: the decoder does not output any frames.`));
       }, PATIENCE);
   }
 
@@ -222,9 +222,9 @@ export class WebCodecsPictures implements PictureSource {
       await decoder.flush();
       await this.copying;
       if (run === this.run && this.out < this.packets.length)
-        this.fail(new StreamError(`${this.name}: the video ends after ${this.out} of ${this.packets.length} pictures.`));
+        this.fail(new StreamError(`${this.name}: the video ends after ${this.out} of ${this.packets.length} frames.`));
     } catch {
-      // Closed or failed; `error` has told.
+      // Closed or failed; already reported through `error`.
     }
   }
 

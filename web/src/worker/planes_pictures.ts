@@ -1,6 +1,6 @@
 /**
- * Luma of the profile `planes`: a group's many small videos, decoded one after the other and put together as tiles of
- * one picture per frame. One decoder at a time, since devices have few; so a group is decoded as a whole before it plays.
+ * Luma of the profile `planes`: a group's many small videos are decoded one after another and assembled as tiles of one
+ * picture per frame. Devices have few decoders, so only one is used, and a group is decoded completely before it plays.
  */
 
 import { StreamError } from "../stream/errors.ts";
@@ -9,7 +9,7 @@ import { planesLayout } from "../stream/planes.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
 import type { Pool } from "./pool.ts";
 
-/** Bytes that a group's pictures may take. */
+/** Maximum bytes of a group's pictures. */
 const MAX_GROUP_BYTES = 512 << 20;
 
 export class PlanesPictures implements PictureSource {
@@ -31,7 +31,7 @@ export class PlanesPictures implements PictureSource {
     const bytes = tile * tile * columns * rows * group.frameCount;
     if (bytes > MAX_GROUP_BYTES)
       throw new StreamError(
-        `This stream of the profile planes cannot be played here: a group takes ${Math.round(bytes / 2 ** 20)} MiB of memory; bake it with the profile motion.`,
+        `This stream cannot be played here: with its profile planes, a group takes ${Math.round(bytes / 2 ** 20)} MiB of memory; bake it with the profile motion.`,
       );
     this.pictures = this.readAll(open);
     this.pictures.catch(() => undefined);
@@ -45,7 +45,7 @@ export class PlanesPictures implements PictureSource {
   }
 
   warm(): void {
-    // The constructor has begun.
+    // The constructor has started decoding.
   }
 
   close(): void {

@@ -1,11 +1,11 @@
-/** Buffers that are used again, so that playing makes no garbage. */
+/** A pool of reusable buffers, so that playback creates no garbage. */
 
 const KEPT = 12;
 
 export class Pool {
   private readonly free: ArrayBuffer[] = [];
 
-  /** A buffer of exactly `bytes` bytes, its content undefined. */
+  /** A buffer of exactly `bytes` bytes with undefined content. */
   take(bytes: number): Uint8Array<ArrayBuffer> {
     const at = this.free.findIndex((buffer) => buffer.byteLength === bytes);
     const buffer = at < 0 ? new ArrayBuffer(bytes) : this.free.splice(at, 1)[0];

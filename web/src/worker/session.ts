@@ -1,4 +1,4 @@
-/** One opened stream: from requests for frames to sorted pictures. */
+/** An open stream: turns requests for frames into sorted pictures. */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { type Group, groupOfFrame, type Manifest, MANIFEST_NAME, MAX_MANIFEST_BYTES, parseManifest } from "../stream/manifest.ts";
@@ -18,8 +18,8 @@ import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 /** As in studio.rasterizer: splats nearer than this are not drawn. */
 export const NEAR = 0.01;
 const NEEDS_WEBCODECS =
-  "Streams of the profile planes need WebCodecs, which this browser offers on secure (https) pages only, or not at all.";
-/** Groups that are prepared (side file read, video demuxed) at the same time. */
+  "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
+/** Number of groups kept prepared (side file parsed, video demuxed). */
 const PREPARED = 3;
 
 interface Prepared {
@@ -48,9 +48,9 @@ export class Session {
   private received = 0;
   private wanted: { frame: number; axis: DepthAxis; seek: boolean } | null = null;
   private running = false;
-  /** Gives up waiting for the frame that is being brought: another one is wanted now. */
+  /** Cancels waiting for the frame in progress, because another one was requested. */
   private interrupt: (() => void) | null = null;
-  /** The frame that was brought last; its positions are kept to sort it again. */
+  /** The last decoded frame; its positions are kept for sorting again. */
   private shown: { frame: number; group: number; positions: Float32Array<ArrayBuffer>; pixels: Uint32Array | null } | null = null;
   private setupSent = -1;
 
@@ -63,7 +63,7 @@ export class Session {
     this.path = path !== "auto" ? path : "VideoDecoder" in self ? "webcodecs" : "video";
   }
 
-  /** Fetches and checks the manifest. */
+  /** Fetches and validates the manifest. */
   async open(url: string): Promise<void> {
     const address = new URL(url);
     if (!address.pathname.endsWith(".json")) address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
@@ -83,7 +83,7 @@ export class Session {
     const blanked = new TextEncoder().encode(text.replaceAll(manifest.sha256, "0".repeat(64)));
     const digest = await sha256(blanked);
     if (digest !== null && digest !== manifest.sha256)
-      throw new StreamError("The stream's manifest is damaged: its bytes do not match their own SHA-256.");
+      throw new StreamError("The stream's manifest is damaged: its content does not match its own SHA-256.");
     this.checkDevice(manifest);
     if (manifest.profile === "planes" && this.path === "video") throw new StreamError(NEEDS_WEBCODECS);
     this.manifest = manifest;
@@ -125,7 +125,7 @@ export class Session {
     for (const buffer of buffers) this.pool.give(buffer);
   }
 
-  /** Tries groups again that could not be fetched. */
+  /** Retries groups that could not be fetched. */
   retry(): void {
     this.store?.forgive();
     this.told.clear();
@@ -135,14 +135,14 @@ export class Session {
     this.setupSent = -1;
   }
 
-  /** Brings a frame; a later call replaces one that has not begun. */
+  /** Decodes and sorts a frame; a later call replaces one that has not started. */
   present(frame: number, axis: DepthAxis, seek: boolean): void {
     this.wanted = { frame, axis, seek };
     if (seek) this.interrupt?.();
     if (!this.running) void this.run();
   }
 
-  /** Sorts the frame that was brought last. */
+  /** Sorts the last decoded frame. */
   sort(request: number, axis: DepthAxis): void {
     const { shown } = this;
     if (shown === null) return;
@@ -296,14 +296,14 @@ export class Session {
       prepared = this.read(index);
       prepared.catch(() => undefined);
     }
-    // Used last, dropped last.
+    // Most recently used last.
     this.prepared.delete(index);
     this.prepared.set(index, prepared);
     for (const old of [...this.prepared.keys()].slice(0, -PREPARED)) this.drop(old);
     return prepared;
   }
 
-  /** Gets the group that plays next ready, in time. */
+  /** Prepares the group that plays next in advance. */
   private prepareNext(index: number): void {
     const groups = this.manifest!.groups.length;
     const next = index + 1 < groups ? index + 1 : this.loop ? 0 : -1;
@@ -369,11 +369,11 @@ export class Session {
     };
     const support = await VideoDecoder.isConfigSupported(config).catch(() => ({ supported: false }));
     if (support.supported !== true)
-      throw new PathFailed(`This browser cannot decode ${codec} video of this kind (${config.codec}, ${size[0]}x${size[1]}).`);
+      throw new PathFailed(`This browser cannot decode this ${codec} video (${config.codec}, ${size[0]}x${size[1]}).`);
     return new WebCodecsPictures(config, demuxed.packets, size, path, this.pool);
   }
 
-  /** The next way of decoding, where there is one left to try. */
+  /** Switches to the next decode path, if there is one left. */
   private changePath(): boolean {
     if (!this.mayChangePath) return false;
     if (this.path === "webcodecs") this.path = "webcodecs-software";
@@ -395,14 +395,14 @@ export class Session {
       const { tile, columns, rows } = group.profile === "motion" ? group : planesLayout(group);
       if (Math.max(columns, rows) * tile > this.maxTexture)
         throw new StreamError(
-          `This stream's pictures are ${columns * tile}x${rows * tile}; this device's graphics take ${this.maxTexture} at most.`,
+          `This stream's pictures are ${columns * tile}x${rows * tile}, but this device's GPU supports at most ${this.maxTexture} pixels on a side.`,
         );
     }
   }
 
   private count(bytes: number, milliseconds: number): void {
     this.received += bytes;
-    // Short answers say more of the round trip than of the bandwidth.
+    // Short responses measure the round-trip time rather than the bandwidth.
     if (bytes < 20_000) return;
     const rate = (8 * bytes) / Math.max(milliseconds, 1) / 1000;
     this.bandwidth = this.bandwidth === 0 ? rate : 0.7 * this.bandwidth + 0.3 * rate;

@@ -1,4 +1,4 @@
-/** Fetched groups: kept up to a bound, fetched ahead of the playhead, one group at a time. */
+/** Cache of fetched groups: limited in size, fetched ahead of the playhead, one group at a time. */
 
 import { StreamError } from "../stream/errors.ts";
 import type { Group } from "../stream/manifest.ts";
@@ -6,9 +6,9 @@ import { type Source, sha256 } from "./http.ts";
 
 export type Files = ReadonlyMap<string, Uint8Array<ArrayBuffer>>;
 
-/** Bytes kept in memory: what was played stays as long as it fits, so that loops fetch nothing again. */
+/** Bytes kept in memory: played groups are kept as long as they fit, so that loops do not fetch again. */
 const KEPT_BYTES = 192 << 20;
-/** Fetched ahead of the playhead at most. */
+/** Maximum bytes fetched ahead of the playhead. */
 const AHEAD_BYTES = 64 << 20;
 
 export class GroupStore {
@@ -19,7 +19,7 @@ export class GroupStore {
   private readonly fetching = new Map<number, Promise<Files>>();
   private readonly failed = new Map<number, StreamError>();
   private readonly stop = new AbortController();
-  /** Bytes in memory. */
+  /** Number of bytes in memory. */
   bytes = 0;
   private playhead = 0;
   private loop = true;
@@ -36,7 +36,7 @@ export class GroupStore {
     return [...this.files.keys()];
   }
 
-  /** Forgets failures, so that these groups are fetched again. */
+  /** Clears failures, so that these groups are fetched again. */
   forgive(): void {
     this.failed.clear();
   }
@@ -45,7 +45,7 @@ export class GroupStore {
     this.stop.abort();
   }
 
-  /** Where playing has got to: what comes next is fetched, if nothing more urgent is. */
+  /** Sets the playback position; the groups that follow are fetched unless something more urgent is. */
   follow(group: number, loop: boolean): void {
     this.playhead = group;
     this.loop = loop;
@@ -53,14 +53,14 @@ export class GroupStore {
   }
 
   /**
-   * A group's files, checked.
+   * Returns the verified files of a group.
    *
-   * @throws StreamError - a file is missing or is not what the manifest promises
+   * @throws StreamError - a file is missing or does not match the manifest
    */
   get(group: number): Promise<Files> {
     const kept = this.files.get(group);
     if (kept !== undefined) {
-      // Used last, dropped last.
+      // Most recently used last.
       this.files.delete(group);
       this.files.set(group, kept);
       return Promise.resolve(kept);
@@ -82,7 +82,7 @@ export class GroupStore {
         const data = await this.source.read(file.path, file.bytes, this.stop.signal);
         const digest = await sha256(data);
         if (digest !== null && digest !== file.sha256)
-          throw new StreamError(`${file.path} is damaged: its bytes do not match their SHA-256.`);
+          throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);
         return data;
       });
       group.files.forEach((file, i) => files.set(file.path, contents[i]));
@@ -113,7 +113,7 @@ export class GroupStore {
       for (;;) {
         const next = this.nextToFetch();
         if (next === null || this.stop.signal.aborted) return;
-        await this.get(next).catch(() => undefined); // told when it is to be played
+        await this.get(next).catch(() => undefined); // reported when it is due to be played
       }
     } finally {
       this.busy = false;
@@ -136,7 +136,7 @@ export class GroupStore {
   }
 }
 
-/** Maps items by an asynchronous function, at most `lanes` at a time; results in order. */
+/** Maps items with an asynchronous function, at most `lanes` at a time; results are in order. */
 async function inTurns<T, R>(items: readonly T[], lanes: number, map: (item: T) => Promise<R>): Promise<R[]> {
   const results = new Array<R>(items.length);
   let next = 0;

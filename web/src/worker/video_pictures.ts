@@ -1,6 +1,6 @@
 /**
- * Decoded luma by way of a <video> element, where there is no WebCodecs: on pages that are not secure, and in browsers
- * without it. The element lives on the page; this asks for its pictures.
+ * Decodes luma with a <video> element if WebCodecs is unavailable: on insecure pages, and in browsers without it. The
+ * element is on the page; this requests its pictures.
  */
 
 import type { Demuxed } from "./demux.ts";
@@ -9,7 +9,7 @@ import { Closed, type Luma, type PictureSource } from "./pictures.ts";
 import { StreamError } from "../stream/errors.ts";
 import type { Pool } from "./pool.ts";
 
-/** Matches the page's answers with requests. */
+/** Matches the page's replies to requests. */
 export class VideoChannel {
   private readonly post: (request: VideoRequest) => void;
   private readonly open = new Map<number, { resolve: (luma: ArrayBuffer) => void; reject: (error: unknown) => void }>();

@@ -45,7 +45,7 @@ def test_difference_is_the_mean_over_channels_and_the_map_grows_brighter_with_it
     assert levels.sum() == pytest.approx(10.0)
     ramp = compare.heat(np.linspace(0, compare.HEAT_TOP, 50)[None])[0].astype(int).sum(axis=1)
     assert ramp[0] < 20
-    assert (np.diff(ramp) >= -8).all()  # inferno's lightness rises; its sum of channels nearly so
+    assert (np.diff(ramp) >= -8).all()  # inferno's lightness is monotonic; the sum of its channels nearly so
     assert ramp[-1] > 600
 
 
@@ -58,7 +58,7 @@ def camera() -> Camera:
 @pytest.mark.parametrize("image_zoom", [ImageZoom(), ImageZoom(0.6, 0.4, 2.5), ImageZoom(0.3, 0.7, 6.0)])
 @pytest.mark.parametrize("size", [(64, 48), (300, 200), (40, 90)])
 def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZoom, size: tuple[int, int]) -> None:
-    """A spot is drawn where the camera sees a point; the zoomed camera must see the point where the picture has it."""
+    """A spot is drawn where the camera sees a point; the zoomed camera must see it where the picture shows it."""
     point = np.array([[0.1, -0.15, 0.0]])
     seen = camera().project(point)[0][0]
     rows, columns = np.mgrid[0:48, 0:64] + 0.5

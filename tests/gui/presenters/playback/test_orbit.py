@@ -1,4 +1,4 @@
-"""The orbit camera against projections done by `studio.cameras.Camera`."""
+"""The orbit camera, compared with projections of `studio.cameras.Camera`."""
 
 from __future__ import annotations
 

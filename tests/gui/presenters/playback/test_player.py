@@ -32,7 +32,7 @@ from tests.support.waiting import wait_until
 
 
 def flat(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
-    """A stand-in for drawing: the background, with the first splat's place in one pixel."""
+    """A substitute for rendering: the background, with the position of the first splat in one pixel."""
     image = np.empty((camera.height, camera.width, 3), np.uint8)
     image[:] = np.round(np.array(background) * 255)
     image[0, 0, 0] = int(gaussians.means[0, 0].item() * 100) % 256
@@ -47,7 +47,7 @@ def player() -> Iterator[PlayerPresenter]:
 
 
 def settle(player: PlayerPresenter, seconds: float = 60.0) -> None:
-    """Poll until the newest picture shows what is due."""
+    """Poll until the newest picture shows the current frame."""
 
     def settled() -> bool:
         player.poll()
@@ -92,7 +92,7 @@ def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, s
     wait_until("the last frame", last_shown)
     assert shown == sorted(shown)
     assert shown[-1] == 11
-    assert len(set(shown)) >= 6  # 24 frames a second are drawn in next to no time; most of them must be seen
+    assert len(set(shown)) >= 6  # 24 frames per second take almost no time to draw; most of them must be seen
 
 
 def test_decoded_frames_are_the_readers(stream_folder: Path) -> None:
@@ -106,7 +106,7 @@ def test_decoded_frames_are_the_readers(stream_folder: Path) -> None:
 
 
 def damaged(stream: Path, folder: Path, group: int) -> Path:
-    """A copy of a stream with a video of one group cut short; returns the video."""
+    """A copy of a stream with the video of one group truncated; returns the video."""
     shutil.copytree(stream, folder)
     victim = sorted((folder / f"group_{group:03d}").glob("*.mp4"))[0]
     victim.write_bytes(victim.read_bytes()[:-100])
@@ -129,7 +129,7 @@ def test_damage_is_played_past_with_a_sentence(player: PlayerPresenter, stream_f
     blocks = {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None), 1.0)}
     assert victim.name in blocks["Damaged, skipped"]
 
-    # playing goes through the damaged group and on at the beginning, again and again
+    # playback skips the damaged group and loops, again and again
     player.transport.seek(6)
     player.transport.play()
     shown: list[int] = []
@@ -194,7 +194,7 @@ def test_what_cannot_be_opened_is_a_sentence_and_what_was_open_stays(
 
 
 def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
-    """A take as the stages leave it: trained frames in groups of 8, a rig, perhaps a stream."""
+    """A take as written by the stages: trained frames in groups of 8, a rig, optionally a stream."""
     from studio.camera_files import write_rig
 
     take = Take.create(root)
@@ -223,7 +223,7 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
     take = make_take(tmp_path / "take", 12, stream_folder)
     assert player.open(take.root), player.message
     assert player.source_names == ["decoded", "trained"]
-    eye = player.orbit.eye  # through the rig's first camera
+    eye = player.orbit.eye  # that of the rig's first camera
     assert eye == pytest.approx([0.0, -4.0, 0.9], abs=1e-6)
     player.transport.seek(9)
     assert player.choose("trained")
@@ -237,7 +237,7 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
 
 def test_a_take_without_a_stream_shows_what_is_trained_so_far(tmp_path: Path) -> None:
     take = make_take(tmp_path / "take", 10)
-    take.trained_frame(1, 8).unlink()  # frame 9 is there, but not the one before it
+    take.trained_frame(1, 8).unlink()  # frame 9 exists, but not the one before it
     opened = open_path(take.root)
     assert list(opened.sources) == ["trained"]
     assert opened.default is not None
@@ -280,7 +280,7 @@ def test_cache_forgets_the_longest_unused() -> None:
         return Gaussians(torch.zeros(1000, 3), torch.ones(1000, 4), torch.zeros(1000, 3), torch.zeros(1000),
                          torch.zeros(1000, 1, 3))  # fmt: skip
 
-    cache = FrameCache(limit=8 * 56_000)  # 56 bytes a splat
+    cache = FrameCache(limit=8 * 56_000)  # 56 bytes per splat
     for number in range(8):
         cache.put(number, frame())
     assert cache.get(0) is not None

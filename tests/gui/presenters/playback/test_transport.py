@@ -1,4 +1,4 @@
-"""Playing against a clock that the test moves by hand."""
+"""Playback with a clock that the test controls."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_frames_come_from_the_clock(clock: HandClock) -> None:
     transport.play()
     clock.time += 1.0
     assert transport.frame == 25
-    clock.time += 0.4  # 35 frames: around once
+    clock.time += 0.4  # 35 frames: loops once
     assert transport.frame == 5
     transport.pause()
     clock.time += 10.0

@@ -32,7 +32,7 @@ def stage_view(take_copy: Path) -> Iterator[PointsView]:
 
 
 def picture(stage_view: PointsView) -> np.ndarray:
-    """What the view shows, once it is what was requested."""
+    """The view's picture, once it shows what was requested."""
     shown: list[np.ndarray] = []
 
     def settled() -> bool:
@@ -60,7 +60,7 @@ def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> N
     x, y = map(round, magnifier.shown(30.0, 20.0))
     assert not is_close(before[y, x + 6], ACCENT)
     after = picture(stage_view)
-    for dx, dy in ((6, 0), (-6, 0), (0, 6), (0, -6)):  # the arms of the cross; its middle is open
+    for dx, dy in ((6, 0), (-6, 0), (0, 6), (0, -6)):  # the arms of the cross; its center is open
         assert is_close(after[y + dy, x + dx], ACCENT)
     assert not is_close(after[y, x], ACCENT)
     stage_view.click(*magnifier.shown(40.0, 25.0))  # the same point, moved
@@ -100,7 +100,7 @@ def test_buttons_and_list_in_the_picture(stage_view: PointsView) -> None:
 
 
 def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Path) -> None:
-    """The finished take's cameras are known, so a point's place in one follows from its marks in others."""
+    """The finished take's cameras are known, so a point's position in one follows from its marks in others."""
     rig = read_rig(Take.open(take_copy).rig)
     place = np.array([[0.05, -0.03, 0.1]]) + rig.focus
     pixels = {camera.name: tuple(camera.project(place)[0][0].tolist()) for camera in rig}
@@ -113,7 +113,7 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
     line = expected(one, rig[names[2]], rig)
     assert line is not None
     ways = np.linalg.norm(line - np.array(pixels[names[2]]), axis=1)
-    assert ways.min() < 0.05 * rig[names[2]].width  # the line passes the true place
+    assert ways.min() < 0.05 * rig[names[2]].width  # the line passes through the true position
     assert expected(one, rig[names[0]], rig) is None
     picture(stage_view)
     assert stage_view.marks is not None
@@ -123,7 +123,7 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
     shown = picture(stage_view)
     x, y = stage_view._magnifiers[names[2]].shown(*pixels[names[2]])
     radius = 0.7 * stage_view.em
-    for dx, dy in ((radius, 0), (-radius, 0), (0, radius), (0, -radius)):  # a ring at the expected place
+    for dx, dy in ((radius, 0), (-radius, 0), (0, radius), (0, -radius)):  # a ring at the expected position
         assert is_close(shown[round(y + dy), round(x + dx)], FAIR)
 
 
@@ -140,7 +140,7 @@ def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None
     picture(stage_view)
     assert "points.yaml: invalid YAML at line 1" in stage_view.status
     stage_view.click(500, 300)
-    assert stage_view.path.read_text() == "points: ["  # nothing is written over it
+    assert stage_view.path.read_text() == "points: ["  # it is not overwritten
     stage_view.path.write_text(text)
     picture(stage_view)
     assert [point.name for point in stage_view.marks.points] == ["point 1"]
@@ -209,7 +209,7 @@ def test_what_a_click_does_is_said(tmp_path: Path) -> None:
     marks.mark("cam0", 1, 2, 7)
     assert "click to move 'point 1' in cam0" in advice(marks, names, "cam0", 7)
     assert "click to mark 'point 1' in cam1" in advice(marks, names, "cam1", 7)
-    assert "was marked in frame 7, this is 9" in advice(marks, names, "cam1", 9)
+    assert "was marked in frame 7, but this is frame 9" in advice(marks, names, "cam1", 9)
 
 
 def test_zoom_keeps_the_place_under_the_mouse() -> None:
@@ -221,7 +221,7 @@ def test_zoom_keeps_the_place_under_the_mouse() -> None:
     assert magnifier.scale == pytest.approx(1.25**4)
     assert magnifier.pixel(220, 240) == pytest.approx(before)
     assert magnifier.shown(*magnifier.pixel(333, 222)) == pytest.approx((333, 222))
-    magnifier.pan(10_000, 10_000)  # no farther than the picture goes
+    magnifier.pan(10_000, 10_000)  # not beyond the image
     assert magnifier.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
     magnifier.zoom(-100, 0, 0)
     assert (magnifier.scale, magnifier.center) == (1.0, (500, 250))

@@ -1,4 +1,4 @@
-"""Exports from the window: child processes with progress, refusals as sentences, camera paths from collected views."""
+"""Exports from the window: child processes with progress, error messages, camera paths from collected views."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
     found = ExportRequest("turntable", "/takes/walk", "walk", tmp_path, "decoded")
     assert found.target == str(tmp_path / "walk-decoded-turntable.mp4")
     found.of, found.seconds, found.size, found.background = "trained", "2.5", "640x360", "white"
-    assert found.target == str(tmp_path / "walk-trained-turntable.mp4"), "named after what is exported"
+    assert found.target == str(tmp_path / "walk-trained-turntable.mp4"), "named after the source"
     arguments = [word for word in found.arguments() if word != "--json"]
     options = dict(zip(arguments[1::2], arguments[2::2], strict=False))
     assert options["--out"] == found.target
@@ -94,7 +94,7 @@ def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
     assert "--background" not in found.arguments()
     found.set_target(str(tmp_path / "mine.mp4"))
     found.of = "decoded"
-    assert found.target == str(tmp_path / "mine.mp4"), "a name that was typed stays"
+    assert found.target == str(tmp_path / "mine.mp4"), "a typed name is kept"
     found.move_to(tmp_path / "deep")
     assert found.path == tmp_path / "deep" / "mine.mp4"
     for seconds in ("", "0", "-1", "long", "nan"):
@@ -114,6 +114,6 @@ def test_a_turntable_has_the_length_and_size_that_were_chosen(stream_folder: Pat
     assert not exports.failed, exports.result
     with av.open(str(tmp_path / "turn.mp4")) as movie:
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
-    assert len(frames) == 6  # half a second at 12 a second
+    assert len(frames) == 6  # half a second at 12 fps
     assert frames[0].shape == (360, 640, 3)
     assert frames[0][:20, :20].min() > 240

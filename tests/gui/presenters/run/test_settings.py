@@ -1,4 +1,4 @@
-"""The settings on the left: headings, distinct labels, and the filter."""
+"""The settings in the left panel: headings, distinct labels, and the filter."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_a_setting_is_found_and_changed_through_the_filter(
     window.click("settings filter")
     window.enter_text("settings filter", "rates opacity")
     state = window.wait_for("one setting", lambda s: [n for n in s["widgets"] if n.startswith("setting ")] == FOUND)
-    assert state["stage"] == "train", "letters in the field are no shortcuts"
+    assert state["stage"] == "train", "letters typed into the field are not shortcuts"
     window.screenshot(artifacts / "settings_filter.png")
     window.retype(FOUND[0], "0.025")
     window.key("Return")

@@ -1,4 +1,4 @@
-"""Views of the stages over a take that was really made; settings, preferences and new takes."""
+"""The stage views on a real take; settings, preferences and new takes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def opened(views: StageViews, take: Path) -> None:
 
 
 def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
-    """The picture, once it is what was asked for."""
+    """The picture, once it shows what was requested."""
     pictures: list[np.ndarray] = []
 
     def there() -> bool:
@@ -214,7 +214,7 @@ def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
     with refuses("take.exists", file=tmp_path / "take"):
         new.create()
     new.take = str(footage_project)
-    with pytest.raises(StudioError, match="not empty"):  # of the take's room
+    with pytest.raises(StudioError, match="not empty"):  # from the take
         new.create()
 
 

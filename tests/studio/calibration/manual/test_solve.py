@@ -81,7 +81,7 @@ def test_cameras_far_apart_with_known_lenses(count: int, points: int, options: d
     assert found.report.left_out == []
     assert found.report.metric == ("measured" in options)
     assert found.report.known_lenses == list(truth.names)
-    if "measured" in options:  # in the world's coordinates, without any alignment
+    if "measured" in options:  # in world coordinates, without alignment
         for camera in truth:
             assert np.linalg.norm(found.rig[camera.name].center - camera.center) < 0.03
         assert 0 < found.report.tie_points["point 0"].off < 0.02
@@ -153,7 +153,7 @@ def test_what_is_missing_is_said() -> None:
         calibrate_from_tie_points(outside, sizes(truth))
     assert str(caught.value) == (
         "point 'edge' is marked at (2000, 5) in 00, outside its image of 1088x1920. "
-        "Mark it again, in images of that size."
+        "Mark it again in images of that size."
     )
     with refuses("tie_points.none", expected=list(truth.names)):
         calibrate_from_tie_points([TiePoint("elsewhere", {"x": (1.0, 2.0)})], sizes(truth))
@@ -295,7 +295,7 @@ def test_a_file_that_is_not_text(tmp_path: Path) -> None:
 
 
 def drawn(kind: str, center: np.ndarray, angle: float) -> np.ndarray:
-    """A dot or a corner of a known place, drawn 8 times as large and averaged."""
+    """A dot or corner at a known position, drawn at 8 times the size and averaged."""
     import cv2
 
     y, x = np.mgrid[:480, :480] / 8 + 1 / 16

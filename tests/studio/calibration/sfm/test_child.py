@@ -17,7 +17,7 @@ from tests.support.errors import refuses
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Writes code to a module and returns the module's name."""
+    """A function that writes code to a module and returns the name of the module."""
 
     def make(code: str) -> str:
         (tmp_path / "some_work.py").write_text(code)
@@ -61,7 +61,7 @@ def test_errors_are_reported(module: Any) -> None:
 
 
 def test_crashes_are_reported(module: Any) -> None:
-    """A crash in native code ends the child only."""
+    """A crash in native code only ends the child."""
     work = module('import os, sys, signal; print("last words", file=sys.stderr, flush=True)\nos.kill(os.getpid(), 11)')
     with refuses("calibration.worker_died", exit_code=-11, stderr="last words"):
         run_reporting(work, [], lambda line: None, what="The work")
@@ -104,4 +104,4 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
     assert child.stdin is not None
     time.sleep(1.0)
     child.stdin.close()
-    assert child.wait(timeout=30) in (1, 3)  # 1 where it was quicker than the job file
+    assert child.wait(timeout=30) in (1, 3)  # 1 if it ended before reading the job file

@@ -1,4 +1,4 @@
-"""The mapper on COLMAP's synthetic rigs with known truth; sync frames merged into one image per camera."""
+"""The mapper on COLMAP's synthetic rigs with known ground truth; sync frames merged into one image per camera."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str
     assert len(rig) == 8
     assert found.mapper == "incremental"
     difference = compare_rigs(rig, truth)
-    # what this noise allows with so few points: the adjustment that starts from the truth ends as far from it
+    # the limit for this noise and so few points: an adjustment that starts from the ground truth ends as far from it
     assert difference.center_percent < 0.4
     assert difference.rotation_degrees < 0.1
     poses = [camera.world_to_camera[:3].tolist() for camera in truth]
@@ -122,12 +122,12 @@ def test_shared_intrinsics_are_accepted(tmp_path: Path) -> None:
     assert len({camera.fx for camera in rig}) == 1
     assert rig["0"].fx == pytest.approx(1280, rel=1e-3)
     difference = compare_rigs(rig, truth)
-    assert difference.center_percent < 0.1  # a lens each: 0.4
+    assert difference.center_percent < 0.1  # separate intrinsics give 0.4
     assert difference.rotation_degrees < 0.02
 
 
 def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path) -> None:
-    """Separate intrinsics that diverge are replaced by shared ones with as many inliers; good ones are not."""
+    """Diverging separate intrinsics are replaced by shared ones with as many inliers; good ones are not replaced."""
     from studio.calibration.sfm import mapping
     from studio.calibration.sfm.shared_intrinsics import focal_spread
 
@@ -154,7 +154,7 @@ def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path) -> None:
 
 
 def test_intrinsics_that_differ_stay_separate(tmp_path: Path) -> None:
-    """Focal lengths that differ by two percent; all else as above."""
+    """Focal lengths that differ by two percent; otherwise as above."""
     zooms = [1 + 0.02 * (number % 2) for number in range(8)]
     truth = synthesise(tmp_path, 8, 800, zooms)
     Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
@@ -166,7 +166,7 @@ def test_intrinsics_that_differ_stay_separate(tmp_path: Path) -> None:
 
 
 def test_lens_terms_are_estimated_last(tmp_path: Path) -> None:
-    """Cameras are put together with one radial term, then solved with all of OPENCV's."""
+    """Cameras are mapped with one radial term, then refined with all terms of OPENCV."""
     terms = [1300.0, 1280.0, 512.0, 384.0, -0.08, 0.03, 0.001, -0.002]
     truth = synthesise(tmp_path, 6, 800, lens="OPENCV", terms=terms)
     job = job_of(6, becomes="OPENCV", find_shared=True)
@@ -176,7 +176,7 @@ def test_lens_terms_are_estimated_last(tmp_path: Path) -> None:
     assert found.sharing[0].shared
     assert {entry.model for entry in found.cameras} == {"OPENCV"}
     np.testing.assert_allclose([rig["0"].fx, rig["0"].fy], terms[:2], rtol=2e-3)
-    # where the points are, in the middle of the images, it bends light as the true lens does
+    # near the image centers, where the points are, the distortion equals that of the true lens
     x, y = np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.15, 0.15, 9))
     rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3)
     still = {"world_to_camera": np.eye(4)}
@@ -188,7 +188,7 @@ def test_lens_terms_are_estimated_last(tmp_path: Path) -> None:
 
 
 def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
-    """Six cameras that do not all look at one point (or fundamental matrices would tell nothing)."""
+    """Six cameras that do not all look at one point, in which case fundamental matrices would be degenerate."""
     import cv2
 
     from studio.calibration.sfm.mapping import Mapper
@@ -215,7 +215,7 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
 
 
 def test_match_inlier_ratio(tmp_path: Path) -> None:
-    """Each match of two features of the same point, and no other."""
+    """Counts exactly the matches between two features of the same point."""
     from studio.calibration.sfm.mapping import Mapper
     from studio.calibration.sfm.verdict import match_inlier_ratio
 
@@ -279,7 +279,7 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
     job = job_of(2, sync_frames=2)
     each = pycolmap.Database.open(tmp_path / "sync_frames.db")
     lenses = write_lenses(each, job)
-    # points before two cameras side by side
+    # points in front of two cameras side by side
     points = rng.uniform([-1, -1, 4], [1, 1, 8], (80, 3))
     keypoints = {}
     for number in range(2):

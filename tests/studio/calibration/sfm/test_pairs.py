@@ -16,20 +16,20 @@ from studio.calibration.sfm.pairs import worthwhile
 def test_enough_matches_or_the_best_there_are() -> None:
     matches = {(0, 1): 40, (0, 2): 6, (0, 3): 5, (1, 3): 2, (2, 3): 0}
     assert worthwhile(matches, 4, enough=6, at_least=0) == [(0, 1), (0, 2)]
-    # camera 3 has one partner to keep: the better one; a pair without a match is none
+    # camera 3 keeps its best partner; pairs without matches do not count
     assert worthwhile(matches, 4, enough=6, at_least=1) == [(0, 1), (0, 2), (0, 3)]
     assert worthwhile({(0, 1): 1}, 3, enough=6, at_least=5) == [(0, 1)]
 
 
 def picture(scene: np.ndarray, shift: int) -> np.ndarray:
-    """A plane seen a little from the side."""
+    """A plane, seen slightly from the side."""
     corners = np.array([[0, 0], [400, 0], [400, 300], [0, 300]], np.float32)
     seen = corners + np.array([[shift, 0], [0, shift], [-shift, 0], [0, -shift]], np.float32)
     return cv2.warpPerspective(scene, cv2.getPerspectiveTransform(corners, seen), (400, 300))
 
 
 def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three cameras before one wall, three before another."""
+    """Three cameras in front of one wall, three in front of another."""
     pytest.importorskip("pycolmap")
     rng = np.random.default_rng(0)
     (tmp_path / "images").mkdir()
@@ -56,7 +56,7 @@ def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatc
 
     monkeypatch.setattr(features, "_match_images", watched)
     find_matches(tmp_path, job)
-    assert list(asked) == ["matches"]  # few cameras: no preview
+    assert list(asked) == ["matches"]  # only a few cameras: no preview
     assert len(asked["matches"]) == 15
     monkeypatch.setattr(features, "FEW", 5)
     find_matches(tmp_path, job)

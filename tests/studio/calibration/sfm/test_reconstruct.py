@@ -1,4 +1,4 @@
-"""Structure from motion on rendered pictures of a textured scene, where the cameras are known."""
+"""Structure from motion on rendered images of a textured scene with known cameras."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SIZE = (360, 270)
 
 
 def texture(rng: np.random.Generator) -> np.ndarray:
-    """Blobs of many sizes: plenty for a feature detector to hold on to."""
+    """A texture of blobs of many sizes, which gives many features."""
     import cv2
 
     total = np.zeros((512, 512, 3))
@@ -35,7 +35,7 @@ def texture(rng: np.random.Generator) -> np.ndarray:
 
 
 def room(rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Textured rectangles (corner, edge, edge, texture): a corner of a room with two boards standing in it."""
+    """Textured rectangles (corner, edge, edge, texture): a corner of a room with two upright boards."""
     planes = [
         ([-2, -2, 0], [4, 0, 0], [0, 4, 0]),
         ([-2, 2, 0], [4, 0, 0], [0, 0, 2.5]),
@@ -46,7 +46,7 @@ def room(rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def render(camera: Camera, planes: list[Any]) -> np.ndarray:
-    """Ray casting, four rays a pixel."""
+    """Ray casting with four rays per pixel."""
     import cv2
 
     width, height = 2 * camera.width, 2 * camera.height
@@ -61,7 +61,7 @@ def render(camera: Camera, planes: list[Any]) -> np.ndarray:
         a, b = local @ u / (u @ u), local @ v / (v @ v)
         hit = (distance > 0) & (distance < nearest) & (a >= 0) & (a < 1) & (b >= 0) & (b < 1)
         nearest[hit] = distance[hit]
-        # the texture's grain is the same in meters on every plane
+        # the texture has the same scale in meters on every plane
         grain = 128.0
         x = ((a * np.linalg.norm(u) * grain) % 511).astype(np.float32)
         y = ((b * np.linalg.norm(v) * grain) % 511).astype(np.float32)
@@ -71,7 +71,7 @@ def render(camera: Camera, planes: list[Any]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def scene() -> tuple[dict[str, np.ndarray], Rig]:
-    """Pictures and true cameras of an arc of six."""
+    """Images and true cameras of an arc of six cameras."""
     cameras = []
     for index in range(6):
         angle = np.radians(-125 + 14 * index)
@@ -84,7 +84,7 @@ def scene() -> tuple[dict[str, np.ndarray], Rig]:
 
 @pytest.fixture(scope="module")
 def solved(scene: tuple[dict[str, np.ndarray], Rig], tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The solution with lenses unknown, with what was said on the way."""
+    """The solution with unknown intrinsics, and the progress that was reported."""
     said: list[tuple[int, int]] = []
     result = calibrate_from_images(
         scene[0],
@@ -111,7 +111,7 @@ def test_cameras_are_found(scene: tuple[dict[str, np.ndarray], Rig], solved: Any
 
 
 def test_points_are_in_the_cameras_world(scene: tuple[dict[str, np.ndarray], Rig], solved: Any) -> None:
-    """The sparse points lie on the planes that were rendered."""
+    """The sparse points are on the rendered planes."""
     from studio.calibration import align_rigs
 
     result, _ = solved
@@ -132,7 +132,7 @@ def test_progress_rises_to_the_end(solved: Any) -> None:
 
 
 def test_same_seed_same_result_and_known_lenses(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
-    """With known lenses the result is better, stays on them, can be put on a reference, and repeats bit for bit."""
+    """Known intrinsics give a better result and do not change; it can be aligned and is bitwise reproducible."""
     images, truth = scene
     known = {camera.name: camera for camera in truth}
     first, second = (
@@ -147,7 +147,7 @@ def test_same_seed_same_result_and_known_lenses(scene: tuple[dict[str, np.ndarra
 
 
 def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
-    """Two noisy moments, read when needed; a camera that was pushed since the older solution is found and named."""
+    """Two noisy sync frames, read on demand; a camera that has moved since the earlier solution is reported."""
     from dataclasses import replace
 
     images, truth = scene
@@ -175,7 +175,7 @@ def test_several_moments_and_an_older_solution(scene: tuple[dict[str, np.ndarray
     moved = {name: motion.center for name, motion in result.report.moved.items()}
     assert max(moved, key=lambda name: moved[name]) == pushed
     assert moved[pushed] == pytest.approx(0.02, abs=0.008)
-    for camera in result.rig:  # on the older solution as well as it can be, whose lenses it has
+    for camera in result.rig:  # aligned with the earlier solution, and with its intrinsics
         assert np.linalg.norm(camera.center - truth[camera.name].center) < 0.02
         np.testing.assert_array_equal(camera.K, truth[camera.name].K)
     first, second = truth.names[:2]
@@ -207,7 +207,7 @@ def test_a_camera_without_a_place(scene: tuple[dict[str, np.ndarray], Rig], tmp_
 
 
 def test_masks_keep_features_out(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
-    """Only the right half of each picture may be used: no observation lies in the left."""
+    """Only the right half of each image may be used: there are no observations in the left half."""
     masks = {name: np.zeros(image.shape[:2], np.uint8) for name, image in scene[0].items()}
     for mask in masks.values():
         mask[:, SIZE[0] // 2 :] = 255
@@ -260,7 +260,7 @@ def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> 
 def test_letters_beyond_ascii_in_the_work_folder_and_in_names(
     scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, locale: str
 ) -> None:
-    """COLMAP reads and writes its files in C++, by the locale of the worker's process."""
+    """COLMAP's C++ code interprets file names according to the locale of the worker process."""
     monkeypatch.setenv("LC_ALL", locale)
     names = {name: f"caméra 影 {name}" for name in scene[0]}
     result = calibrate_from_images(

@@ -36,7 +36,7 @@ SIZE = (640, 480)
 
 
 def turned(x: float, y: float, z: float, middle: np.ndarray, board: CalibrationTarget) -> np.ndarray:
-    """Board to world: the board's middle at a place, turned by a rotation vector from facing the -y direction."""
+    """Board to world: the board's center at a position, rotated by a rotation vector from facing -y."""
     base = np.stack([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]], axis=1)  # columns: board's x, y (down), z (into it)
     placed = np.eye(4)
     placed[:3, :3] = cv2.Rodrigues(np.array([x, y, z]))[0] @ base
@@ -45,7 +45,7 @@ def turned(x: float, y: float, z: float, middle: np.ndarray, board: CalibrationT
 
 
 def rig_of(count: int) -> Rig:
-    """Cameras on an arc before the origin, each with its own lens."""
+    """Cameras on an arc around the origin with different intrinsics."""
     cameras = []
     for index in range(count):
         angle = np.radians(-90 + 20 * (index - (count - 1) / 2))
@@ -58,7 +58,7 @@ def rig_of(count: int) -> Rig:
 
 
 def filmed(rig: Rig, board: CalibrationTarget, sync_frames: int, noise: float, seed: int = 0) -> tuple[dict, dict]:
-    """Views of a board that is moved about, and where it was."""
+    """Observations of a moving board, and its true poses."""
     rng = np.random.default_rng(seed)
     views, places = {}, {}
     for sync_frame in range(sync_frames):
@@ -75,7 +75,7 @@ def filmed(rig: Rig, board: CalibrationTarget, sync_frames: int, noise: float, s
 
 
 def picture(board: CalibrationTarget, camera: Camera, place: np.ndarray) -> np.ndarray:
-    """What a camera without distortion sees of a board: drawn from our own list of dark parts, four times as fine."""
+    """Image of a board from a camera without distortion, drawn from our list of dark areas at four times the size."""
     fine = 4
     image = np.full((camera.height * fine, camera.width * fine), 225, np.uint8)
     ink = 25
@@ -85,7 +85,7 @@ def picture(board: CalibrationTarget, camera: Camera, place: np.ndarray) -> np.n
         x, y, w, h = rectangle
         corners = np.array([[x, y, 0], [x + w, y, 0], [x + w, y + h, 0], [x, y + h, 0]])
         pixels, _ = camera.project(corners @ place[:3, :3].T + place[:3, 3])
-        # cv2 fills up to pixel centers: half a fine pixel back, with 8 bits of sub-pixel
+        # cv2 fills up to pixel centers: subtract half a fine pixel, with 8 fractional bits
         cv2.fillPoly(image, [np.round((pixels * fine - 0.5) * 256).astype(np.int32)], value, cv2.LINE_8, 8)
 
     if board.inverted:
@@ -144,13 +144,13 @@ def polygons(pdf: bytes) -> tuple[tuple[float, float], list[np.ndarray]]:
             continue  # a glyph's outline
         for part in re.findall(r"((?:[-\d.]+ [-\d.]+ [ml]\s+){4,5})h?\s*f", text):
             numbers = np.array(re.findall(r"[-\d.]+", part), float).reshape(-1, 2)
-            if np.ptp(numbers[:, 0]) < 0.99 * float(box[1]):  # the page itself is white
+            if np.ptp(numbers[:, 0]) < 0.99 * float(box[1]):  # not the white page itself
                 shapes.append(numbers[:4] * point)
     return (float(box[1]) * point, float(box[2]) * point), shapes
 
 
 def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
-    """The rectangles in the file, drawn at 4 pixels a millimeter, are a board that OpenCV finds where it should be."""
+    """OpenCV detects a board in the file's rectangles, drawn at 4 pixels per millimeter, at the correct position."""
     board = CalibrationTarget(columns=5, rows=4, square=0.03, marker=0.02)
     width, height = write_target_pdf(board, tmp_path / "board.pdf", paper="a4")
     (page_width, page_height), shapes = polygons((tmp_path / "board.pdf").read_bytes())
@@ -185,7 +185,7 @@ def test_rig_from_a_board() -> None:
         progress=lambda done, total, **figures: said.append(done),
     )
     assert result.rig.names == rig.names
-    # the world that moment 3's board gives: x along its columns, z up its rows, y away from who looks at it
+    # the world defined by the board of frame 3: x from column to column, z up the columns, y away from the viewer
     place = places[3]
     middle = place[:3, :3] @ CHARUCO.middle + place[:3, 3]
     axes = np.stack([place[:3, 0], place[:3, 2], -place[:3, 1]])
@@ -196,7 +196,7 @@ def test_rig_from_a_board() -> None:
         assert found.fx == pytest.approx(camera.fx, rel=0.005)
         assert (found.cx, found.cy) == pytest.approx((camera.cx, camera.cy), abs=2.5)
         assert found.distortion[0] == pytest.approx(camera.distortion[0], abs=0.02)
-    assert 0.15 < result.report.reprojection.mean < 0.3  # the noise, no more
+    assert 0.15 < result.report.reprojection.mean < 0.3  # the noise only
     assert result.report.quality == "excellent"
     assert result.report.metric is True
     figures = result.report.boards
@@ -208,7 +208,7 @@ def test_rig_from_a_board() -> None:
 
 
 def test_observations_out_of_sync_are_rejected() -> None:
-    """One camera sees every third sync frame later, with the target elsewhere: the rig stays accurate."""
+    """One camera is late in every third sync frame, so it sees the target elsewhere: the rig remains accurate."""
     rig = rig_of(3)
     views, places = filmed(rig, CHARUCO, 24, noise=0.1)
     camera = rig["cam1"]

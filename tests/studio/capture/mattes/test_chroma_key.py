@@ -192,7 +192,7 @@ def test_garbage_mattes_per_frame(tmp_path: Path, make: SimpleNamespace) -> None
         CaptureSettings(root=tmp_path, masks="chroma_key", garbage_mattes="garbage/{camera}/{frame}.png")
     )
     assert footage.matte("a", 1).max() == 0
-    assert np.array_equal(footage.matte("a", 2), footage.matte("b", 1))  # b has none: its whole image counts
+    assert np.array_equal(footage.matte("a", 2), footage.matte("b", 1))  # b has none: its whole image is used
 
 
 def test_key_channels() -> None:

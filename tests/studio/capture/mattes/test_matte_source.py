@@ -1,4 +1,4 @@
-"""Mattes against exact ones: of the sample capture, and of scenes composed here."""
+"""Mattes compared with exact ones, for the sample capture and for synthetic scenes."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -138,7 +138,7 @@ def test_large_images_are_matted_at_full_size() -> None:
 
 
 def test_the_set_is_estimated_although_it_is_covered_most_of_the_time() -> None:
-    """The performer stays in one place for two thirds of the time; a median would show the performer there."""
+    """The performer stays in one place for two thirds of the time, so a median would show them there."""
     empty = set_of()
     places = [(60 + 3 * np.sin(2.1 * i), 80 + 2 * np.cos(1.7 * i)) for i in range(20)]
     places += [(60 + 12.0 * i, 80.0) for i in range(1, 11)]

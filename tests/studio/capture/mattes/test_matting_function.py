@@ -105,7 +105,7 @@ def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
 
 
 def test_values_outside_0_to_1() -> None:
-    """Another mean and standard deviation than the model's, or logits."""
+    """A mean and standard deviation that differ from the model's, or logits."""
     with refuses("matte.model_values", file=DATA / "free.onnx", setting="capture.mask_model_sigmoid") as caught:
         OnnxModel(DATA / "free.onnx", OnnxSettings(), device="cpu")(noisy())
     low, high = caught.value.value

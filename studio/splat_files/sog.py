@@ -1,0 +1,212 @@
+"""SOG, the splats of PlayCanvas in images (version 2): read only, as a `.sog` bundle or as `meta.json` with its images.
+
+Source: the format's specification, "The SOG Format", developer.playcanvas.com, and files written by splat-transform.
+Pixel i of each image belongs to splat i, row by row. Positions have 16 bits in two images, over a range of their signed
+logarithm; scales and colors are indices of a codebook; the quaternion's three smallest components have 8 bits each and
+alpha says which one is missing; the color's alpha is the opacity. Higher SH are the entries of a palette: a label of 16
+bits per splat, and 64 entries per row of the palette's image.
+
+The specification calls +y up; splat-transform and SuperSplat write the axes of the PLY that they read, and viewers turn
+both over. Here files have the axes of PLY.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+from studio.splat_files.checks import EXPORT_AGAIN, check_count, from_arrays, logits
+from studio.splat_files.sog_files import META, ArchiveParts, FolderParts, Parts, read_pixels
+
+_VERSION = 2
+_CODES = 256
+_LABELS = 1 << 16
+_ENTRIES_PER_ROW = 64
+_LARGEST_COMPONENT = 252  # alpha of a quaternion is this plus the index of the component that is not stored
+
+
+def is_sog_meta(path: Path) -> bool:
+    """Whether a `meta.json` seems to belong to a SOG data set; True if it cannot be parsed."""
+    try:
+        meta = _parsed(FolderParts(path))
+    except StudioError:
+        return True
+    return "means" in meta and "quats" in meta
+
+
+def sog_size(path: Path) -> tuple[int, int]:
+    """Number of splats and SH degree from `meta.json`. Raises StudioError as `read_sog`, for `meta.json`."""
+    meta = _Meta(_parts(path))
+    return meta.count, meta.degree
+
+
+def read_sog(path: Path) -> Gaussians:
+    """Read a SOG data set.
+
+    Args:
+        path: a .sog file, or a meta.json with its images beside it.
+
+    Raises:
+        StudioError: a part is missing, damaged or disagrees with the others, or another version than 2.
+    """
+    parts = _parts(path)
+    meta = _Meta(parts)
+
+    def pixels(section: str, index: int = 0) -> np.ndarray:
+        """(count, 4) uint8."""
+        return read_pixels(parts, meta.file(section, index), meta.count).reshape(-1, 4)[: meta.count]
+
+    low, high = (pixels("means", index)[:, :3].astype(np.float64) for index in range(2))
+    least, most = meta.numbers("means", "mins", 3), meta.numbers("means", "maxs", 3)
+    logarithms = least + (most - least) * ((low + 256 * high) / 65535)
+    with np.errstate(over="ignore"):
+        means = np.sign(logarithms) * np.expm1(np.abs(logarithms))
+    colors = pixels("sh0")
+    sh = meta.numbers("sh0", "codebook", _CODES)[colors[:, :3]][:, None]
+    if meta.degree:
+        sh = np.concatenate([sh, _harmonics(parts, meta, pixels("shN", 1))], axis=1)
+    return from_arrays(
+        path,
+        {
+            "means": means,
+            "quats": _quats(parts, meta, pixels("quats")),
+            "log_scales": meta.numbers("scales", "codebook", _CODES)[pixels("scales")[:, :3]],
+            "logit_opacities": logits(colors[:, 3] / 255),
+            "sh": sh,
+        },
+    )
+
+
+def _parts(path: Path) -> Parts:
+    return FolderParts(path) if path.name.lower() == META else ArchiveParts(path)
+
+
+def _parsed(parts: Parts) -> dict[str, Any]:
+    try:
+        values = json.loads(parts.read(META))
+    except (ValueError, RecursionError) as error:
+        raise StudioError(
+            "splat_file.sog_meta", f"{META} is not JSON ({error})", file=parts.path(META), fix=EXPORT_AGAIN, name=META
+        ) from None
+    if not isinstance(values, dict):
+        raise StudioError(
+            "splat_file.sog_meta", f"{META} is not an object", file=parts.path(META), fix=EXPORT_AGAIN, name=META
+        )
+    return values
+
+
+class _Meta:
+    """`meta.json`, with version, number of splats and SH degree validated; the rest is when it is asked for."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._path = parts.path(META)
+        self._values = _parsed(parts)
+        version = self._values.get("version")
+        if version != _VERSION:
+            raise StudioError(
+                "splat_file.unsupported_version",
+                f"SOG version {version!r}; version {_VERSION} is supported",
+                file=self._path,
+                value=version,
+                fix="Convert it, with splat-transform for example.",
+            )
+        count = self._values.get("count")
+        if not isinstance(count, int) or isinstance(count, bool):
+            raise self.invalid("count", "must be an integer")
+        check_count(self._path, count)
+        self.count: int = count
+        self.degree: int = 0
+        self.entries: int = 0
+        if self._values.get("shN") is not None:
+            bands, entries = (self._section("shN").get(name) for name in ("bands", "count"))
+            if isinstance(bands, bool) or bands not in (1, 2, 3):
+                raise self.invalid("shN.bands", "must be 1, 2 or 3")
+            if isinstance(entries, bool) or not isinstance(entries, int) or not 0 < entries <= _LABELS:
+                raise self.invalid("shN.count", f"must be an integer from 1 to {_LABELS}")
+            self.degree, self.entries = bands, entries
+
+    def invalid(self, name: str, problem: str) -> StudioError:
+        """The error for a value of `meta.json`."""
+        return StudioError("splat_file.sog_meta", f"'{name}' {problem}", file=self._path, fix=EXPORT_AGAIN, name=name)
+
+    def _section(self, name: str) -> dict[str, Any]:
+        section = self._values.get(name)
+        if not isinstance(section, dict):
+            raise self.invalid(name, "is missing or not an object")
+        return section
+
+    def file(self, section: str, index: int) -> str:
+        """Name of one of a section's images: a file of the same folder."""
+        files = self._section(section).get("files")
+        name = files[index] if isinstance(files, list) and len(files) > index else None
+        if not isinstance(name, str) or not name or name != Path(name).name or "\\" in name or "\0" in name:
+            raise self.invalid(f"{section}.files", "must name files of the same folder")
+        return name
+
+    def numbers(self, section: str, name: str, count: int) -> np.ndarray:
+        """(count,) float64, finite."""
+        values = self._section(section).get(name)
+        if (
+            not isinstance(values, list)
+            or len(values) != count
+            or any(isinstance(value, bool) or not isinstance(value, int | float) for value in values)
+        ):
+            raise self.invalid(f"{section}.{name}", f"must be a list of {count} numbers")
+        try:
+            numbers = np.array(values, np.float64)
+        except OverflowError:
+            numbers = np.array([np.inf])
+        if not np.isfinite(numbers).all():
+            raise self.invalid(f"{section}.{name}", "has a number that is not finite")
+        return numbers
+
+
+def _quats(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
+    """(N, 4) wxyz; the component that is not stored is positive."""
+    largest = pixels[:, 3].astype(np.int64) - _LARGEST_COMPONENT
+    if (largest < 0).any():
+        splat = int((largest < 0).argmax())
+        name = meta.file("quats", 0)
+        raise StudioError(
+            "splat_file.sog_image",
+            f"{name}: alpha of splat {splat} is {pixels[splat, 3]}; rotations have 252 to 255",
+            file=parts.path(name),
+            value=int(pixels[splat, 3]),
+            fix=EXPORT_AGAIN,
+            name=name,
+        )
+    stored = (pixels[:, :3] / 255 * 2 - 1) / 2**0.5
+    quats = np.empty((len(pixels), 4))
+    for index in range(4):
+        chosen = largest == index
+        others = [component for component in range(4) if component != index]
+        quats[np.ix_(chosen, others)] = stored[chosen]
+        quats[chosen, index] = np.sqrt(np.maximum(0, 1 - (stored[chosen] ** 2).sum(axis=1)))
+    return quats
+
+
+def _harmonics(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
+    """(N, K - 1, 3): each splat's entry of the palette."""
+    rest = (meta.degree + 1) ** 2 - 1
+    name = meta.file("shN", 0)
+    rows = -(-meta.entries // _ENTRIES_PER_ROW)
+    palette = read_pixels(parts, name, rows * _ENTRIES_PER_ROW * rest)
+    if palette.shape[1] != _ENTRIES_PER_ROW * rest:
+        raise StudioError(
+            "splat_file.sog_image",
+            f"{name}: {palette.shape[1]} pixels wide; a palette of degree {meta.degree} has {_ENTRIES_PER_ROW * rest}",
+            file=parts.path(name),
+            value=palette.shape[1],
+            fix=EXPORT_AGAIN,
+            name=name,
+        )
+    labels = pixels[:, :2].astype(np.int64) @ [1, 256]
+    if labels.max() >= meta.entries:
+        raise meta.invalid("shN.count", f"is {meta.entries}, but a splat has entry {labels.max()}")
+    codes = palette[..., :3].reshape(-1, rest, 3)[labels]
+    return meta.numbers("shN", "codebook", _CODES)[codes]

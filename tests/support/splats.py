@@ -1,0 +1,36 @@
+"""The splats that the files in tests/data/splats were converted from, and drawing splats to compare them."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from tests.support.rigs import camera_at
+
+COUNT = 260
+"""More than a chunk of compressed PLY, a bucket of .ksplat and a row of SOG's palette have."""
+
+
+def converted_splats(degree: int) -> Gaussians:
+    """An uneven cloud about 2 units across, the same on every machine: NumPy never changes what RandomState returns."""
+    random = np.random.RandomState(100 + degree)
+
+    def noise(*shape: int) -> torch.Tensor:
+        return torch.from_numpy(random.standard_normal(shape).astype(np.float32))
+
+    return Gaussians(
+        means=noise(COUNT, 3) * torch.tensor([0.5, 0.8, 0.3]) + torch.tensor([0.4, -0.2, 0.1]),
+        quats=torch.nn.functional.normalize(noise(COUNT, 4), dim=1),
+        log_scales=noise(COUNT, 3) * 0.5 - 2.5,
+        logit_opacities=noise(COUNT) * 1.5 + 0.5,
+        sh=(0.3 * noise(COUNT, (degree + 1) ** 2, 3)).clamp(-0.95, 0.95),
+    )
+
+
+def drawn(splats: Gaussians) -> torch.Tensor:
+    """Two pictures of `converted_splats` from different sides, stacked."""
+    eyes = ((3.0, 1.5, 2.0), (-1.0, -3.0, 1.5))
+    pictures = [rasterize(splats, camera_at("a", eye, (0.4, -0.2, 0.1)), background=(0.2, 0.4, 0.6)) for eye in eyes]
+    return torch.stack([picture.image for picture in pictures])
