@@ -8,6 +8,7 @@ and the error's code and fields.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import sys
@@ -33,7 +34,7 @@ GROUPS = {
     "Make a stream from footage": ("run", "status", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
-    "Use streams and takes": ("play", "serve", "share", "export", "import"),
+    "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
     "Research": ("ablate",),
 }
 """Commands in the order of `v3studio --help`."""
@@ -127,7 +128,7 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, export, import_splats, play, serve, share
+    from pipelines.commands import ablate, export, import_splats, play, publish, serve, share
     from pipelines.version import program_version
 
     parser = _Parser(
@@ -152,6 +153,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
         if name == "bake":
             _add_targets(stage)
+            _add_stream_options(stage)
         stage.set_defaults(command=_run, stage=name, until=None)
 
     status = commands.add_parser(
@@ -167,6 +169,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     play.register(commands)
     serve.register(commands)
     share.register(commands)
+    publish.register(commands)
     export.register(commands)
     import_splats.register(commands)
     ablate.register(commands)
@@ -248,6 +251,39 @@ def _add_targets(stage: argparse.ArgumentParser) -> None:
         ("target_psnr", "DB", "choose each group's QP so that decoded renders reach this PSNR against trained ones"),
     ):
         stage.add_argument(f"--{name.replace('_', '-')}", action=_Target, const=name, metavar=metavar, help=text)
+
+
+class _StreamVersion(argparse.Action):
+    """Sets the version of the stream, and for `--ladder` the default ladder."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Called by argparse."""
+        if self.const == "ladder":
+            from studio.stream.settings import DEFAULT_LADDER
+
+            rungs = json.dumps([rung.model_dump(mode="json") for rung in DEFAULT_LADDER])
+            targets = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr")]
+            namespace.set = [*namespace.set, *targets, "bake.stream_version=3", f"bake.ladder={rungs}"]
+        else:
+            without = ["bake.ladder=[]"] if values == "2" else []  # version 2 has one rendition
+            namespace.set = [*namespace.set, *without, f"bake.stream_version={values}"]
+
+
+def _add_stream_options(stage: argparse.ArgumentParser) -> None:
+    """Version and ladder of the stream as options."""
+    stage.add_argument(
+        "--stream-version", action=_StreamVersion, choices=("2", "3"), help="version of the stream's format"
+    )
+    stage.add_argument(
+        "--ladder",
+        action=_StreamVersion,
+        const="ladder",
+        nargs=0,
+        help="bake several renditions (version 3): QP 16, 20, 24, 28, and two with fewer splats and no view-dependent "
+        "color for phones; bake.ladder selects others",
+    )
 
 
 def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:

@@ -48,6 +48,7 @@ MENUS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
             ("export ply", "PLY, one file per frame..."),
             ("export spz", "SPZ, one file per frame..."),
             ("export glb", "GLB, one file per frame..."),
+            ("export v3", "Stream in one file..."),
             ("export videogs", "VideoGS layout..."),
             ("", ""),
             ("export turntable", "Movie: turntable..."),

@@ -24,6 +24,7 @@ FORMATS = {
     "ply": "a folder of numbered 3DGS PLY files, or one .ply file",
     "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY or less",
     "glb": "a folder of numbered GLB files with KHR_gaussian_splatting, or one .glb file",
+    "v3": "one .v3s file with the whole stream as it is, which all players here open",
     "videogs": "a folder in the VideoGS layout, for the players of the paper's released code",
     "turntable": "an MP4 of a camera circling the performer",
     "camera-path": "an MP4 along the cameras in --path",
@@ -103,6 +104,9 @@ def _export(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.takes.videos import decoded_video, is_take, open_reader, trained_video
 
+    if arguments.format == "v3":
+        return _whole_stream(arguments)
+
     with ExitStack() as stack:
         if is_take(arguments.source) and (arguments.of or DEFAULT_OF) == "trained":
             video = trained_video(Path(arguments.source).expanduser())
@@ -127,6 +131,42 @@ def _export(arguments: argparse.Namespace) -> int:
             written = _frames(video, arguments, progress)
     if not arguments.json:
         print(f"{arguments.out}: {written}")
+    return 0
+
+
+def _whole_stream(arguments: argparse.Namespace) -> int:
+    from pipelines.commands.working import working
+    from pipelines.takes.videos import open_reader
+    from studio.export.placing import new_file
+    from studio.stream.archive import SUFFIX
+    from studio.stream.write_archive import write_archive
+
+    for option in ("frames", "of", "sh_degree"):
+        if getattr(arguments, option) not in (None, "decoded"):
+            name = f"--{option.replace('_', '-')}"
+            raise StudioError(
+                "command.invalid_option",
+                f"--format v3 has no {name}: the stream is written as it is",
+                value=getattr(arguments, option),
+                fix=f"Remove {name}.",
+                option=name,
+            )
+    if arguments.out.suffix.lower() != SUFFIX:
+        raise StudioError(
+            "command.invalid_option",
+            f"--format v3 writes a {SUFFIX} file",
+            file=arguments.out,
+            value=arguments.out.suffix,
+            fix=f"End the name with {SUFFIX}, by which players recognize it.",
+            option="--out",
+        )
+    _need_stream(arguments.source)
+    with open_reader(arguments.source) as reader, new_file(arguments.out) as temporary:
+        with working("export v3", arguments.output if arguments.json else None) as progress:
+            size = write_archive(reader, temporary, progress)
+        frames = reader.frame_count
+    if not arguments.json:
+        print(f"{arguments.out}: {frames} frames, {size:,} bytes")
     return 0
 
 

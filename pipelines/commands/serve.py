@@ -8,6 +8,7 @@ import errno
 import json
 import logging
 import os
+import re
 import socket
 import sys
 from html import escape
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 MANIFEST = "manifest.json"
 TYPES = {".json": "application/json", ".mp4": "video/mp4"}
 """Content types by suffix; others are application/octet-stream."""
+
+HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
+"""Files in the folder files/ of a stream of version 3, which never change under their names."""
 
 _SHUTDOWN_SECONDS = 1  # for pending responses after Ctrl-C
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
@@ -81,7 +85,7 @@ def find_streams(folder: str) -> dict[str, Path]:
     from pipelines.takes.locate_stream import stream_place
 
     place = stream_place(folder)
-    if isinstance(place, str):
+    if isinstance(place, str) or place.is_file():
         raise StudioError("serve.not_a_folder", "only folders can be served", file=folder, fix="Specify a folder.")
     if (place / MANIFEST).is_file():
         return {"/": place}
@@ -104,9 +108,9 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None) -> St
     """The web application: GET and HEAD of stream files, with ranges, CORS and revalidation, and the player.
 
     Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
-    revalidate every response (ETag), since a stream that is baked again keeps its file names. Browsers that ask for a
-    stream's folder get the player's page, and for the list of several streams a page with links; other clients get
-    the list of manifests as text.
+    revalidate every response (ETag), since a stream that is baked again keeps its file names; files of version 3, which
+    are named by their content, may be kept forever. Browsers that ask for a stream's folder get the player's page, and
+    for the list of several streams a page with links; other clients get the list of manifests as text.
 
     Args:
         streams: from `find_streams`.
@@ -142,7 +146,8 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None) -> St
             self, full_path: Any, stat_result: os.stat_result, scope: Scope, status_code: int = 200
         ) -> Response:
             response = super().file_response(full_path, stat_result, scope, status_code)
-            response.headers["Cache-Control"] = "no-cache"
+            named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
+            response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if named else "no-cache"
             response.headers["X-Content-Type-Options"] = "nosniff"
             response.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
             if isinstance(response, FileResponse):

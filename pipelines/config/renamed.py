@@ -34,7 +34,12 @@ SETTINGS = {
 VALUES: dict[str, dict[str, str]] = {"train.strategy": {"gradient": "default"}}
 """Values of settings, old to new, by the setting's new name."""
 
-ADDED = {"train.regularize": "planes"}
+ADDED: JsonObject = {
+    "train.regularize": "planes",
+    "bake.stream_version": 2,
+    "bake.ladder": [],
+    "bake.first_group_size": None,
+}
 """Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior."""
 
 REPORT_KEYS = {

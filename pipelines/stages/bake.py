@@ -1,10 +1,11 @@
-"""Bakes trained groups to a stream. The stream's folder is replaced as a whole."""
+"""Bakes trained groups to a stream. In version 2 its folder is replaced as a whole; in version 3 its manifest is."""
 
 from __future__ import annotations
 
 import os
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,22 +15,52 @@ from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.summaries import BakeSummary
-from pipelines.takes.atomic_files import digest_of_file, link_or_copy, read_model, remove, write_model
+from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy, read_model, remove, write_model
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
-from pipelines.takes.stage_files import BakedGroup
+from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
-    from studio.stream import GroupEntry, StreamMetadata
+    from studio.stream import BakedGroup, StreamMetadata
+
+
+@dataclass(frozen=True)
+class Part:
+    """A group of the stream: a trained group, or a part of one (`bake.first_group_size`).
+
+    Attributes:
+        index: number of the group in the stream.
+        trained: the trained group.
+        indices: its frames, counted from 0 in the take.
+    """
+
+    index: int
+    trained: Group
+    indices: range
+
+    @property
+    def first(self) -> int:
+        """Its first frame."""
+        return self.indices[0]
+
+
+def parts_of(groups: Sequence[Group], first_size: int | None) -> tuple[Part, ...]:
+    """The stream's groups: those of the take, the first one cut after `first_size` frames if it is longer."""
+    ranges = [(group, group.indices) for group in groups]
+    if first_size is not None and len(groups[0].indices) > first_size:
+        whole = groups[0].indices
+        ranges[:1] = [(groups[0], whole[:first_size]), (groups[0], whole[first_size:])]
+    return tuple(Part(index, group, indices) for index, (group, indices) in enumerate(ranges))
 
 
 class BakeStage:
     """The stage `bake`; its units are groups.
 
     Groups are baked into a work folder, each with a file that records what it was made from. When all are finished, the
-    manifest is written and the folder replaces the old stream. Valid groups of the old stream are reused.
+    manifest is written and the folder replaces the old stream, or, in version 3, the old stream gets the new files
+    and then the new manifest. Valid groups of the old stream are reused.
     """
 
     name = "bake"
@@ -51,27 +82,30 @@ class BakeStage:
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Groups that are baked with current settings and inputs."""
-        groups = context.groups
+        groups = self._parts(context)
         return sum(self._place(context, group) is not None for group in groups), len(groups), "groups"
 
     def run(self, context: Context, reporter: StageReporter) -> BakeSummary:
         """Bake the groups that are missing, then replace the stream."""
-        from studio.stream import GroupEntry, write_manifest
+        from studio.stream import baked_group, write_manifest
 
-        groups = context.groups
+        groups = self._parts(context)
         new = self._folder(context)
         new.mkdir(parents=True, exist_ok=True)
         settings = context.config.bake
-        entries: list[GroupEntry] = []
+        entries: list[BakedGroup] = []
         for position, group in enumerate(groups):
             start, stop = position / len(groups), (position + 1) / len(groups)
             place = self._place(context, group)
             if place is None:
                 self._bake(context, group, reporter, start, stop)
+            elif settings.stream_version == 3:
+                self._link(context, group, new)
             elif place != new / group_name(group.index):
                 remove(new / group_name(group.index))
                 shutil.copytree(place, new / group_name(group.index), copy_function=link_or_copy)
-            entries.append(GroupEntry.from_dict(read_model(self._note(context, group), BakedGroup).entry))
+            entries.append(baked_group(read_model(self._note(context, group), BakedGroupNote).entry))
+            self._warn_of_limits(context, entries[-1], reporter)
             reporter.metrics(
                 {"splats": entries[-1].splats, "bytes": entries[-1].bytes, "frames": entries[-1].frame_count},
                 group=group.index,
@@ -79,11 +113,14 @@ class BakeStage:
             reporter.progress(stop, f"group {group.index}")
         wanted = {group_name(group.index) for group in groups}
         for path in new.iterdir():
-            if path.name not in wanted:
+            if path.name not in (wanted if settings.stream_version == 2 else {"files"}):
                 remove(path)
         metadata = self._metadata(context).to_json()
         manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, metadata)
-        self._put_in_place(context, new)
+        if settings.stream_version == 3 and (context.take.stream / "manifest.json").is_file():
+            self._update(context, new)
+        else:
+            self._put_in_place(context, new)
         for path in context.take.work(self.name).glob("group_*.json"):
             if path.stem not in wanted:
                 remove(path)
@@ -92,62 +129,101 @@ class BakeStage:
             groups=len(groups),
             frames=manifest.frame_count,
             bytes=total,
-            bytes_per_frame=round(total / manifest.frame_count),
+            bytes_per_frame=round(manifest.bytes_per_frame),
         )
+
+    def _parts(self, context: Context) -> tuple[Part, ...]:
+        return parts_of(context.groups, context.config.bake.first_group_size)
 
     def _folder(self, context: Context) -> Path:
         return context.take.work(self.name) / "stream"
 
-    def _note(self, context: Context, group: Group) -> Path:
+    def _note(self, context: Context, group: Part) -> Path:
         """File with the key, digests and manifest entry of a baked group."""
         return context.take.work(self.name) / f"{group_name(group.index)}.json"
 
-    def _key(self, context: Context, group: Group) -> str:
-        frames = [context.take.trained_frame(group.index, index) for index in group.indices]
+    def _key(self, context: Context, group: Part) -> str:
+        frames = [context.take.trained_frame(group.trained.index, index) for index in group.indices]
         content = [digest_of_file(path) if path.is_file() else None for path in frames]
-        return key_of(
-            self.name, self.version, settings_affecting(context.config, "videos"), group.index, group.first, content
-        )
+        settings = settings_affecting(context.config, "videos")
+        if context.config.bake.stream_version == 3:  # its level depends on it
+            settings["frames a second"] = float(context.footage.raw.fps)
+        return key_of(self.name, self.version, settings, group.index, group.first, content)
 
-    def _place(self, context: Context, group: Group) -> Path | None:
+    def _place(self, context: Context, group: Part) -> Path | None:
         """Folder of a valid baked group, in the work folder or in the old stream; None if it must be baked."""
         if not self._note(context, group).is_file():
             return None
-        note = read_model(self._note(context, group), BakedGroup)
+        note = read_model(self._note(context, group), BakedGroupNote)
         if note.key != self._key(context, group):
             return None
+        if context.config.bake.stream_version == 3:
+            found = [self._file(context, path, note) for path in note.files]
+            return self._folder(context) if None not in found else None
         for folder in (self._folder(context), context.take.stream):
             place = folder / group_name(group.index)
-            found = {path.name: path.stat().st_size for path in place.iterdir()} if place.is_dir() else {}
-            if found == note.files and all(digest_of_file(place / name) == note.digests[name] for name in found):
+            present = {path.name: path.stat().st_size for path in place.iterdir()} if place.is_dir() else {}
+            if present == note.files and all(digest_of_file(place / name) == note.digests[name] for name in present):
                 return place
         return None
 
-    def _bake(self, context: Context, group: Group, reporter: StageReporter, start: float, stop: float) -> None:
+    def _file(self, context: Context, path: str, note: BakedGroupNote) -> Path | None:
+        """Version 3: an undamaged file of a baked group, in the work folder or in the old stream."""
+        for folder in (self._folder(context), context.take.stream):
+            file = folder / path
+            if file.is_file() and digest_of_file(file) == note.digests[path]:
+                return file
+        return None
+
+    def _link(self, context: Context, group: Part, new: Path) -> None:
+        """Version 3: put the files of a valid group into the work folder."""
+        note = read_model(self._note(context, group), BakedGroupNote)
+        for path in note.files:
+            file = self._file(context, path, note)
+            if file is not None and file != new / path:
+                (new / path).parent.mkdir(parents=True, exist_ok=True)
+                remove(new / path)
+                link_or_copy(str(file), str(new / path))
+
+    def _bake(self, context: Context, group: Part, reporter: StageReporter, start: float, stop: float) -> None:
         from studio.stream import bake_group
 
         remove(self._note(context, group))
-        label = f"group {group.index}"
+        label, bake = f"group {group.index}", context.config.bake
         entry = bake_group(
             TrainedFrames(context, group),
             self._folder(context),
             group.index,
             group.first,
-            context.config.bake,
+            bake,
             progress=reporter.part(label, start, stop),
-            quality=DrawnError(context, group) if context.config.bake.target_psnr is not None else None,
+            quality=DrawnError(context, group) if bake.target_psnr is not None or bake.ladder else None,
             threads=context.config.run.threads,
+            fps=float(context.footage.raw.fps),
+            contribution=DrawnContribution(context, group),
         )
-        files = sorted((self._folder(context) / group_name(group.index)).iterdir())
+        folder = self._folder(context)
+        if bake.stream_version == 3:
+            files = {file.path: folder / file.path for file in entry.files}
+        else:
+            files = {path.name: path for path in sorted((folder / group_name(group.index)).iterdir())}
         write_model(
             self._note(context, group),
-            BakedGroup(
+            BakedGroupNote(
                 key=self._key(context, group),
-                files={path.name: path.stat().st_size for path in files},
-                digests={path.name: digest_of_file(path) for path in files},
+                files={name: path.stat().st_size for name, path in files.items()},
+                digests={name: digest_of_file(path) for name, path in files.items()},
                 entry=entry.to_dict(),
             ),
         )
+
+    def _warn_of_limits(self, context: Context, entry: BakedGroup, reporter: StageReporter) -> None:
+        from studio.stream import GroupLadder
+        from studio.stream.decoder_limits import beyond_hardware
+
+        if isinstance(entry, GroupLadder):
+            for message in beyond_hardware(entry, float(context.footage.raw.fps), context.config.bake.codec):
+                reporter.warn(message)
 
     def _metadata(self, context: Context) -> StreamMetadata:
         """Deterministic, so that identical takes bake to identical bytes."""
@@ -168,6 +244,56 @@ class BakeStage:
         os.rename(new, stream)
         remove(old)
 
+    def _update(self, context: Context, new: Path) -> None:
+        """Version 3: give the old stream the new files, then the new manifest; then remove what it no longer needs. If
+        killed before the manifest is replaced, the old stream is still whole."""
+        stream = context.take.stream
+        (stream / "files").mkdir(exist_ok=True)
+        wanted = {path.name for path in (new / "files").iterdir()}
+        for name in wanted:
+            target = stream / "files" / name
+            if not target.is_file() or digest_of_file(target) != digest_of_file(new / "files" / name):
+                with atomic_path(target) as temporary:
+                    link_or_copy(str(new / "files" / name), str(temporary))
+        os.replace(new / "manifest.json", stream / "manifest.json")
+        for path in (stream / "files").iterdir():
+            if path.name not in wanted:
+                remove(path)
+        for path in stream.glob("group_*"):  # of a stream of version 2
+            remove(path)
+        remove(new)
+
+
+class DrawnContribution:
+    """What each splat adds to the pictures of the training cameras, for rungs with fewer splats.
+
+    Measured in the first, the middle and the last frame of the group, from all training cameras.
+    """
+
+    WIDTH = 640
+
+    def __init__(self, context: Context, group: Part) -> None:
+        self._context, self._group = context, group
+
+    def __call__(self) -> np.ndarray:
+        """(N,) float64: sum over views of the splat's blending weights."""
+        from studio.rasterizer.contribution import contribution
+
+        context, group, count = self._context, self._group, len(self._group.indices)
+        footage = context.footage.calibrated
+        total: np.ndarray | None = None
+        for position in sorted({0, count // 2, count - 1}):
+            gaussians = read_frame(context.take.trained_frame(group.trained.index, group.indices[position]))
+            for name in footage.train_cameras:
+                context.cancellation.check()
+                camera = footage.rig[name]
+                if camera.width > self.WIDTH:
+                    camera = camera.scaled(self.WIDTH / camera.width)
+                found = contribution(gaussians.to(context.device), camera)
+                total = found if total is None else total + found
+        assert total is not None
+        return total
+
 
 class DrawnError:
     """Image error of decoded frames against trained ones, for `bake.target_psnr`.
@@ -178,7 +304,7 @@ class DrawnError:
     CAMERAS = 4
     WIDTH = 640
 
-    def __init__(self, context: Context, group: Group) -> None:
+    def __init__(self, context: Context, group: Part) -> None:
         self._context, self._group = context, group
         names = context.footage.calibrated.train_cameras
         chosen = np.linspace(0, len(names), min(self.CAMERAS, len(names)), endpoint=False).astype(int)
@@ -188,7 +314,7 @@ class DrawnError:
     def __call__(self, index: int, decoded: Gaussians) -> float:
         """Mean squared error over the cameras, colors in 0 to 1; `index` counts within the group."""
         if index not in self._trained:
-            path = self._context.take.trained_frame(self._group.index, self._group.indices[index])
+            path = self._context.take.trained_frame(self._group.trained.index, self._group.indices[index])
             self._trained[index] = self._draw(read_frame(path))
         errors = []
         for trained, found in zip(self._trained[index], self._draw(decoded), strict=True):
@@ -219,8 +345,8 @@ def drawn_box(image: np.ndarray, background: Sequence[float]) -> tuple[slice, sl
 class TrainedFrames(Sequence["Gaussians"]):
     """The trained frames of a group, read on access."""
 
-    def __init__(self, context: Context, group: Group) -> None:
-        self._paths = [context.take.trained_frame(group.index, index) for index in group.indices]
+    def __init__(self, context: Context, group: Part) -> None:
+        self._paths = [context.take.trained_frame(group.trained.index, index) for index in group.indices]
 
     def __len__(self) -> int:
         return len(self._paths)

@@ -120,7 +120,7 @@ class EvaluateStage:
             )
         summary = EvaluationSummary(
             **_means(measured.frames),
-            bytes_per_frame=round(manifest.total_bytes / manifest.frame_count, 1),
+            bytes_per_frame=round(manifest.bytes_per_frame, 1),
             psnr_trained_lowest_frame=min(row.psnr_trained for row in measured.frames),
             psnr_decoded_lowest_frame=min(row.psnr_decoded for row in measured.frames),
         )
@@ -138,7 +138,7 @@ class EvaluateStage:
             mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
             ssim="11x11 Gaussian window, sigma 1.5",
             **({} if lpips is None else {"lpips": lpips.protocol}),
-            total_bytes=manifest.total_bytes,
+            total_bytes=manifest.played_bytes,
             total_bytes_are="all videos and the manifest",
             bytes_of_a_frame="videos of its group, divided by the frames in the group",
         )

@@ -9,7 +9,7 @@ from studio.errors import StudioError
 
 
 def stream_place(text: str) -> Path | str:
-    """The folder or URL of a stream; for a take, the folder of its stream.
+    """The folder, one-file stream or URL of a stream; for a take, the folder of its stream.
 
     Raises:
         StudioError: no such folder (`stream.not_found`), or the take has no stream yet (`take.no_stream`).
@@ -19,6 +19,8 @@ def stream_place(text: str) -> Path | str:
     folder = Path(text).expanduser()
     if folder.name in ("manifest.json", "take.json") and folder.is_file():
         folder = folder.parent
+    if folder.is_file():
+        return folder
     if not (folder / "take.json").is_file():
         if not folder.is_dir():
             raise StudioError(

@@ -49,13 +49,13 @@ class TrainedGroup(Result):
     """Training time of each finished frame; 0 where unknown."""
 
 
-class BakedGroup(Result):
+class BakedGroupNote(Result):
     """.v3studio/work/bake/group_NNN.json: what a baked group was made from."""
 
     key: str
 
     files: dict[str, int]
-    """Sizes in bytes by file name."""
+    """Sizes in bytes by file name; in version 3 of the stream, by path in it."""
 
     digests: dict[str, str]
     """By file name."""

@@ -82,6 +82,15 @@ def bake_video(
                 progress(start + done, video.frame_count, **figures)
 
             entries.append(
-                bake_group(_Frames(video, group), temporary, number, group.start, settings, report, threads=threads)
+                bake_group(
+                    _Frames(video, group),
+                    temporary,
+                    number,
+                    group.start,
+                    settings,
+                    report,
+                    threads=threads,
+                    fps=video.fps,
+                )
             )
         return write_manifest(temporary, entries, video.fps, settings, metadata.to_json())

@@ -27,6 +27,7 @@ def play_headless(
     on_frame: Callable[[PlayedFrame], None] | None = None,
     draw: Callable[[Gaussians], object] | None = None,
     progress: ProgressFn = no_progress,
+    adaptive: bool | None = None,
 ) -> PlaybackReport:
     """Play a stream to its end with the threads of the player.
 
@@ -39,6 +40,7 @@ def play_headless(
         on_frame: called with each frame, in order, on the caller's thread.
         draw: renders a frame; its duration becomes the frame's `render_ms`.
         progress: called with played and total frames.
+        adaptive: whether renditions change with network and computer, see `Shared`.
 
     Returns:
         cost of each delivered frame, number of dropped frames, duration, and skipped groups.
@@ -70,16 +72,21 @@ def play_headless(
             return stats
 
         play = _play_by_clock if realtime else _play_all
-        return play(reader, start_frame, stop, show, progress)
+        return play(reader, start_frame, stop, show, progress, adaptive)
     finally:
         if owned:
             reader.close()
 
 
 def _play_all(
-    reader: StreamReader, start: int, stop: int, show: Callable[[PlayedFrame], FrameStats], progress: ProgressFn
+    reader: StreamReader,
+    start: int,
+    stop: int,
+    show: Callable[[PlayedFrame], FrameStats],
+    progress: ProgressFn,
+    adaptive: bool | None,
 ) -> PlaybackReport:
-    shared = Shared(reader)
+    shared = Shared(reader, adaptive)
     began = time.perf_counter()
     run = Run(shared, start, loop=False, due=None)
     stats: list[FrameStats] = []
@@ -101,11 +108,16 @@ def _play_all(
 
 
 def _play_by_clock(
-    reader: StreamReader, start: int, stop: int, show: Callable[[PlayedFrame], FrameStats], progress: ProgressFn
+    reader: StreamReader,
+    start: int,
+    stop: int,
+    show: Callable[[PlayedFrame], FrameStats],
+    progress: ProgressFn,
+    adaptive: bool | None,
 ) -> PlaybackReport:
     stats: list[FrameStats] = []
     began = time.perf_counter()
-    with Player(reader, start_frame=start) as player:
+    with Player(reader, start_frame=start, adaptive=adaptive) as player:
         player.play()
         last = -1
         while True:

@@ -12,16 +12,18 @@ from __future__ import annotations
 
 import threading
 import time
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.playback.bounded_queue import BoundedQueue
-from studio.playback.shared import Shared
+from studio.playback.shared import Shared, Span
 from studio.playback.statistics import FrameStats, SkippedGroup
 from studio.stream import DecodedFrame, GroupEntry, SourceUnavailable
 
+MOST_GROUPS = 64
 FETCHED_GROUPS = 1  # in the queue; one more is being decoded and another fetched, so up to three are in memory
 DECODED_FRAMES = 3
 READY_FRAMES = 4
@@ -88,7 +90,7 @@ class Run:
         self._start = start_tick
         self._loop = loop
         self._due = due
-        self._fetched: BoundedQueue[_Fetched] = BoundedQueue(FETCHED_GROUPS)
+        self._fetched: BoundedQueue[_Fetched] = BoundedQueue(self._groups_ahead())
         self._decoded: BoundedQueue[_Decoded] = BoundedQueue(DECODED_FRAMES)
         self.ready: BoundedQueue[PlayedFrame] = BoundedQueue(READY_FRAMES)
         self.error: BaseException | None = None
@@ -96,6 +98,7 @@ class Run:
         self._unavailable = 0  # consecutive groups that the server failed to deliver
         self._decoded_until = 0  # frame after the last decoded one
         self._delivered = False
+        self._delivered_tick = start_tick
         self._dropped = 0
         self._dropped_lock = threading.Lock()
         stages = (
@@ -160,29 +163,44 @@ class Run:
         """Whether `tick` is already due, so that earlier frames need not be shown."""
         return self._due is not None and tick <= self._due()
 
-    def _groups(self) -> Iterator[tuple[int, GroupEntry]]:
-        """(tick of its first frame, group) for each group, beginning with that of the start frame."""
-        count = self._manifest.frame_count
+    def _groups_ahead(self) -> int:
+        """Groups in the queue. Where renditions change, as many as the rule's buffer holds."""
+        rule, manifest = self._shared.rule, self._manifest
+        if rule is None:
+            return FETCHED_GROUPS
+        rule.seeked()
+        seconds = manifest.duration / len(manifest.groups)
+        return min(max(round(rule.target / seconds), FETCHED_GROUPS), MOST_GROUPS)
+
+    def _groups(self) -> Iterator[tuple[int, Span]]:
+        """(tick of the first frame, group) from the start frame."""
+        count, starts = self._manifest.frame_count, self._shared.reader.group_starts
+        ends = (*starts[1:], count)
         lap, frame = divmod(self._start, count)
-        first = self._manifest.group_of(frame).index
+        first = bisect_right(starts, frame) - 1
         while True:
-            for group in self._manifest.groups[first:]:
-                yield lap * count + group.first_frame, group
+            for number in range(first, len(starts)):
+                yield lap * count + starts[number], Span(number, starts[number], ends[number] - starts[number])
             if not self._loop:
                 return
             lap, first = lap + 1, 0
 
+    def _buffered(self, tick: int) -> float:
+        """Seconds of frames before `tick` that are not yet shown."""
+        shown = self._delivered_tick if self._due is None else max(self._due(), self._start)
+        return max(tick - shown, 0) / self._manifest.fps
+
     def _fetch(self) -> None:
         failures = 0  # consecutive
-        for start_tick, group in self._groups():
-            end_tick = start_tick + group.frame_count
+        for start_tick, span in self._groups():
+            end_tick = start_tick + span.frame_count
             if self._late(end_tick):
                 self.count_dropped(end_tick - max(start_tick, self._start))
                 continue
             began = time.perf_counter()
-            files = self._files(group, start_tick)
+            found = self._files(span, start_tick)
             milliseconds = 1e3 * (time.perf_counter() - began)
-            if files is None:
+            if found is None:
                 failures += 1
                 if self._fetched.over:
                     return
@@ -190,20 +208,22 @@ class Run:
                     raise nothing_playable("no frame of the stream can be played", self._shared.skipped[0])
                 continue
             failures = 0
+            group, files = found
             if self._fetched.put(_Fetched(start_tick, group, files, milliseconds)) is None:
                 return
 
-    def _files(self, group: GroupEntry, start_tick: int) -> dict[str, bytes] | None:
-        """The files of a group; None if they cannot be fetched, which is recorded."""
-        if self._shared.is_lost(group):
+    def _files(self, span: Span, start_tick: int) -> tuple[GroupEntry, dict[str, bytes]] | None:
+        """The group in the chosen rendition and its files; None if they cannot be fetched, which is recorded."""
+        if self._shared.is_lost(span):
             return None
         self._fetching = (max(start_tick, self._start), time.monotonic())
         try:
+            group = self._shared.choose(span.index, self._buffered(start_tick))
             files = self._shared.files(group)
         except StudioError as error:
             if self._fetched.over:
                 return None  # the reader was closed in the meantime; the group may be intact
-            self._shared.note_damage(group, group.first_frame, group.end_frame, error.message)
+            self._shared.note_damage(span, span.first_frame, span.end_frame, error.message)
             self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
             if self._unavailable == 2:
                 raise  # twice in a row: the server is unreachable, not just a file
@@ -212,7 +232,7 @@ class Run:
             self._fetching = None
         self._unavailable = 0
         self._shared.note_intact(group)
-        return files
+        return group, files
 
     def _decode(self) -> None:
         with self._shared.decode_lock:
@@ -265,6 +285,7 @@ class Run:
             following = self._decoded.peek()
             if following is not None and self._late(following.tick):
                 self.count_dropped(1)
+                self._shared.played(decoded.group, dropped=1)
                 continue
             group, frame = decoded.group, decoded.tick % count
             began = time.perf_counter()
@@ -282,7 +303,9 @@ class Run:
             if dropped is None:
                 return
             self._delivered = True
+            self._delivered_tick = decoded.tick
             self.count_dropped(dropped)
+            self._shared.played(group, 1 - min(dropped, 1), min(dropped, 1))
         if not self._delivered and not self.ready.over and self.error is None and self._shared.skipped:
             frame = self._start % count
             left_out = [item for item in self._shared.skipped if item.first_frame + item.frame_count > frame]

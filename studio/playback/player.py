@@ -33,6 +33,7 @@ class Player:
         rate: playback speed, above 0 and at most 100; 1 is the stream's frame rate.
         start_frame: index of the first frame, 0-based.
         now: returns the time in seconds; for tests.
+        adaptive: whether renditions change with network and computer, see `Shared`.
 
     Raises:
         StudioError: the stream cannot be opened, there is no such frame, or the rate is out of range
@@ -49,11 +50,12 @@ class Player:
         rate: float = 1.0,
         start_frame: int = 0,
         now: Callable[[], float] = time.monotonic,
+        adaptive: bool | None = None,
     ) -> None:
         self._owned = not isinstance(stream, StreamReader)
         self.reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
         self._lock = threading.RLock()
-        self._shared = Shared(self.reader)
+        self._shared = Shared(self.reader, adaptive)
         self._current: PlayedFrame | None = None
         self._dropped_before = 0
         self._runs = 0

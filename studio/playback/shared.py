@@ -5,8 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
+from dataclasses import dataclass
 
 from studio.errors import Message
+from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import SkippedGroup
 from studio.stream import GroupDecoder, GroupEntry, StreamReader, fetch_group
 
@@ -14,26 +16,75 @@ _CACHED_GROUPS = 6  # so that scrubbing does not fetch them again
 _RETRY_AFTER = 10.0  # seconds after which a damaged group is tried again: it may have been repaired or uploaded
 
 
-class Shared:
-    """See the module docstring. Thread safe, except for `decoder`, which requires `decode_lock`."""
+@dataclass(frozen=True)
+class Span:
+    """A group's place in the stream, known without its page of the index."""
 
-    def __init__(self, reader: StreamReader) -> None:
+    index: int
+    first_frame: int
+    frame_count: int
+
+    @property
+    def end_frame(self) -> int:
+        """Index of the first frame after the group."""
+        return self.first_frame + self.frame_count
+
+
+class Shared:
+    """See the module docstring. Thread safe, except for `decoder`, which requires `decode_lock`.
+
+    Args:
+        reader: the stream.
+        adaptive: True: change renditions by `RateRule`; False: keep the reader's; None: change them if the stream comes
+            from a web server and has several.
+    """
+
+    def __init__(self, reader: StreamReader, adaptive: bool | None = None) -> None:
         self.reader = reader
+        if adaptive is None:
+            adaptive = hasattr(reader.source, "parallel")  # a network, see `Source`
+        self.rule: RateRule | None = None
+        if adaptive and len(reader.renditions) > 1:
+            self.rule = RateRule([one.bandwidth for one in reader.renditions])
+        self._renditions = {one.id: number for number, one in enumerate(reader.renditions)}
         self.decode_lock = threading.Lock()  # one run decodes at a time; an ended run releases it within one frame
         self.decoder: GroupDecoder | None = None
-        self._files: OrderedDict[int, dict[str, bytes]] = OrderedDict()
+        self._files: OrderedDict[tuple[int, str], dict[str, bytes]] = OrderedDict()
         self._skipped: dict[int, tuple[SkippedGroup, float]] = {}
         self._lock = threading.Lock()
 
+    def choose(self, number: int, buffered: float) -> GroupEntry:
+        """Group `number` in the rendition to play it in.
+
+        Args:
+            number: of the group.
+            buffered: seconds of frames that are fetched and not yet shown.
+
+        Raises:
+            StudioError: its page of the index is missing or damaged.
+        """
+        if self.rule is None:
+            return self.reader.group(number)
+        return self.reader.group(number, self.reader.renditions[self.rule.choose(buffered)].id)
+
+    def played(self, group: GroupEntry, shown: int = 0, dropped: int = 0) -> None:
+        """Tell the rule about frames that were shown, or were dropped since decoding was late."""
+        if self.rule is not None:
+            self.rule.played(self._renditions[rendition_of(group)], shown, dropped)
+
     def files(self, group: GroupEntry) -> dict[str, bytes]:
         """The files of a group, from the cache, or fetched and verified."""
+        key = (group.index, rendition_of(group))
         with self._lock:
-            if group.index in self._files:
-                self._files.move_to_end(group.index)
-                return self._files[group.index]
+            if key in self._files:
+                self._files.move_to_end(key)
+                return self._files[key]
+        began = time.perf_counter()
         files = fetch_group(self.reader.source, group)
+        if self.rule is not None:
+            self.rule.fetched(group.bytes, time.perf_counter() - began)
         with self._lock:
-            self._files[group.index] = files
+            self._files[key] = files
             while len(self._files) > _CACHED_GROUPS:
                 self._files.popitem(last=False)
         return files
@@ -44,7 +95,7 @@ class Shared:
             self.decoder.close()
             self.decoder = None
 
-    def note_damage(self, group: GroupEntry, first_frame: int, end_frame: int, cause: Message) -> None:
+    def note_damage(self, group: GroupEntry | Span, first_frame: int, end_frame: int, cause: Message) -> None:
         """Record that these frames of a group cannot be played."""
         with self._lock:
             if group.index in self._skipped:
@@ -53,7 +104,8 @@ class Shared:
                 end_frame = max(end_frame, known.first_frame + known.frame_count)
             skipped = SkippedGroup(group.index, first_frame, end_frame - first_frame, cause)
             self._skipped[group.index] = (skipped, time.monotonic())
-            self._files.pop(group.index, None)
+            for key in [key for key in self._files if key[0] == group.index]:
+                del self._files[key]
 
     def note_intact(self, group: GroupEntry) -> None:
         """Forget that a whole group could not be fetched, because it has been repaired."""
@@ -62,7 +114,7 @@ class Shared:
             if known is not None and known[0].frame_count == group.frame_count:
                 del self._skipped[group.index]
 
-    def is_lost(self, group: GroupEntry) -> bool:
+    def is_lost(self, group: GroupEntry | Span) -> bool:
         """Whether no frame of a group could be played when it was last tried, recently."""
         with self._lock:
             known = self._skipped.get(group.index)
@@ -75,3 +127,9 @@ class Shared:
         """All groups, or parts of groups, that could not be played, in order."""
         with self._lock:
             return tuple(self._skipped[index][0] for index in sorted(self._skipped))
+
+
+def rendition_of(group: GroupEntry) -> str:
+    """Id of a group's rendition; "" in versions 1 and 2."""
+    found: str = getattr(group, "id", "")
+    return found

@@ -6,31 +6,40 @@ from studio.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from studio.stream.bake import bake_group, group_folder_name, write_manifest
+    from studio.stream.bake_ladder import ContributionFn
     from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
+    from studio.stream.ladder_models import BakedGroup, GroupLadder, RenditionEntry, baked_group
     from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
     from studio.stream.manifest_models import GroupEntry
     from studio.stream.metadata import StreamMetadata
     from studio.stream.reader import StreamReader, fetch_group
     from studio.stream.search import QualityFn
-    from studio.stream.settings import BakeSettings
+    from studio.stream.settings import DEFAULT_LADDER, BakeSettings, Rung
     from studio.stream.source import FolderSource, Source, SourceUnavailable, is_address
 
 __all__ = [
+    "DEFAULT_LADDER",
     "FORMAT",
     "MANIFEST_NAME",
     "VERSION",
     "BakeSettings",
+    "BakedGroup",
+    "ContributionFn",
     "DecodedFrame",
     "FolderSource",
     "GroupDecoder",
     "GroupEntry",
+    "GroupLadder",
     "Manifest",
     "QualityFn",
+    "RenditionEntry",
+    "Rung",
     "Source",
     "SourceUnavailable",
     "StreamMetadata",
     "StreamReader",
     "bake_group",
+    "baked_group",
     "fetch_group",
     "group_folder_name",
     "is_address",

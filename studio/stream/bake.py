@@ -7,18 +7,18 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
-from studio.stream.bake_motion import MotionBake
-from studio.stream.bake_planes import PlanesBake
+from studio.stream.bake_ladder import ContributionFn, bake_ladder
+from studio.stream.encode_group import encode_group, prepare
+from studio.stream.ladder_models import BakedGroup, GroupLadder
 from studio.stream.manifest import MANIFEST_NAME, PROFILES, Codec, Manifest, seal
-from studio.stream.manifest_models import MAX_SPLATS, GroupEntry, invalid
-from studio.stream.search import QualityFn, measured_psnr, search_qp
+from studio.stream.manifest_models import MAX_SPLATS, GroupEntry
+from studio.stream.search import QualityFn
 from studio.stream.settings import BakeSettings
+from studio.stream.write_ladder import first_finding, replace_manifest, write_ladder
 
 
 def group_folder_name(group: int) -> str:
@@ -35,11 +35,13 @@ def bake_group(
     progress: ProgressFn = no_progress,
     quality: QualityFn | None = None,
     threads: int = 0,
-) -> GroupEntry:
-    """Bake one group into `directory/group_<nnn>/`.
+    fps: float | None = None,
+    contribution: ContributionFn | None = None,
+) -> BakedGroup:
+    """Bake one group: into `directory/group_<nnn>/` for version 2, into files named by their content for version 3.
 
     The folder appears once it is complete and replaces an existing one. The same input gives the same bytes. With a
-    target in the settings, the group is baked several times, at the QPs of a bisection.
+    target in the settings, the group is baked several times, at the QPs of a bisection; with a ladder, once per rung.
 
     Args:
         frames: frames of the group, keyframe first, with the same splats in each. The profile `planes` reads a sequence
@@ -50,14 +52,17 @@ def bake_group(
         settings: profile, QPs, targets and so on.
         progress: called with (frames encoded, frames).
         threads: CPU threads; 0: one per core. Does not change the bytes.
-        quality: error of a decoded frame against the trained one; required for `target_psnr`.
+        quality: error of a decoded frame against the trained one; required for `target_psnr`. In version 3, the
+            renditions' `psnr_to_trained` is measured with it.
+        fps: version 3: frames per second of the stream, which the level of its videos is chosen for; None: 30.
+        contribution: what each splat adds to the pictures; required for rungs with fewer splats.
 
     Returns:
         The group's entry for the manifest.
 
     Raises:
-        StudioError: no frames, differing splat counts, values that are not finite, a target that no QP reaches, or the
-            folder cannot be written.
+        StudioError: no frames, differing splat counts, values that are not finite, a target that no QP reaches, no
+            `contribution` for a rung that needs it, or the folder cannot be written.
     """
     if not isinstance(frames, Sequence):
         frames = list(frames)
@@ -73,43 +78,18 @@ def bake_group(
             expected=MAX_SPLATS,
             setting="train.max_splats",
         )
-    prepared = (PlanesBake if settings.profile == "planes" else MotionBake)(frames, progress)
-
     folder = directory / group_folder_name(group)
     # a fixed name, so that the next run replaces the leftovers of a killed one
     partial = directory / f".{folder.name}.partial"
-    written: dict[int, GroupEntry] = {}
-
-    def write(qp: int) -> GroupEntry:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        written.clear()  # only one set of files is on disk
-        written[qp] = prepared.write(partial, folder.name, group, first_frame, settings.at_qp(qp), progress, threads)
-        return written[qp]
-
-    def kilobytes(qp: int) -> float:
-        return write(qp).bytes / len(frames) / 1000
-
-    def psnr(qp: int) -> float:
-        assert quality is not None
-        entry = write(qp)
-        files = {file.path: (partial / Path(file.path).name).read_bytes() for file in entry.files}
-        return measured_psnr(entry, files, quality, settings.codec)
-
     try:
-        qp = settings.qp
-        if settings.target_kb_per_frame is not None:
-            qp = search_qp(kilobytes, settings.target_kb_per_frame, f"group {group}", "KB per frame", at_most=True)
-        elif settings.target_psnr is not None:
-            if quality is None:
-                raise StudioError(
-                    "bake.no_renderer",
-                    "target_psnr requires a function that renders decoded frames (quality)",
-                    fix="Pass quality, or set qp instead.",
-                    setting="bake.target_psnr",
-                )
-            qp = search_qp(psnr, settings.target_psnr, f"group {group}", "dB", at_most=False)
-        entry = written.get(qp) or write(qp)
+        if settings.stream_version == 3:
+            return bake_ladder(
+                frames, directory, partial, group, first_frame, settings, progress, quality, threads, fps, contribution
+            )
+        prepared = prepare(frames, settings, progress)
+        entry = encode_group(
+            prepared, partial, folder.name, group, first_frame, len(frames), settings, progress, quality, threads
+        )
         _replace_folder(partial, folder)
     except OSError as error:
         raise StudioError(
@@ -122,12 +102,15 @@ def bake_group(
 
 def write_manifest(
     directory: Path,
-    groups: Sequence[GroupEntry],
+    groups: Sequence[BakedGroup],
     fps: float,
     settings: BakeSettings,
     metadata: JsonObject | None = None,
+    live: bool = False,
 ) -> Manifest:
     """Write `directory/manifest.json` for baked groups, atomically.
+
+    In version 3, files that the new manifest does not need are removed after it has replaced the old one.
 
     Args:
         directory: the stream's folder, which contains the groups.
@@ -136,9 +119,10 @@ def write_manifest(
         settings: as passed to `bake_group`.
         metadata: free-form JSON values. Leave out what changes between runs, such as dates, to keep the bytes
             reproducible. `StreamMetadata.to_json` makes those that players know.
+        live: version 3: further groups will follow.
 
     Returns:
-        The manifest, including the total size of all files.
+        The manifest, including the total size of all files; in version 3, of the best rendition.
 
     Raises:
         StudioError: groups out of order, of another SH degree or profile, or a file is missing or has a different size.
@@ -146,6 +130,16 @@ def write_manifest(
     path = directory / MANIFEST_NAME
     if not groups:
         raise StudioError("bake.no_groups", "a stream needs at least one group", file=path)
+    _check_present(directory, groups)
+    ladders = [group for group in groups if isinstance(group, GroupLadder)]
+    if ladders:
+        if len(ladders) < len(groups):
+            raise StudioError("bake.manifest_invalid", "groups of versions 2 and 3 are mixed", file=path)
+        return write_ladder(directory, ladders, float(fps), settings, dict(metadata or {}), live)
+    return _write_plain(path, [group for group in groups if isinstance(group, GroupEntry)], fps, settings, metadata)
+
+
+def _check_present(directory: Path, groups: Sequence[BakedGroup]) -> None:
     for group in groups:
         for wanted in group.files:
             file = directory / wanted.path
@@ -161,6 +155,12 @@ def write_manifest(
                     group=group.index,
                     expected=wanted.bytes,
                 )
+
+
+def _write_plain(
+    path: Path, groups: Sequence[GroupEntry], fps: float, settings: BakeSettings, metadata: JsonObject | None
+) -> Manifest:
+    """The manifest of version 2."""
     box = groups[0].bounding_box
     for group in groups[1:]:
         box = box.union(group.bounding_box)
@@ -180,23 +180,10 @@ def write_manifest(
         manifest, data = seal(draft)
     except (ValueError, TypeError) as error:
         raise StudioError(
-            "bake.manifest_invalid", f"the manifest is invalid ({_first_line(error)})", file=path
+            "bake.manifest_invalid", f"the manifest is invalid ({first_finding(error)})", file=path
         ) from None
-    temporary = directory / f".{MANIFEST_NAME}.partial"
-    try:
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise StudioError(
-            "bake.write_failed", f"the manifest cannot be written ({error.strerror or error})", file=path
-        ) from None
+    replace_manifest(path, data)
     return manifest
-
-
-def _first_line(error: Exception) -> str:
-    if isinstance(error, ValidationError):
-        return invalid(error, "", "").problem
-    return str(error)
 
 
 def _replace_folder(new: Path, target: Path) -> None:

@@ -117,8 +117,9 @@ class MotionBake:
         settings: BakeSettings,
         progress: ProgressFn,
         threads: int = 0,
+        fps: float | None = None,
     ) -> MotionGroup:
-        """Write side file and video into `folder`, which is `name` in the manifest."""
+        """Write side file and video into `folder`, which is `name` in the manifest; `fps` as for `PlaneEncoder`."""
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
         bits = MAX_BITS if settings.qp == 0 else keyframe_bits(self._extent, _KEYFRAME_STEP * coarse * self._step)
         lattice = Lattice(bits=bits, min=_point(self._origin), step=max(self._extent, 1e-9) / (1 << bits))
@@ -160,7 +161,7 @@ class MotionBake:
         side = Side(codes, self._labels, classes, affine, turns, Escapes(channel_, splat_, frame_, code_))
         data, raw_bytes = compress(side, bits)
         (folder / "motion.bin").write_bytes(data)
-        self._encode(pictures, folder / "video.mp4", settings, progress)
+        self._encode(pictures, folder / "video.mp4", settings, progress, fps)
         side_entry = SideEntry(**describe(folder / "motion.bin", name), raw_bytes=raw_bytes)
         video = VideoEntry(**describe(folder / "video.mp4", name), qp=codec_qp(settings.codec, settings.qp))
         try:
@@ -184,9 +185,11 @@ class MotionBake:
         except ValueError as error:
             raise group_invalid(group, error) from None
 
-    def _encode(self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn) -> None:
+    def _encode(
+        self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn, fps: float | None
+    ) -> None:
         size = (pictures.shape[2], pictures.shape[1])
-        encoder = PlaneEncoder(path, size, settings.qp, settings.preset, tiles=settings.codec)
+        encoder = PlaneEncoder(path, size, settings.qp, settings.preset, tiles=settings.codec, fps=fps)
         try:
             for number, picture in enumerate(pictures):
                 encoder.add(picture)

@@ -58,13 +58,13 @@ class PlanesBake:
         settings: BakeSettings,
         progress: ProgressFn,
         threads: int = 0,
+        fps: float | None = None,
     ) -> PlanesGroup:
-        """Write the videos into `folder`, which is `name` in the manifest."""
+        """Write the videos into `folder`, which is `name` in the manifest; `fps` as for `PlaneEncoder`."""
         frames, low, high = self._frames, self._low, self._high
         planes = _planes(frames[0].sh_degree, settings)
-        _encode(
-            component_frames(frames, self._order), folder, planes, low, high, settings, len(frames), progress, threads
-        )
+        values = component_frames(frames, self._order)
+        _encode(values, folder, planes, low, high, settings, len(frames), progress, threads, fps)
         return _entry(folder, name, planes, low, high, group, first_frame, frames, self._box)
 
 
@@ -124,6 +124,7 @@ def _encode(
     frame_count: int,
     progress: ProgressFn,
     threads: int,
+    fps: float | None,
 ) -> None:
     encoders: list[PlaneEncoder] = []
 
@@ -141,7 +142,7 @@ def _encode(
                     side = plane_side(frame.shape[1])
                     for _, component, part, qp in planes:
                         path = folder / _file_name(component, part)
-                        encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset))
+                        encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset, fps=fps))
                 list(pool.map(encode, range(len(planes)), repeat(frame)))
                 progress(number + 1, frame_count)
             list(pool.map(PlaneEncoder.close, encoders))

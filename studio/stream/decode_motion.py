@@ -11,6 +11,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rotations import mrp_to_quats, quat_multiply
 from studio.stream.decoder import DecodedFrame, GroupDecoder
+from studio.stream.luma_check import check_luma
 from studio.stream.manifest_models import MotionGroup
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
@@ -112,7 +113,7 @@ class MotionDecoder(GroupDecoder):
 
     def __init__(self, group: MotionGroup, files: Mapping[str, bytes], name: str, codec: str, threads: int) -> None:
         super().__init__(group)
-        self._size = group.size
+        self._size, self._entry, self._name = group.size, group.video, name
         self._video = PlaneDecoder(files[group.video.path], f"{name}/{group.video.path}", group.size, codec, threads)
         try:
             self._tables = GroupTables(group, files[group.side.path])
@@ -128,6 +129,7 @@ class MotionDecoder(GroupDecoder):
     def _read(self, index: int) -> MotionFrame:
         picture = np.empty(self._size[::-1], dtype=np.uint8)
         self._video.read(picture)
+        check_luma(self._entry, index, picture, self._name)
         return MotionFrame(self._tables, index, picture)
 
     def close(self) -> None:

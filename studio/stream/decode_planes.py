@@ -11,6 +11,7 @@ import numpy as np
 from studio.gaussians import Gaussians
 from studio.stream.decoder import DecodedFrame, GroupDecoder
 from studio.stream.layout import ComponentArrays
+from studio.stream.luma_check import check_luma
 from studio.stream.manifest_models import PlanesGroup
 from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes
 from studio.stream.video import PlaneDecoder
@@ -57,7 +58,7 @@ class PlanesDecoder(GroupDecoder):
     def __init__(self, group: PlanesGroup, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:
         super().__init__(group)
         self._planes_group = group
-        self._pool = pool
+        self._pool, self._name = pool, name
         size = (group.side, group.side)
         # Opening parses each file's headers, so it pays to do that in parallel too.
         opening = [pool.submit(PlaneDecoder, files[plane.path], f"{name}/{plane.path}", size) for plane in group.planes]
@@ -77,6 +78,8 @@ class PlanesDecoder(GroupDecoder):
         wait(reading)  # for all, before raising the error of one: the caller may then close the decoders
         for future in reading:
             future.result()
+        for entry, plane in zip(group.planes, planes, strict=True):
+            check_luma(entry, index, plane, self._name)
         return PlanesFrame(group, planes)
 
     def close(self) -> None:

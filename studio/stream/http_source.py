@@ -45,11 +45,29 @@ class _Temporary(Exception):
 
 
 class _Partial:
-    """The part of a file received so far, and the validator (ETag or date) of its version."""
+    """The part of a file received so far, and the validator (ETag or date) of its version.
 
-    def __init__(self) -> None:
+    Args:
+        window: first byte and number of bytes if only a part of the file is wanted.
+    """
+
+    def __init__(self, window: tuple[int, int] | None = None) -> None:
         self.data = bytearray()
         self.validator: str | None = None
+        self.window = window
+        self.size = 0  # of the whole file, from Content-Range
+
+    @property
+    def begin(self) -> int:
+        """Position in the file of the next byte."""
+        return (self.window[0] if self.window else 0) + len(self.data)
+
+    @property
+    def wanted(self) -> str | None:
+        """The range to request; None for the whole file."""
+        if self.window is not None:
+            return f"bytes={self.begin}-{sum(self.window) - 1}"
+        return f"bytes={self.begin}-" if self.data else None
 
     def restart(self) -> None:
         self.data.clear()
@@ -129,8 +147,28 @@ class HttpSource:
             StudioError: the file is missing, access is denied, or the file is longer than `limit`.
         """
         url = urlunsplit(self._base._replace(path=f"{self._base.path}/{path}"))
-        name = f"{self.name}/{path}"
         partial = _Partial()
+        self._read(url, f"{self.name}/{path}", partial, limit)
+        return bytes(partial.data)
+
+    def read_part(self, offset: int, count: int) -> tuple[bytes, int]:
+        """A part of the file that the URL itself names.
+
+        Args:
+            offset: first byte.
+            count: bytes, at least 1.
+
+        Returns:
+            The bytes, fewer than `count` only at the end of the file, and the size of the file.
+
+        Raises:
+            StudioError: as `read`, or the server does not answer range requests.
+        """
+        partial = _Partial((offset, count))
+        self._read(urlunsplit(self._base), self.name, partial, count)
+        return bytes(partial.data), partial.size
+
+    def _read(self, url: str, name: str, partial: _Partial, limit: int) -> None:
         began = time.monotonic()
         failing_since: float | None = None
         pause = _BACK_OFF[0]
@@ -142,7 +180,7 @@ class HttpSource:
             attempt_began = time.monotonic()
             try:
                 self._attempt(url, name, partial, limit)
-                return bytes(partial.data)
+                return
             except _Temporary as problem:
                 if failing_since is None:
                     failing_since = attempt_began
@@ -165,8 +203,8 @@ class HttpSource:
     def _attempt(self, url: str, name: str, partial: _Partial, limit: int) -> None:
         """Request the file, or the missing rest of it."""
         headers = dict(self._headers)
-        if partial.data:
-            headers["Range"] = f"bytes={len(partial.data)}-"
+        if partial.wanted is not None:
+            headers["Range"] = partial.wanted
             if partial.validator is not None:
                 headers["If-Range"] = partial.validator
         try:
@@ -260,12 +298,23 @@ def _check_answer(response: urllib3.BaseHTTPResponse, name: str, partial: _Parti
     if status == 416 and partial.data:
         partial.restart()
         raise _Temporary("file_changed", "the file changed on the server during the read")
-    if status == 206 and partial.data:
-        if not response.headers.get("Content-Range", "").startswith(f"bytes {len(partial.data)}-"):
+    if status == 206 and partial.wanted is not None:
+        sent = response.headers.get("Content-Range", "")
+        total = sent.rpartition("/")[2]
+        if not sent.startswith(f"bytes {partial.begin}-") or (partial.window and not total.isdecimal()):
             partial.restart()
             raise _Temporary("wrong_range", "the server sent a different part of the file than requested")
-    elif status == 200:
+        partial.size = int(total[:20]) if total.isdecimal() else 0
+    elif status == 200 and partial.window is None:
         partial.restart()
+    elif status == 200 or (status == 416 and partial.window is not None):
+        raise StudioError(
+            "source.no_ranges",
+            f"{answer} to a range request",
+            file=name,
+            fix="Use a server that answers range requests, such as nginx or S3.",
+            status=status,
+        )
     else:
         raise StudioError("source.http_status", answer, file=name, fix="Check the URL.", status=status)
     encoding = response.headers.get("Content-Encoding", "identity").strip().lower()

@@ -11,7 +11,7 @@ import json
 from collections.abc import Sequence
 from typing import Annotated, Final, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from studio.errors import StudioError
 from studio.json_types import JsonObject
@@ -30,7 +30,9 @@ from studio.stream.manifest_models import (
 from studio.stream.source import BAKE_AGAIN
 
 FORMAT: Final = "v3studio-stream"
-VERSION: Final = 2
+VERSION: Final = 3
+"""Newest version that is read."""
+
 MANIFEST_NAME = "manifest.json"
 
 
@@ -46,7 +48,8 @@ class Manifest(Model):
     """The whole stream.
 
     Attributes:
-        format, version: "v3studio-stream"; 2, or 1 for streams of the profile `planes` written by older versions.
+        format, version: "v3studio-stream"; 2, or 1 for streams of the profile `planes` written by older versions. 3 for
+            one rendition of a stream of version 3, see `studio.stream.ladder_manifest`.
         profile: "planes" or "motion".
         fps: frame rate of playback.
         frame_count: over all groups.
@@ -62,7 +65,7 @@ class Manifest(Model):
     """
 
     format: Literal["v3studio-stream"] = FORMAT
-    version: Literal[1, 2] = VERSION
+    version: Literal[1, 2, 3] = 2
     profile: str = ""
     fps: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
     frame_count: Annotated[int, Field(ge=1, le=MAX_FRAMES)]
@@ -119,9 +122,14 @@ class Manifest(Model):
         return self.frame_count / self.fps
 
     @property
+    def played_bytes(self) -> int:
+        """Bytes that playing all of it takes: all files; in version 3, those of the chosen rendition."""
+        return self.total_bytes
+
+    @property
     def bytes_per_frame(self) -> float:
-        """Total bytes divided by the number of frames."""
-        return self.total_bytes / self.frame_count
+        """Bytes that playing takes, divided by the number of frames."""
+        return self.played_bytes / self.frame_count
 
     def to_bytes(self) -> bytes:
         """Content of the manifest file. Size and checksum must be filled in already, see `seal`."""
@@ -131,6 +139,7 @@ class Manifest(Model):
 class PlanesManifest(Manifest):
     """A stream of the profile `planes`."""
 
+    version: Literal[1, 2] = 2
     profile: Literal["planes"] = "planes"
     scan: Literal["rows"] = "rows"
     groups: Annotated[tuple[PlanesGroup, ...], Field(min_length=1, max_length=MAX_GROUPS)]
@@ -145,7 +154,7 @@ class PlanesManifest(Manifest):
 class MotionManifest(Manifest):
     """A stream of the profile `motion`."""
 
-    version: Literal[2] = VERSION
+    version: Literal[2] = 2
     profile: Literal["motion"] = "motion"
     scan: Literal["morton"] = "morton"
     groups: Annotated[tuple[MotionGroup, ...], Field(min_length=1, max_length=MAX_GROUPS)]
@@ -162,16 +171,6 @@ def no_such_frame(frame: int, frame_count: int) -> StudioError:
         value=frame,
         frame_count=frame_count,
     )
-
-
-def manifest_schema() -> JsonObject:
-    """JSON schema (2020-12) of the manifest, published as `docs/stream.schema.json`. It cannot express constraints
-    between values (sums, counts, order); see `docs/STREAM.md` for those."""
-    kinds = TypeAdapter(PlanesManifest | MotionManifest)
-    schema = kinds.json_schema()
-    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    schema["title"] = "Manifest of a v3studio-stream"
-    return schema
 
 
 def seal(manifest: Manifest) -> tuple[Manifest, bytes]:
@@ -194,16 +193,11 @@ def seal(manifest: Manifest) -> tuple[Manifest, bytes]:
     return sealed, data.replace(zeros.encode(), digest.encode(), 1)
 
 
-def parse_manifest(data: bytes, name: str) -> Manifest:
-    """Parse and validate a manifest.
-
-    Args:
-        data: content of the file.
-        name: path or URL for messages.
+def parse_head(data: bytes, name: str) -> JsonObject:
+    """The values of a manifest of any version that this program reads, not validated further.
 
     Raises:
-        StudioError: not JSON, another format, a newer version, a value out of bounds, a path out of the folder, or a
-            checksum mismatch.
+        StudioError: not JSON, another format, or a newer version.
     """
     try:
         head = json.loads(data)
@@ -226,21 +220,23 @@ def parse_manifest(data: bytes, name: str) -> Manifest:
             fix="Update V3 Studio.",
             expected=VERSION,
         )
-    kind = PROFILES.get(head["profile"]) if isinstance(head.get("profile"), str) else None
-    if kind is None:
-        profile = str(head.get("profile"))[:80]
-        raise StudioError(
-            "manifest.unknown_profile",
-            f"unknown profile {profile!r}; expected one of {', '.join(PROFILES)}",
-            file=name,
-            value=profile,
-            fix=BAKE_AGAIN,
-        )
-    try:
-        manifest = kind.model_validate_json(data)
-    except ValidationError as error:
-        raise invalid(error, name, BAKE_AGAIN) from None
-    digest = manifest.manifest_sha256
+    return head
+
+
+def unknown_profile(head: JsonObject, name: str) -> StudioError:
+    """The error for a profile that does not exist."""
+    profile = str(head.get("profile"))[:80]
+    return StudioError(
+        "manifest.unknown_profile",
+        f"unknown profile {profile!r}; expected one of {', '.join(PROFILES)}",
+        file=name,
+        value=profile,
+        fix=BAKE_AGAIN,
+    )
+
+
+def check_digest(data: bytes, digest: str, name: str) -> None:
+    """Raises StudioError if `digest` is not the SHA-256 of the manifest with its digits replaced by zeros."""
     blanked = data.replace(digest.encode(), b"0" * 64)
     if hashlib.sha256(blanked).hexdigest() != digest:
         raise StudioError(
@@ -249,14 +245,41 @@ def parse_manifest(data: bytes, name: str) -> Manifest:
             file=name,
             fix=BAKE_AGAIN,
         )
+
+
+def wrong_total(found: int, expected: int, name: str) -> StudioError:
+    """The error for `total_bytes` that are not those of the files."""
+    return StudioError(
+        "manifest.wrong_total",
+        f"total_bytes is {found}, but the listed files have {expected} bytes",
+        file=name,
+        value=found,
+        fix=BAKE_AGAIN,
+        expected=expected,
+    )
+
+
+def parse_manifest(data: bytes, name: str) -> Manifest:
+    """Parse and validate a manifest of version 1 or 2.
+
+    Args:
+        data: content of the file.
+        name: path or URL for messages.
+
+    Raises:
+        StudioError: not JSON, another format, a newer version, a value out of bounds, a path out of the folder, or a
+            checksum mismatch.
+    """
+    head = parse_head(data, name)
+    kind = PROFILES.get(head["profile"]) if isinstance(head.get("profile"), str) else None
+    if kind is None:
+        raise unknown_profile(head, name)
+    try:
+        manifest = kind.model_validate_json(data)
+    except ValidationError as error:
+        raise invalid(error, name, BAKE_AGAIN) from None
+    check_digest(data, manifest.manifest_sha256, name)
     expected = sum(group.bytes for group in manifest.groups) + len(data)
     if manifest.total_bytes != expected:
-        raise StudioError(
-            "manifest.wrong_total",
-            f"total_bytes is {manifest.total_bytes}, but the listed files have {expected} bytes",
-            file=name,
-            value=manifest.total_bytes,
-            fix=BAKE_AGAIN,
-            expected=expected,
-        )
+        raise wrong_total(manifest.total_bytes, expected, name)
     return manifest

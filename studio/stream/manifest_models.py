@@ -29,7 +29,7 @@ Number = Annotated[float, Field(ge=-MAX_VALUE, le=MAX_VALUE, allow_inf_nan=False
 Step = Annotated[float, Field(gt=0, le=MAX_VALUE, allow_inf_nan=False)]
 Point = tuple[Number, Number, Number]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-_PATH = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}")
+PATH = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}")
 
 
 class InconsistentError(ValueError):
@@ -79,7 +79,7 @@ class FileEntry(Model):
 
     @model_validator(mode="after")
     def _check(self) -> FileEntry:
-        if not _PATH.fullmatch(self.path):
+        if not PATH.fullmatch(self.path):
             raise InconsistentError(
                 "unsafe_path", f"{self.path[:200]!r} is not a plain relative path below the manifest's folder"
             )

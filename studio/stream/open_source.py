@@ -1,23 +1,27 @@
-"""Opens the source of a stream: a folder or a web server."""
+"""Opens the source of a stream: a folder, a web server, or one file on either."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from studio.errors import StudioError
+from studio.stream.archive import SUFFIX, ArchiveSource, FileRanges, HttpRanges, Ranges
 from studio.stream.http_source import HttpSource
 from studio.stream.source import FolderSource, Source, is_address
 
 
 def open_source(place: Path | str | Source) -> Source:
-    """The source for a folder or an http(s) URL; a `Source` is returned as is.
+    """The source for a folder, a file (`.v3s`) or an http(s) URL of either; a `Source` is returned as is.
 
     Raises:
-        StudioError: the folder does not exist, or the URL has another scheme.
+        StudioError: there is no such folder or file, the URL has another scheme, or the file is not a one-file stream.
     """
     if not isinstance(place, str | Path):
         return place
     if isinstance(place, str) and is_address(place):
+        if urlsplit(place).path.lower().endswith(SUFFIX):
+            return _archive(HttpRanges(place))
         return HttpSource(place)
     if isinstance(place, str) and "://" in place:
         raise StudioError(
@@ -25,6 +29,16 @@ def open_source(place: Path | str | Source) -> Source:
             "streams are read from folders and from http:// or https:// URLs only",
             file=place,
         )
+    if Path(place).is_file():
+        return _archive(FileRanges(Path(place)))
     if not Path(place).is_dir():
         raise StudioError("source.not_found", "no such folder", file=place, fix="Specify the folder of a baked stream.")
     return FolderSource(place)
+
+
+def _archive(ranges: Ranges) -> Source:
+    try:
+        return ArchiveSource(ranges)
+    except BaseException:
+        ranges.close()
+        raise

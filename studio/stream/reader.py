@@ -13,8 +13,11 @@ from types import TracebackType
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decode import GroupDecoder, open_decoder
-from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_manifest
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, GroupEntry
+from studio.stream.group_index import GroupIndex, no_such_rendition
+from studio.stream.ladder_manifest import RenditionManifest, check_growth, parse_ladder
+from studio.stream.ladder_models import RenditionEntry
+from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_head, parse_manifest
+from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, GroupEntry
 from studio.stream.open_source import open_source
 from studio.stream.source import BAKE_AGAIN, Source, close_source, read_files
 
@@ -27,59 +30,148 @@ def fetch_group(source: Source, group: GroupEntry) -> dict[str, bytes]:
     """
     files = read_files(source, [(file.path, file.bytes) for file in group.files])
     for file in group.files:
-        data = files[file.path]
-        name = f"{source.name}/{file.path}"
-        if len(data) != file.bytes:
-            raise StudioError(
-                "stream.wrong_size",
-                f"the file has {len(data)} bytes, the manifest says {file.bytes}",
-                file=name,
-                value=len(data),
-                fix=BAKE_AGAIN,
-                expected=file.bytes,
-            )
-        if hashlib.sha256(data).hexdigest() != file.sha256:
-            raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
+        check_file(files[file.path], file, source)
     return files
+
+
+def checked_file(source: Source, file: FileEntry) -> bytes:
+    """Content of one file of a stream, verified. Raises StudioError as `fetch_group`."""
+    data = source.read(file.path, file.bytes)
+    check_file(data, file, source)
+    return data
+
+
+def check_file(data: bytes, file: FileEntry, source: Source) -> None:
+    """Raises StudioError unless the bytes have the size and the SHA-256 of the manifest."""
+    name = f"{source.name}/{file.path}"
+    if len(data) != file.bytes:
+        raise StudioError(
+            "stream.wrong_size",
+            f"the file has {len(data)} bytes, the manifest says {file.bytes}",
+            file=name,
+            value=len(data),
+            fix=BAKE_AGAIN,
+            expected=file.bytes,
+        )
+    if hashlib.sha256(data).hexdigest() != file.sha256:
+        raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
 
 
 class StreamReader:
     """Random and sequential access to the frames of a stream. Thread safe. Sequential reads decode each frame once.
 
     Use it as a context manager, or call `close`.
+
+    Attributes:
+        source: where the files come from.
+        manifest: of the stream; in version 3, of the chosen rendition.
+        index: version 3: all groups in all renditions; None in versions 1 and 2.
     """
 
-    def __init__(self, source: Source, manifest: Manifest, threads: int = 0) -> None:
+    def __init__(self, source: Source, manifest: Manifest, threads: int = 0, index: GroupIndex | None = None) -> None:
         self.source = source
         self.manifest = manifest
+        self.index = index
         self._threads = threads or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="decode")
         self._lock = threading.Lock()
         self._decoder: GroupDecoder | None = None
-        self._files: tuple[int, dict[str, bytes]] | None = None
+        self._files: tuple[GroupEntry, dict[str, bytes]] | None = None
         self._owns_source = False
 
     @classmethod
-    def open(cls, source: Path | str | Source, threads: int = 0) -> StreamReader:
+    def open(cls, source: Path | str | Source, threads: int = 0, rendition: str | None = None) -> StreamReader:
         """Read and validate the manifest of a stream.
 
         Args:
-            source: folder, http(s) URL, or a `Source` (which `close` leaves open).
+            source: folder, file of a one-file stream, http(s) URL, or a `Source` (which `close` leaves open).
             threads: decoding threads; 0 is one per core.
+            rendition: id of the rendition to read; None: the best one.
 
         Raises:
-            StudioError: the manifest is missing, damaged, out of bounds, or newer than this program.
+            StudioError: the manifest is missing, damaged, out of bounds, or newer than this program, or there is no
+                such rendition.
         """
         opened = open_source(source)
         try:
             data = opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
-            reader = cls(opened, parse_manifest(data, f"{opened.name}/{MANIFEST_NAME}"), threads)
+            name = f"{opened.name}/{MANIFEST_NAME}"
+            if parse_head(data, name).get("version") == 3:
+                index = GroupIndex(parse_ladder(data, name), opened, len(data))
+                reader = cls(opened, index.view(rendition), threads, index)
+            else:
+                if rendition is not None:
+                    raise no_such_rendition(rendition, [], opened.name)
+                reader = cls(opened, parse_manifest(data, name), threads)
         except BaseException:
             if opened is not source:
                 close_source(opened)
             raise
         reader._owns_source = opened is not source
         return reader
+
+    @property
+    def renditions(self) -> tuple[RenditionEntry, ...]:
+        """Renditions to choose from, the best first; empty in versions 1 and 2, which have one."""
+        return () if self.index is None else self.index.manifest.renditions
+
+    @property
+    def live(self) -> bool:
+        """Whether groups are still being added, so that `refresh` may find more."""
+        return self.index is not None and self.index.manifest.live
+
+    def refresh(self) -> int:
+        """Read the manifest of a live stream again; frames of known groups stay the same.
+
+        Returns:
+            Number of new groups.
+
+        Raises:
+            StudioError: `stream.live_changed`: the new manifest takes back what the old one published; also as `open`.
+        """
+        if self.index is None or not self.index.manifest.live:
+            return 0
+        data = self.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
+        name = f"{self.source.name}/{MANIFEST_NAME}"
+        old, new = self.index.manifest, parse_ladder(data, name)
+        check_growth(old, new, name)
+        index = GroupIndex(new, self.source, len(data))
+        rendition = self.manifest.rendition if isinstance(self.manifest, RenditionManifest) else None
+        with self._lock:
+            grown = len(index) - len(self.index)
+            self.index, self.manifest = index, index.view(rendition)
+        return grown
+
+    @property
+    def group_starts(self) -> tuple[int, ...]:
+        """First frame of each group; reads no page of the index."""
+        if self.index is not None:
+            return self.index.starts
+        return tuple(group.first_frame for group in self.manifest.groups)
+
+    def choose(self, rendition: str) -> None:
+        """Read another rendition from the next group on; a group that is being decoded is finished as it is.
+
+        Raises:
+            StudioError: there is no such rendition.
+        """
+        if self.index is None:
+            raise no_such_rendition(rendition, [], self.source.name)
+        view = self.index.view(rendition)
+        with self._lock:
+            self.manifest = view
+
+    def group(self, number: int, rendition: str | None = None) -> GroupEntry:
+        """Group `number` in a rendition by id; None is the chosen one.
+
+        Raises:
+            StudioError: no such rendition, or its page of the index is missing or damaged.
+        """
+        if rendition is None:
+            return self.manifest.groups[number]
+        if self.index is None:
+            raise no_such_rendition(rendition, [], self.source.name)
+        return self.index.ladder(number).renditions[self.index.rendition_number(rendition)]
 
     @property
     def frame_count(self) -> int:
@@ -107,8 +199,8 @@ class StreamReader:
             decoder = self._decoder
             if decoder is None or decoder.group.index != group.index or decoder.next_frame > frame:
                 self._drop_decoder()
-                if self._files is None or self._files[0] != group.index:
-                    self._files = (group.index, fetch_group(self.source, group))
+                if self._files is None or self._files[0] is not group:
+                    self._files = (group, fetch_group(self.source, group))
                 decoder = self._decoder = self.open_group(group, self._files[1])
             try:
                 while True:
@@ -126,9 +218,18 @@ class StreamReader:
             yield self.gaussians(frame)
 
     def verify(self) -> None:
-        """Verify size and SHA-256 of every file. Raises StudioError for the first mismatch."""
-        for group in self.manifest.groups:
-            fetch_group(self.source, group)
+        """Verify size and SHA-256 of every file, of all renditions. Raises StudioError for the first mismatch."""
+        if self.index is None:
+            for group in self.manifest.groups:
+                fetch_group(self.source, group)
+            return
+        sizes: dict[str, int] = {}
+        for number in range(len(self.index)):
+            ladder = self.index.ladder(number)
+            sizes.update((file.path, file.bytes) for file in ladder.files)
+            for one in ladder.renditions:
+                fetch_group(self.source, one)
+        self.index.check_total(sum(sizes.values()))
 
     def _drop_decoder(self) -> None:
         if self._decoder is not None:

@@ -22,6 +22,42 @@ QP_ATTRIBUTES: tuple[str, ...] = get_args(QpAttribute)
 _HELD_AT_KNEE = ("scales", "quats", "sh")
 
 
+class Rung(Settings):
+    """One rung of the ladder: a rendition of the stream."""
+
+    qp: QP
+    """Quantization parameter of this rung."""
+
+    splats: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Share of the splats that are kept: those that contribute most to what the training cameras see. They are not
+    trained further."""
+
+    sh_degree: Annotated[int, Field(ge=0, le=3)] | None = None
+    """Degree that spherical harmonics are cut to; null keeps the trained one."""
+
+    @property
+    def id(self) -> str:
+        """Name of the rendition: qp24, qp24-splats40-sh0."""
+        splats = "" if self.splats == 1 else f"-splats{self.splats * 100:g}".replace(".", "-")
+        return f"qp{self.qp}{splats}{'' if self.sh_degree is None else f'-sh{self.sh_degree}'}"
+
+    @property
+    def pruned(self) -> bool:
+        """Whether splats are left out."""
+        return self.splats < 1
+
+
+DEFAULT_LADDER = (
+    Rung(qp=16),
+    Rung(qp=20),
+    Rung(qp=24),
+    Rung(qp=28),
+    Rung(qp=24, splats=0.5, sh_degree=0),
+    Rung(qp=28, splats=0.25, sh_degree=0),
+)
+"""What `v3studio bake --ladder` bakes: four rates of all splats, and two rungs for phones."""
+
+
 class BakeSettings(Settings):
     """How a group of Gaussians is encoded."""
 
@@ -57,8 +93,36 @@ class BakeSettings(Settings):
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
     to 0. false: plain low bytes, as in the paper."""
 
+    stream_version: Annotated[Literal[2, 3], Heading("Network")] = 2
+    """Version of the stream's format (docs/STREAM.md). 3: several renditions, files named by content, an index in
+    pages, checks of decoders. 2: one rendition, for players that do not read 3 yet."""
+
+    ladder: Annotated[tuple[Rung, ...], Field(max_length=16)] = ()
+    """Renditions of a stream of version 3, the best first, each with qp, splats (share of the splats that are kept) and
+    sh_degree; players choose one at each group. Example: [{qp: 20}, {qp: 28}, {qp: 28, splats: 0.5, sh_degree: 0}].
+    Empty: one rendition, by the settings above."""
+
+    first_group_size: Annotated[int, Field(ge=1)] | None = None
+    """Frames of the stream's first group, so that playing starts after a small download; the rest of the trained group
+    becomes a group of its own. null: groups as trained."""
+
     @model_validator(mode="after")
     def _combinations(self) -> Self:
+        if self.ladder and self.stream_version == 2:
+            raise Conflict("ladder requires stream_version 3", "Set stream_version to 3.", "ladder", "stream_version")
+        if self.ladder and (self.target_kb_per_frame is not None or self.target_psnr is not None):
+            raise Conflict(
+                "ladder and a target are both set",
+                "Remove the target: each rung has its own qp.",
+                "ladder",
+                "target_kb_per_frame" if self.target_kb_per_frame is not None else "target_psnr",
+            )
+        if len({rung.id for rung in self.ladder}) < len(self.ladder):
+            raise Conflict("two rungs of the ladder are the same", "Remove one of them.", "ladder")
+        if self.codec == "av1" and any(rung.qp == 0 for rung in self.ladder):
+            raise Conflict(
+                "qp 0 (lossless) is not available with codec av1", "Raise the rung's qp to 1.", "codec", "ladder"
+            )
         if self.target_kb_per_frame is not None and self.target_psnr is not None:
             raise Conflict(
                 "target_kb_per_frame and target_psnr are both set",
@@ -95,12 +159,18 @@ class BakeSettings(Settings):
             return self.qp_overrides[attribute]
         return min(self.qp, QP_KNEE) if attribute in _HELD_AT_KNEE else self.qp
 
+    @property
+    def rungs(self) -> tuple[Rung, ...]:
+        """The ladder; without one, a single rung by `qp`."""
+        return self.ladder or (Rung(qp=self.qp),)
+
     def at_qp(self, qp: int) -> BakeSettings:
         """The same with another QP."""
         return self.replace(qp=qp)
 
     def to_dict(self) -> JsonObject:
         """JSON-ready, for the manifest. The order of keys is part of the stream's bytes."""
+        ladder = {"ladder": [rung.model_dump(mode="json") for rung in self.ladder]} if self.ladder else {}
         return {
             "profile": self.profile,
             "qp": self.qp,
@@ -110,4 +180,5 @@ class BakeSettings(Settings):
             "codec": self.codec,
             "preset": self.preset,
             "mirror_low_bytes": self.mirror_low_bytes,
+            **ladder,
         }

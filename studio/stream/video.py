@@ -10,6 +10,7 @@ import io
 import os
 import threading
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,7 @@ NOMINAL_FPS = 30
 """Rate written into the MP4s, without meaning: picture k is frame k of the group, and the manifest has the rate."""
 
 _JPEG_RANGE = 2  # AVCOL_RANGE_JPEG: luma uses 0 to 255
+_BT709 = 1  # AVCOL_PRI_BT709, AVCOL_TRC_BT709, AVCOL_SPC_BT709
 _NEUTRAL = 128
 
 
@@ -94,9 +96,19 @@ class PlaneEncoder:
         qp: on the H.264 scale.
         preset: one of `settings.PRESETS`.
         tiles: codec of a picture of many tiles; None for a plane of the profile `planes`.
+        fps: frames per second that the level is chosen for; the file then also has a `colr` box. None: as in version 2
+            of the format, the level for `NOMINAL_FPS` and no such box.
     """
 
-    def __init__(self, path: Path, size: tuple[int, int], qp: int, preset: str, tiles: str | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        size: tuple[int, int],
+        qp: int,
+        preset: str,
+        tiles: str | None = None,
+        fps: float | None = None,
+    ) -> None:
         import av
 
         codec = _PLANES if tiles is None else _TILES[tiles]
@@ -109,11 +121,14 @@ class PlaneEncoder:
         # bitexact: no "Lavf" tag. faststart: index before the data, so that playback can start early.
         options = {"fflags": "+bitexact", "movflags": "+faststart"}
         self._out = av.open(str(path), "w", format="mp4", options=options)
-        stream: Any = self._out.add_stream(codec.encoder, rate=NOMINAL_FPS)
+        rate = NOMINAL_FPS if fps is None else Fraction(fps).limit_denominator(1001)
+        stream: Any = self._out.add_stream(codec.encoder, rate=rate)
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"
         context = stream.codec_context
         context.color_range = _JPEG_RANGE
+        if fps is not None:  # the muxer writes `colr` if these are known; luma does not depend on them
+            context.color_primaries = context.color_trc = context.colorspace = _BT709
         context.thread_count = 1
         if codec.tag is not None:
             context.codec_tag = codec.tag

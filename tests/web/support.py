@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
 from studio.stream.decode_motion import MotionFrame
 from studio.stream.decode_planes import PlanesFrame
 from studio.stream.manifest_models import MotionGroup
@@ -89,15 +89,24 @@ def bake(
     profile: str = "motion",
     qp: int = 16,
     metadata: dict[str, Any] | None = None,
+    ladder: Sequence[int] = (),
+    paged: bool = False,
 ) -> Path:
-    """Bake a stream of the figure into a folder."""
+    """Bake a stream of the figure into a folder; `ladder`: QPs of version 3, `paged`: all groups but one in a page."""
     settings = BakeSettings(profile=profile, qp=qp, preset="ultrafast")  # type: ignore[arg-type]
+    if ladder:
+        settings = settings.replace(stream_version=3, ladder=tuple(Rung(qp=one) for one in ladder))
     entries, first = [], 0
     for index, frames in enumerate(lengths):
         entries.append(bake_group(body(frames, splats + 40 * index, degree, index), folder, index, first, settings))
         first += frames
     view = {"suggested_camera": camera(0).to_dict(), "up": [0.0, -1.0, 0.0], "background": [0.0, 0.0, 0.0]}
-    write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})})
+    inline = write_ladder.INLINE_BYTES
+    try:
+        write_ladder.INLINE_BYTES = 1 if paged else inline
+        write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})})
+    finally:
+        write_ladder.INLINE_BYTES = inline
     return folder
 
 

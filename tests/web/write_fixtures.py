@@ -6,12 +6,31 @@ PYTHONPATH=. python tests/web/write_fixtures.py FOLDER
 from __future__ import annotations
 
 import json
+import random
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import support
+
+from studio.playback import RateRule
+
+
+def rule_steps() -> dict[str, Any]:
+    """What `RateRule` chooses on a network whose rate wanders: [seconds buffered, bytes, seconds, choice] per group."""
+    rates = [8_000_000, 4_000_000, 2_000_000, 500_000]
+    rule, rng, buffered, rate, steps = RateRule(rates), random.Random(4), 0.0, 3e6, []
+    for _ in range(200):
+        choice = rule.choose(buffered)
+        size = rates[choice] // 24
+        seconds = 0.06 + 8 * size / rate
+        rule.fetched(size, seconds)
+        steps.append([buffered, size, seconds, choice])
+        buffered = min(max(buffered + 1 / 3 - seconds, 0.0), rule.target)
+        rate = min(max(rate * rng.uniform(0.7, 1.42), 3e5), 3e7)
+    return {"rates": rates, "steps": steps}
 
 
 def main(folder: Path) -> None:
@@ -31,6 +50,14 @@ def main(folder: Path) -> None:
         side = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["side"]
         (folder / "motion.bin").write_bytes((stream / side["path"]).read_bytes())
         (folder / "side.json").write_text(json.dumps(support.side_arrays(stream, 0)))
+        ladder = support.bake(Path(temporary) / "ladder", lengths=(3, 2), splats=300, ladder=(20, 34), paged=True)
+        manifest = (ladder / "manifest.json").read_bytes()
+        (folder / "ladder.json").write_bytes(manifest)
+        (folder / "page.json").write_bytes((ladder / json.loads(manifest)["pages"][0]["path"]).read_bytes())
+        python = support.PythonFrames(ladder)
+        np.stack(python.luma(0)).tofile(folder / "ladder.luma")
+        python.close()
+    (folder / "rule.json").write_text(json.dumps(rule_steps()))
     tiles = [(16, 256), (16, 7), (48, 2304), (80, 6001), (176, 30976), (1040, 1_081_600)]
     orders = {f"{tile} {count}": support.morton_pixels(tile, count) for tile, count in tiles}
     sums = {key: [sum(pixels), *pixels[:50], *pixels[-50:]] for key, pixels in orders.items()}

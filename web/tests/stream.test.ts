@@ -4,7 +4,18 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { type Group, groupOfFrame, type MotionGroup, parseManifest, type PlanesGroup, squareSide } from "../src/stream/manifest.ts";
+import { RateRule } from "../src/player/rate_rule.ts";
+import { crc32 } from "../src/stream/crc32.ts";
+import {
+  type Group,
+  groupOfFrame,
+  type Manifest,
+  type MotionGroup,
+  parseManifest,
+  parsePage,
+  type PlanesGroup,
+  squareSide,
+} from "../src/stream/manifest.ts";
 import { tilePixels } from "../src/stream/morton.ts";
 import { MotionTables } from "../src/stream/motion.ts";
 import { planePositions, planesLayout } from "../src/stream/planes.ts";
@@ -18,7 +29,7 @@ const json = (name: string): unknown => JSON.parse(readFileSync(join(folder, nam
 
 function group(name: string): Group {
   const data = bytes(`${name}.json`);
-  return parseManifest(new TextDecoder().decode(data), data.length).groups[0];
+  return parseManifest(new TextDecoder().decode(data), data.length).groups[0][0];
 }
 
 async function side(): Promise<[MotionGroup, SideFile]> {
@@ -152,7 +163,7 @@ void test("manifests out of bounds are refused with the place", () => {
   const edit = (change: (values: Edit) => void) => (values: unknown) => {
     change(values as Edit);
   };
-  refused(edit((v) => (v.version = 3)), /version 3.*update/);
+  refused(edit((v) => (v.version = 4)), /version 4.*update/);
   refused(edit((v) => (v.version = 1)), /profile/);
   refused(edit((v) => (v.groups[0].splats = 1e9)), /groups\.0\.splats/);
   refused(edit((v) => (v.groups[0].side.path = "/etc/passwd")), /groups\.0\.side\.path/);
@@ -161,6 +172,71 @@ void test("manifests out of bounds are refused with the place", () => {
   refused(edit((v) => (v.groups[0].bytes += 1)), /sum of its file sizes/);
   assert.throws(() => parseManifest("[", 1), /not readable JSON/);
   assert.throws(() => parseManifest("{}", 2), /not the manifest/);
+});
+
+const ladder = (): [string, Manifest] => {
+  const text = new TextDecoder().decode(bytes("ladder.json"));
+  return [text, parseManifest(text, bytes("ladder.json").length)];
+};
+
+void test("a manifest of version 3 has groups in renditions and in pages", () => {
+  const [, manifest] = ladder();
+  assert.deepEqual(manifest.renditions.map(({ id }) => id), ["qp20", "qp34"]);
+  assert.deepEqual(manifest.spans, [{ firstFrame: 0, frameCount: 3 }, { firstFrame: 3, frameCount: 2 }]);
+  assert.equal(manifest.groups.length, 1);
+  const page = manifest.pages[0];
+  const text = new TextDecoder().decode(bytes("page.json"));
+  const [[best, coarse]] = parsePage(text, page, manifest);
+  assert.deepEqual([best.rendition, best.index, best.firstFrame, best.frameCount], ["qp20", 1, 3, 2]);
+  assert.ok(best.bytes > coarse.bytes);
+  assert.throws(() => parsePage(text.replace('"frame_count":2', '"frame_count":3'), page, manifest), /frame_count/);
+  assert.throws(() => parsePage(text.replaceAll('"qp34"', '"qp35"'), page, manifest), /id/);
+  assert.throws(() => parsePage("[]", page, manifest), /StreamError|not an object|object/);
+  assert.throws(() => parsePage('{"format":"v3studio-stream-page","groups":[]}', page, manifest), /groups/);
+});
+
+void test("manifests of version 3 out of bounds are refused", () => {
+  const [text] = ladder();
+  type One = { id: string; frame_count: number; splats: number; video: { path: string; checks: { picture: number }[] } };
+  type Edit = { renditions: One[]; groups: { renditions: One[] }[]; pages: { frames: number[] }[] };
+  const refused = (change: (values: Edit) => void, message: RegExp): void => {
+    const values = JSON.parse(text) as Edit;
+    change(values);
+    const changed = JSON.stringify(values);
+    assert.throws(() => parseManifest(changed, changed.length), message);
+  };
+  const first = (v: Edit): One => v.groups[0].renditions[0];
+  refused((v) => (first(v).frame_count = 2), /frame_count/);
+  refused((v) => v.groups[0].renditions.pop(), /renditions/);
+  refused((v) => v.groups[0].renditions.reverse(), /id/);
+  refused((v) => (v.renditions[1].id = v.renditions[0].id), /twice/);
+  refused((v) => (v.renditions[0].splats = 1), /splats/);
+  refused((v) => (first(v).video.path = `files/${"0".repeat(32)}.mp4`), /not named by/);
+  refused((v) => (first(v).video.checks = []), /checks/);
+  refused((v) => (first(v).video.checks[0].picture = 1), /picture/);
+  refused((v) => (first(v).video.checks[1].picture = 0), /picture/);
+  refused((v) => (v.pages[0].frames = [3]), /frame_count/);
+  refused((v) => (v.pages[0].frames = [-1]), /frames/);
+});
+
+void test("CRC-32 is that of zlib, and of the luma that Python decodes", () => {
+  assert.equal(crc32(new TextEncoder().encode("123456789")), 0xcbf43926);
+  const [, manifest] = ladder();
+  const [group] = manifest.groups[0];
+  assert.ok(group.profile === "motion");
+  const luma = bytes("ladder.luma");
+  const size = luma.length / group.frameCount;
+  for (const { picture, crc32: wanted } of group.video.checks)
+    assert.equal(crc32(luma.subarray(picture * size, (picture + 1) * size)), wanted);
+});
+
+void test("renditions are chosen as Python's rule chooses them", () => {
+  const { rates, steps } = json("rule.json") as { rates: number[]; steps: [number, number, number, number][] };
+  const rule = new RateRule(rates);
+  for (const [buffered, bytes, seconds, wanted] of steps) {
+    assert.equal(rule.choose(buffered), wanted);
+    rule.fetched(bytes, seconds);
+  }
 });
 
 void test("small things", () => {

@@ -130,7 +130,7 @@ def open_path(place: Path | str) -> Opened:
         path = path.parent
     if (path / "take.json").exists():
         return _open_take(path)
-    if (path / "manifest.json").exists():
+    if (path / "manifest.json").exists() or path.suffix.lower() == ".v3s":
         return _open_stream(path, path.name)
     if not path.exists():
         raise StudioError(

@@ -50,7 +50,7 @@ class StreamSource:
         self._shared = Shared(self._reader)
         self.fps = float(self._reader.fps)
         self.frame_count = self._reader.frame_count
-        self.group_starts: Sequence[int] = tuple(group.first_frame for group in self._reader.manifest.groups)
+        self.group_starts: Sequence[int] = self._reader.group_starts
         self._cache = FrameCache()
         self._changed = threading.Condition()
         self._wanted: int | None = None

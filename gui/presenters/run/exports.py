@@ -20,6 +20,7 @@ FORMATS: dict[str, tuple[str, str]] = {
     "ply": ("PLY, one file per frame", ""),
     "spz": ("SPZ, one file per frame", ""),
     "glb": ("GLB, one file per frame", ""),
+    "v3": ("Stream in one file", ".v3s"),
     "videogs": ("VideoGS layout", ""),
     "turntable": ("Movie: turntable", ".mp4"),
     "camera-path": ("Movie: camera path", ".mp4"),

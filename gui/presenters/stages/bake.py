@@ -59,13 +59,13 @@ def shares(manifest: Manifest) -> list[Share]:
         if components is None:
             for file in group.files:
                 qp = getattr(file, "qp", None)
-                name = file.path.rsplit("/", 1)[-1].split(".")[0].replace("_", " ")
+                name = "video" if qp is not None else "motion"
                 add(name, file.bytes, frozenset() if qp is None else frozenset({qp}))
             continue
         for component in components:
             for plane in component.planes:
                 add(ATTRIBUTES[attribute_of(component.name, plane.part)], plane.bytes, frozenset({plane.qp}))
-    rest = manifest.total_bytes - sum(size for size, _ in found.values())
+    rest = manifest.played_bytes - sum(size for size, _ in found.values())
     return [*(Share(name, *values) for name, values in found.items()), Share("manifest", rest, frozenset())]
 
 
@@ -123,9 +123,9 @@ class BakeView(StageView):
         step = line_height(normal) * 1.5
         frames = manifest.frame_count
         y = em
-        per_frame = manifest.total_bytes / frames
+        per_frame = manifest.bytes_per_frame
         words = (
-            f"{manifest.total_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame, "
+            f"{manifest.played_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame, "
             f"{per_frame * manifest.fps * 8 / 1e6:.2f} Mbit/s at {manifest.fps:g} fps"
         )
         canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
@@ -142,7 +142,7 @@ class BakeView(StageView):
             canvas.rect(left, y + 2, right - left, normal, PANEL)
             canvas.rect(left, y + 2, (right - left) * value / most, normal, ACCENT)
             qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
-            numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.total_bytes:.1f}%", qp)
+            numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / manifest.played_bytes:.1f}%", qp)
             for words, place in zip(numbers, columns, strict=True):
                 canvas.text(place, y, words, normal, TEXT, align="right")
             y += step

@@ -88,7 +88,7 @@ class QpTrial:
                 if stop.is_set():
                     return
                 with tempfile.TemporaryDirectory() as folder:
-                    settings = section.replace(qp=qp, **NO_TARGET)
+                    settings = section.replace(qp=qp, ladder=(), **NO_TARGET)
                     entry = bake_group(frames, Path(folder), 0, 0, settings, threads=1)
                 self.results[qp] = entry.bytes / entry.frame_count
                 self.changes += 1

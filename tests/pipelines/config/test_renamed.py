@@ -78,7 +78,9 @@ def test_a_setting_added_later_makes_nothing_stale() -> None:
     for name, value in table.ADDED.items():
         section = name.partition(".")[0]
         before = Config()
-        assert value_of(before, name) == value, "the default keeps the old behavior"
+        found = value_of(before, name)
+        found = list(found) if isinstance(found, tuple) else found  # as in JSON
+        assert found == value, "the default keeps the old behavior"
         assert name not in settings_of(before, section)
         assert name.partition(".")[2] not in first_tree(before.model_dump(mode="json"))[section]
     changed = load_config(None, [("train.regularize", "motion")])

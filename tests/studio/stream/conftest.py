@@ -1,5 +1,7 @@
 """Fixtures: small moving splat sets and baked streams."""
 
+import hashlib
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, bake_group, write_manifest
+from studio.stream import BakeSettings, Rung, bake_group, write_manifest
 from tests.support import streams
 
 MakeFrames = Callable[..., list[Gaussians]]
@@ -67,6 +69,72 @@ def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
     """`edit_manifest(folder, change)`: change the manifest's JSON, then update its size and checksum."""
 
     return streams.edit_manifest
+
+
+LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0))
+
+
+@pytest.fixture
+def make_ladder(tmp_path: Path) -> Callable[..., Path]:
+    """`make_ladder(lengths, ...)`: a stream of version 3 with groups of these lengths and three renditions."""
+
+    def make(
+        lengths: tuple[int, ...] = (4, 3), splats: int = 120, degree: int = 1, name: str = "stream", **settings: Any
+    ) -> Path:
+        chosen = BakeSettings(**{"stream_version": 3, "ladder": LADDER, "preset": "ultrafast", **settings})
+        folder, entries, first = tmp_path / name, [], 0
+        for g, length in enumerate(lengths):
+            frames = _turning_bodies(first + length, splats, degree)[first:]
+            share = lambda: torch.arange(splats).numpy().astype(float)  # noqa: E731
+            entries.append(bake_group(frames, folder, g, first, chosen, fps=25.0, contribution=share))
+            first += length
+        write_manifest(folder, entries, 25.0, chosen, {"title": "test"})
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def edit_ladder() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
+    """`edit_ladder(folder, change)`: change the manifest of version 3, then update its size and checksum."""
+
+    def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+        path = folder / "manifest.json"
+        values = json.loads(path.read_bytes())
+        change(values)
+        write_sealed(path, values)
+
+    return edit
+
+
+def write_sealed(path: Path, values: dict[str, Any]) -> None:
+    """Write a manifest of version 3 with `total_bytes` and checksum that fit, as far as its values allow it."""
+    sizes: dict[str, int] = {}
+    stack: list[Any] = [values]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, dict):
+            if isinstance(item.get("path"), str) and isinstance(item.get("bytes"), int):
+                sizes[item["path"]] = item["bytes"]
+            stack += item.values()
+        elif isinstance(item, list):
+            stack += item
+    values["manifest_sha256"] = "0" * 64
+    while True:
+        data = json.dumps(values).encode()
+        total = sum(sizes.values()) + len(data)
+        if values.get("total_bytes") == total:
+            break
+        values["total_bytes"] = total
+    digest = hashlib.sha256(data).hexdigest()
+    path.write_bytes(data.replace(b"0" * 64, digest.encode(), 1))
+
+
+def put_file(folder: Path, entry: dict[str, Any], data: bytes) -> None:
+    """Store other content for a file of a stream of version 3, under its own name, and update its entry."""
+    digest = hashlib.sha256(data).hexdigest()
+    entry.update(path=f"files/{digest[:32]}.{entry['path'].rsplit('.', 1)[1]}", bytes=len(data), sha256=digest)
+    (folder / entry["path"]).write_bytes(data)
 
 
 @pytest.fixture

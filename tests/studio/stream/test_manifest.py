@@ -38,7 +38,7 @@ def drop_component(values):
 PLANE = ("groups", 0, "components", 3, "planes", 0)
 # change, then location and violated rule, or another code than manifest.invalid
 DAMAGE = {
-    "newer version": (set_(("version",), 3), "manifest.newer_version"),
+    "newer version": (set_(("version",), 4), "manifest.newer_version"),
     "version that is no number": (set_(("version",), "1"), ("version", "literal_error")),
     "other format": (set_(("format",), "something"), "manifest.wrong_format"),
     "other profile": (set_(("profile",), "gaussian"), "manifest.unknown_profile"),

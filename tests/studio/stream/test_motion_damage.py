@@ -48,7 +48,7 @@ def swap_groups(values):
 GROUP = ("groups", 0)
 # change, then location and violated rule, or another code than manifest.invalid
 DAMAGE = {
-    "newer version": (set_(("version",), 3), "manifest.newer_version"),
+    "newer version": (set_(("version",), 4), "manifest.newer_version"),
     "older version": (set_(("version",), 1), ("version", "literal_error")),
     "the other profile": (set_(("profile",), "planes"), ("scan", "literal_error")),
     "other codec": (set_(("codec", "name"), "mjpeg"), ("codec.name", "literal_error")),

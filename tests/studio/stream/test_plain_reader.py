@@ -1,7 +1,9 @@
 """A second reader of the profile `motion`, written from docs/STREAM.md alone: OpenCV, zlib and plain arithmetic, one
 splat at a time. The reader shares no code with the product."""
 
+import hashlib
 import json
+import re
 import zlib
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import cv2
 import numpy as np
 import torch
 
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, StreamReader, bake_group, write_ladder, write_manifest
 
 
 class Bytes:
@@ -83,12 +85,38 @@ def scan(tile, splats):
     return pixels[:splats]
 
 
-def read_stream(folder: Path):
+def read_stream(folder: Path, rendition=None):
     """Yields per frame a list of splats: dicts of mean, quat, log_scale, opacity, sh (K, 3)."""
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["profile"] == "motion"
-    for group in manifest["groups"]:
-        yield from read_group(folder, group)
+    if manifest["version"] == 2:
+        for group in manifest["groups"]:
+            yield from read_group(folder, group)
+        return
+    groups = list(manifest["groups"])
+    for page in manifest["pages"]:
+        values = json.loads(content(folder, page))
+        assert values["format"] == "v3studio-stream-page"
+        assert [group["frame_count"] for group in values["groups"]] == page["frames"]
+        groups += values["groups"]
+    ids = [one["id"] for one in manifest["renditions"]]
+    for number, group in enumerate(groups):
+        assert group["index"] == number
+        assert [one["id"] for one in group["renditions"]] == ids
+        one = group["renditions"][ids.index(rendition or ids[0])]
+        assert (one["first_frame"], one["frame_count"]) == (group["first_frame"], group["frame_count"])
+        yield from read_group(folder, one)
+
+
+def content(folder, entry):
+    """A file of version 3, named by its content."""
+    data = (folder / entry["path"]).read_bytes()
+    assert len(data) == entry["bytes"]
+    digest = hashlib.sha256(data).hexdigest()
+    assert digest == entry["sha256"]
+    assert re.fullmatch(r"files/[0-9a-f]{32}\.[a-z0-9]{1,8}", entry["path"])
+    assert entry["path"][6:38] == digest[:32]
+    return data
 
 
 def read_group(folder, group):
@@ -133,6 +161,8 @@ def read_group(folder, group):
         ok, picture = video.read()
         assert ok
         luma = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+        for check in group["video"].get("checks", ()):
+            assert check["picture"] != frame or zlib.crc32(luma.tobytes()) == check["crc32"]
         result = []
         for s in range(splats):
             value = {}
@@ -178,10 +208,24 @@ def test_a_reader_written_from_the_description_agrees(tmp_path, turning_bodies):
         groups.append(bake_group(frames, tmp_path, number, first, settings))
         first += count
     write_manifest(tmp_path, groups, 25, settings)
-    with StreamReader.open(tmp_path) as reader:
+    compare(tmp_path)
+
+
+def test_it_agrees_on_version_3(tmp_path, make_ladder, monkeypatch):
+    """Two renditions, one of them with fewer splats, and groups in pages."""
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
+    folder = make_ladder((3, 1, 2), splats=70)
+    assert len(json.loads((folder / "manifest.json").read_text())["pages"]) == 1
+    compare(folder, "qp24")
+    compare(folder, "qp34-splats50-sh0")
+
+
+def compare(folder, rendition=None):
+    """Both readers give the same frames."""
+    with StreamReader.open(folder, rendition=rendition) as reader:
         ours = list(reader.iterate())
-    plain = list(read_stream(tmp_path))
-    assert len(ours) == len(plain) == 5
+    plain = list(read_stream(folder, rendition))
+    assert len(ours) == len(plain) > 4
     for frame, splats in zip(ours, plain, strict=True):
         for name, ours_ in (
             ("mean", frame.means),

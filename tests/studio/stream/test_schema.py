@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from studio.stream import BakeSettings, bake_group, write_manifest
-from studio.stream.manifest import manifest_schema
+from studio.stream.schema import manifest_schema
 
 SCHEMA = Path(__file__).parents[3] / "docs" / "stream.schema.json"
 

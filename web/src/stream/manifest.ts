@@ -1,13 +1,14 @@
 /**
  * The manifest: types, and the checks of docs/STREAM.md ("What a reader must refuse").
  *
- * Reads versions 1 (`planes`) and 2. Additions of later versions are parsed only here.
+ * Reads versions 1 (`planes`), 2 and 3. Additions of later versions are parsed only here.
  */
 
 import { StreamError } from "./errors.ts";
 
 export const FORMAT = "v3studio-stream";
-export const NEWEST_VERSION = 2;
+export const NEWEST_VERSION = 3;
+const PAGE_FORMAT = "v3studio-stream-page";
 export const MANIFEST_NAME = "manifest.json";
 
 const MAX_SPLATS = 4 << 20;
@@ -20,6 +21,12 @@ const MAX_SIDE_BYTES = 2 ** 28;
 const MAX_PICTURE = 16384;
 const MAX_VALUE = 1e9;
 const PATH = /^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(\/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}$/;
+/** Version 3: files are named by the first digits of their SHA-256. */
+export const HASHED = /^files\/([0-9a-f]{32})\.[a-z0-9]{1,8}$/;
+const MAX_RENDITIONS = 16;
+const MAX_PAGE_BYTES = 1 << 24;
+const MAX_PAGE_GROUPS = 4096;
+const RENDITION = /^[a-z0-9-]{1,32}$/;
 const SHA256 = /^[0-9a-f]{64}$/;
 
 export type Vector = readonly [number, number, number];
@@ -41,7 +48,44 @@ export interface SideEntry extends FileEntry {
   readonly rawBytes: number;
 }
 
+/** CRC-32 of the decoded luma of one picture of a video. */
+export interface LumaCheck {
+  readonly picture: number;
+  readonly crc32: number;
+}
+
+export interface VideoEntry extends FileEntry {
+  /** Empty in versions 1 and 2. */
+  readonly checks: readonly LumaCheck[];
+}
+
+/** A group's frames. */
+export interface Span {
+  readonly firstFrame: number;
+  readonly frameCount: number;
+}
+
+/** A rendition of the whole stream. */
+export interface Rendition {
+  readonly id: string;
+  readonly splats: number;
+  readonly shDegree: number;
+  readonly bytes: number;
+  /** Bits per second. */
+  readonly bandwidth: number;
+}
+
+/** A page of the index: a file with groups `firstGroup` and following. */
+export interface PageEntry extends FileEntry {
+  readonly firstGroup: number;
+  readonly firstFrame: number;
+  /** Frames of each of its groups. */
+  readonly frames: readonly number[];
+}
+
 interface GroupCommon {
+  /** Its rendition's id; empty in versions 1 and 2. */
+  readonly rendition: string;
   readonly index: number;
   readonly firstFrame: number;
   readonly frameCount: number;
@@ -68,12 +112,12 @@ export interface MotionGroup extends GroupCommon {
   };
   readonly channels: readonly { readonly name: string; readonly offset: number; readonly step: number }[];
   readonly side: SideEntry;
-  readonly video: FileEntry;
+  readonly video: VideoEntry;
 }
 
 export type Part = "all" | "high" | "low" | "low_mirrored";
 
-export interface PlaneEntry extends FileEntry {
+export interface PlaneEntry extends VideoEntry {
   readonly part: Part;
 }
 
@@ -108,10 +152,18 @@ export interface Manifest {
   readonly profile: "motion" | "planes";
   readonly fps: number;
   readonly frameCount: number;
+  /** Of the best rendition. */
   readonly shDegree: number;
   readonly codec: CodecName;
   readonly boundingBox: Box;
-  readonly groups: readonly Group[];
+  /** The best first; empty in versions 1 and 2. */
+  readonly renditions: readonly Rendition[];
+  /** All groups. */
+  readonly spans: readonly Span[];
+  /** The first groups, each in all its renditions; in versions 1 and 2 all groups in one. */
+  readonly groups: readonly (readonly Group[])[];
+  /** Where the other groups are. */
+  readonly pages: readonly PageEntry[];
   readonly totalBytes: number;
   readonly sha256: string;
   /** Metadata for players; each value only if it is present and well-formed. */
@@ -209,6 +261,27 @@ class Reader {
       sha256: from.text("sha256", SHA256),
     };
   }
+
+  video(key: string | null, frames: number, version: number): VideoEntry {
+    const from = key === null ? this : this.object(key);
+    if (version < 3) return { ...from.file(null), checks: [] };
+    let least = 0;
+    const checks = from.list("checks", 1, 2).map((entry, i): LumaCheck => {
+      const picture = entry.integer("picture", least, i === 0 ? 0 : frames - 1);
+      least = picture + 1;
+      return { picture, crc32: entry.integer("crc32", 0, 2 ** 32 - 1) };
+    });
+    return { ...from.file(null), checks };
+  }
+
+  numbers(key: string, low: number, high: number, least: number, most: number): number[] {
+    const value = this.values[key];
+    if (!Array.isArray(value) || value.length < low || value.length > high)
+      throw wrong(this.at(key), `must be a list of ${low} to ${high} numbers`, value);
+    if (!value.every((item) => Number.isInteger(item) && (item as number) >= least && (item as number) <= most))
+      throw wrong(this.at(key), `must be integers from ${least} to ${most}`, null);
+    return value as number[];
+  }
 }
 
 function wrong(place: string, what: string, value: unknown): StreamError {
@@ -243,12 +316,12 @@ function sameNames(found: readonly { readonly name: string }[], wanted: readonly
   return found.length === wanted.length && found.every((entry, i) => entry.name === wanted[i]);
 }
 
-function readMotion(group: Reader, common: GroupCommon, place: string): MotionGroup {
+function readMotion(group: Reader, common: GroupCommon, place: string, version: number): MotionGroup {
   const side: SideEntry = {
     ...group.file("side"),
     rawBytes: group.object("side").integer("raw_bytes", 1, MAX_SIDE_BYTES),
   };
-  const video = group.file("video");
+  const video = group.video("video", common.frameCount, version);
   const positions = group.object("positions");
   const blocks = group.object("blocks");
   const result: MotionGroup = {
@@ -288,14 +361,14 @@ function readMotion(group: Reader, common: GroupCommon, place: string): MotionGr
   return result;
 }
 
-function readPlanes(group: Reader, common: GroupCommon, place: string): PlanesGroup {
+function readPlanes(group: Reader, common: GroupCommon, place: string, version: number): PlanesGroup {
   const components = group.list("components", 1, 64).map((entry): ComponentEntry => {
     const component = {
       name: entry.text("name", /^[a-z0-9_]{1,20}$/),
       min: entry.number("min", -MAX_VALUE, MAX_VALUE),
       max: entry.number("max", -MAX_VALUE, MAX_VALUE),
       planes: entry.list("planes", 1, 2).map((plane) => ({
-        ...plane.file(null),
+        ...plane.video(null, common.frameCount, version),
         part: plane.oneOf("part", ["all", "high", "low", "low_mirrored"]),
       })),
     };
@@ -341,6 +414,175 @@ function readCamera(metadata: Values): Camera | null {
   });
 }
 
+type Profile = "motion" | "planes";
+type Content = Pick<Manifest, "frameCount" | "shDegree" | "renditions" | "spans" | "groups" | "pages" | "totalBytes">;
+
+/** One group in one rendition, of any version. */
+function readGroup(
+  entry: Reader,
+  place: string,
+  profile: Profile,
+  version: number,
+  index: number,
+  firstFrame: number,
+  frames: readonly [number, number],
+  shDegree: number,
+  maxSplats: number,
+  rendition: string,
+): Group {
+  const common: GroupCommon = {
+    rendition,
+    index: entry.integer("index", index, index),
+    firstFrame: entry.integer("first_frame", firstFrame, firstFrame),
+    frameCount: entry.integer("frame_count", frames[0], frames[1]),
+    splats: entry.integer("splats", 1, maxSplats),
+    shDegree: entry.integer("sh_degree", shDegree, shDegree),
+    boundingBox: entry.box("bounding_box"),
+    bytes: entry.integer("bytes", 1, Number.MAX_SAFE_INTEGER),
+    files: [],
+  };
+  const group =
+    profile === "motion" ? readMotion(entry, common, place, version) : readPlanes(entry, common, place, version);
+  if (group.files.reduce((sum, file) => sum + file.bytes, 0) !== group.bytes)
+    throw wrong(`${place}.bytes`, "is not the sum of its file sizes", group.bytes);
+  return group;
+}
+
+/** The groups of versions 1 and 2. */
+function readGroups(root: Reader, profile: Profile, version: number, bytes: number): Content {
+  const shDegree = root.integer("sh_degree", 0, 3);
+  const paths = new Set([MANIFEST_NAME]);
+  let frame = 0;
+  let files = 0;
+  const groups = root.list("groups", 1, MAX_GROUPS).map((entry, number): Group => {
+    const place = `groups.${number}`;
+    const group = readGroup(
+      entry, place, profile, version, number, frame, [1, MAX_GROUP_FRAMES], shDegree, MAX_SPLATS, "",
+    );
+    for (const file of group.files) {
+      if (paths.has(file.path)) throw wrong(place, "uses the same path twice", file.path);
+      paths.add(file.path);
+    }
+    frame += group.frameCount;
+    files += group.bytes;
+    return group;
+  });
+  return {
+    frameCount: root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES)),
+    shDegree,
+    renditions: [],
+    spans: groups,
+    groups: groups.map((group) => [group]),
+    pages: [],
+    totalBytes: root.integer("total_bytes", files + bytes, files + bytes),
+  };
+}
+
+function checkHashed(file: FileEntry, place: string): void {
+  if (HASHED.exec(file.path)?.[1] !== file.sha256.slice(0, 32))
+    throw wrong(place, "is not named by the file's SHA-256", file.path);
+}
+
+/** A group of version 3 in all its renditions. `frames`: what the manifest promises for a group in a page. */
+function readRenditions(
+  entry: Reader,
+  place: string,
+  profile: Profile,
+  renditions: readonly Rendition[],
+  index: number,
+  firstFrame: number,
+  frames: number | null,
+): Group[] {
+  entry.integer("index", index, index);
+  entry.integer("first_frame", firstFrame, firstFrame);
+  const count = entry.integer("frame_count", frames ?? 1, frames ?? MAX_GROUP_FRAMES);
+  return entry.list("renditions", renditions.length, renditions.length).map((one, i) => {
+    const { id, shDegree, splats } = renditions[i];
+    const where = `${place}.renditions.${i}`;
+    one.oneOf("id", [id]);
+    const group = readGroup(one, where, profile, 3, index, firstFrame, [count, count], shDegree, splats, id);
+    for (const file of group.files) checkHashed(file, where);
+    return group;
+  });
+}
+
+/** What version 3 has instead of the groups of version 2. */
+function readLadder(root: Reader, profile: Profile, bytes: number): Content {
+  const renditions = root.list("renditions", 1, MAX_RENDITIONS).map(
+    (entry): Rendition => ({
+      id: entry.text("id", RENDITION),
+      splats: entry.integer("splats", 1, MAX_SPLATS),
+      shDegree: entry.integer("sh_degree", 0, 3),
+      bytes: entry.integer("bytes", 1, Number.MAX_SAFE_INTEGER),
+      bandwidth: entry.integer("bandwidth", 1, Number.MAX_SAFE_INTEGER),
+    }),
+  );
+  if (new Set(renditions.map(({ id }) => id)).size < renditions.length) throw wrong("renditions", "has an id twice", null);
+  const spans: Span[] = [];
+  let frame = 0;
+  const groups = root.list("groups", 1, MAX_GROUPS).map((entry, number) => {
+    const found = readRenditions(entry, `groups.${number}`, profile, renditions, number, frame, null);
+    spans.push({ firstFrame: frame, frameCount: found[0].frameCount });
+    frame += found[0].frameCount;
+    return found;
+  });
+  const pages = root.list("pages", 0, MAX_GROUPS).map((entry, number): PageEntry => {
+    const page = {
+      ...entry.file(null),
+      bytes: entry.integer("bytes", 1, MAX_PAGE_BYTES),
+      firstGroup: spans.length,
+      firstFrame: frame,
+      frames: entry.numbers("frames", 1, MAX_PAGE_GROUPS, 1, MAX_GROUP_FRAMES),
+    };
+    checkHashed(page, `pages.${number}`);
+    for (const frameCount of page.frames) {
+      spans.push({ firstFrame: frame, frameCount });
+      frame += frameCount;
+    }
+    if (spans.length > MAX_GROUPS) throw wrong("pages", `have more than ${MAX_GROUPS} groups`, null);
+    return page;
+  });
+  const files = new Map<string, number>();
+  for (const group of groups) for (const { files: own } of group) for (const file of own) files.set(file.path, file.bytes);
+  let total = bytes;
+  for (const size of files.values()) total += size;
+  const least = pages.length > 0 ? 1 : total;
+  return {
+    frameCount: root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES)),
+    shDegree: renditions[0].shDegree,
+    renditions,
+    spans,
+    groups,
+    pages,
+    // Sound, which is not played here, and pages are files of their own.
+    totalBytes: root.integer("total_bytes", least, Number.MAX_SAFE_INTEGER),
+  };
+}
+
+/**
+ * Parses and validates a page of the index of a stream of version 3.
+ *
+ * @throws StreamError - it does not hold the groups that the manifest promises
+ */
+export function parsePage(text: string, page: PageEntry, manifest: Manifest): Group[][] {
+  let head: unknown;
+  try {
+    head = JSON.parse(text);
+  } catch {
+    throw new StreamError(`${page.path} is damaged: it is not readable JSON.`);
+  }
+  const root = new Reader(head, page.path);
+  root.oneOf("format", [PAGE_FORMAT]);
+  let frame = page.firstFrame;
+  return root.list("groups", page.frames.length, page.frames.length).map((entry, i) => {
+    const place = `${page.path}.groups.${i}`;
+    const index = page.firstGroup + i;
+    const found = readRenditions(entry, place, manifest.profile, manifest.renditions, index, frame, page.frames[i]);
+    frame += page.frames[i];
+    return found;
+  });
+}
+
 /**
  * Parses and validates a manifest. The checksum is verified elsewhere, since that requires crypto.subtle.
  *
@@ -369,33 +611,7 @@ export function parseManifest(text: string, bytes: number): Manifest {
   const codec = codecValues.oneOf("name", profile === "motion" ? ["h264", "hevc", "av1"] : ["h264"]);
   codecValues.oneOf("pixel_format", ["yuv420p"]);
   codecValues.oneOf("color_range", ["full"]);
-  const shDegree = root.integer("sh_degree", 0, 3);
-  const paths = new Set([MANIFEST_NAME]);
-  let frame = 0;
-  let files = 0;
-  const groups = root.list("groups", 1, MAX_GROUPS).map((entry, number): Group => {
-    const place = `groups.${number}`;
-    const common: GroupCommon = {
-      index: entry.integer("index", number, number),
-      firstFrame: entry.integer("first_frame", frame, frame),
-      frameCount: entry.integer("frame_count", 1, MAX_GROUP_FRAMES),
-      splats: entry.integer("splats", 1, MAX_SPLATS),
-      shDegree: entry.integer("sh_degree", shDegree, shDegree),
-      boundingBox: entry.box("bounding_box"),
-      bytes: entry.integer("bytes", 1, Number.MAX_SAFE_INTEGER),
-      files: [],
-    };
-    const group = profile === "motion" ? readMotion(entry, common, place) : readPlanes(entry, common, place);
-    if (group.files.reduce((sum, file) => sum + file.bytes, 0) !== group.bytes)
-      throw wrong(`${place}.bytes`, "is not the sum of its file sizes", group.bytes);
-    for (const file of group.files) {
-      if (paths.has(file.path)) throw wrong(place, "uses the same path twice", file.path);
-      paths.add(file.path);
-    }
-    frame += group.frameCount;
-    files += group.bytes;
-    return group;
-  });
+  const content = version < 3 ? readGroups(root, profile, version, bytes) : readLadder(root, profile, bytes);
   const fps = root.number("fps", 0, 1000);
   if (!(fps > 0)) throw wrong("fps", "must be above 0", fps);
   const metadata = (typeof values["metadata"] === "object" && values["metadata"] !== null ? values["metadata"] : {}) as Values;
@@ -406,12 +622,9 @@ export function parseManifest(text: string, bytes: number): Manifest {
     version,
     profile,
     fps,
-    frameCount: root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES)),
-    shDegree,
     codec,
     boundingBox: root.box("bounding_box"),
-    groups,
-    totalBytes: root.integer("total_bytes", files + bytes, files + bytes),
+    ...content,
     sha256: root.text("manifest_sha256", SHA256),
     camera: readCamera(metadata),
     up: up !== null && up.some((value) => value !== 0) ? up : null,

@@ -1,6 +1,7 @@
 /** Fetches complete files of a known size over HTTP, and retries after network failures. */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
+import { HASHED } from "../stream/manifest.ts";
 
 const ATTEMPTS = 10;
 const FIRST_WAIT = 400;
@@ -124,7 +125,7 @@ export class HttpSource implements Source {
       let response: Response;
       try {
         // If the browser's cache contained the first part, it would request other ranges.
-        const cache = "Range" in headers ? "no-store" : "no-cache";
+        const cache = "Range" in headers ? "no-store" : HASHED.test(path) ? "default" : "no-cache";
         response = await fetch(url, { headers, signal: stop.signal, cache });
       } catch (error) {
         throw new StreamError(stop.signal.aborted ? "the server does not respond" : messageOf(error), true);

@@ -1,11 +1,24 @@
 /** An open stream: turns requests for frames into sorted pictures. */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
-import { type Group, groupOfFrame, type Manifest, MANIFEST_NAME, MAX_MANIFEST_BYTES, parseManifest } from "../stream/manifest.ts";
+import { RateRule } from "../player/rate_rule.ts";
+import { GroupTable } from "../stream/group_table.ts";
+import {
+  type Group,
+  groupOfFrame,
+  type Manifest,
+  MANIFEST_NAME,
+  MAX_MANIFEST_BYTES,
+  type PageEntry,
+  parseManifest,
+  parsePage,
+  type VideoEntry,
+} from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
 import { planePositions, planesLayout, planeUnits } from "../stream/planes.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
 import { DepthSorter } from "../stream/sort.ts";
+import { CheckedPictures } from "./checked_pictures.ts";
 import { demux } from "./demux.ts";
 import { type EmbeddedFiles, EmbeddedSource } from "./embedded.ts";
 import { HttpSource, sha256, type Source } from "./http.ts";
@@ -81,7 +94,14 @@ export class Session {
     this.checkDevice(manifest);
     if (manifest.profile === "planes" && this.path === "video") throw new StreamError(NEEDS_WEBCODECS);
     this.manifest = manifest;
-    this.store = new GroupStore(manifest.groups, source, () => {
+    const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
+    const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
+    const choice = {
+      rule: rates.length > 1 ? new RateRule(rates) : null,
+      fps: manifest.fps,
+      fits: (group: Group): boolean => Math.max(...pictureSize(group)) <= this.maxTexture,
+    };
+    this.store = new GroupStore(table, choice, source, () => {
       this.tellFetched();
     });
     const info: StreamInfo = {
@@ -93,7 +113,12 @@ export class Session {
       frameCount: manifest.frameCount,
       shDegree: manifest.shDegree,
       totalBytes: manifest.totalBytes,
-      groups: manifest.groups.map(({ firstFrame, frameCount, bytes, splats }) => ({ firstFrame, frameCount, bytes, splats })),
+      groups: manifest.spans.map(({ firstFrame, frameCount }, index) => ({
+        firstFrame,
+        frameCount,
+        bytes: table.bytes(index),
+        splats: manifest.groups[index]?.[0].splats ?? manifest.renditions[0].splats,
+      })),
       box: manifest.boundingBox,
       camera: manifest.camera,
       up: manifest.up,
@@ -172,11 +197,10 @@ export class Session {
   private async bring(frame: number, axis: DepthAxis): Promise<void> {
     const { manifest, store } = this;
     if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
-    const index = groupOfFrame(manifest.groups, frame);
-    const group = manifest.groups[index];
+    const index = groupOfFrame(manifest.spans, frame);
     store.follow(index, this.loop);
     try {
-      const within = frame - group.firstFrame;
+      const within = frame - manifest.spans[index].firstFrame;
       const work = this.prepare(index).then(async (prepared) => ({
         prepared,
         luma: await prepared.pictures.get(within),
@@ -311,7 +335,7 @@ export class Session {
 
   /** Prepares the group that plays next in advance. */
   private prepareNext(index: number): void {
-    const groups = this.manifest!.groups.length;
+    const groups = this.manifest!.spans.length;
     const next = index + 1 < groups ? index + 1 : this.loop ? 0 : -1;
     if (next < 0 || this.prepared.has(next)) return;
     this.prepare(next).then(({ pictures }) => {
@@ -334,13 +358,11 @@ export class Session {
   }
 
   private async read(index: number): Promise<Prepared> {
-    const manifest = this.manifest!;
-    const group = manifest.groups[index];
-    const files = await this.store!.get(index);
+    const { group, files } = await this.store!.get(index);
     if (group.profile === "planes") {
       const pictures = new PlanesPictures(
         group,
-        (plane) => this.openVideo(files, group.files[plane].path, [group.side, group.side], group.frameCount),
+        (plane) => this.openVideo(files, group.files[plane] as VideoEntry, [group.side, group.side], group.frameCount),
         this.pool,
       );
       return { group, tables: null, pictures };
@@ -352,11 +374,20 @@ export class Session {
     } catch (error) {
       throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
     }
-    const size = [group.columns * group.tile, group.rows * group.tile] as const;
-    return { group, tables, pictures: await this.openVideo(files, group.video.path, size, group.frameCount) };
+    return { group, tables, pictures: await this.openVideo(files, group.video, pictureSize(group), group.frameCount) };
   }
 
   private async openVideo(
+    files: Files,
+    video: VideoEntry,
+    size: readonly [number, number],
+    frames: number,
+  ): Promise<PictureSource> {
+    const pictures = await this.openPictures(files, video.path, size, frames);
+    return video.checks.length > 0 ? new CheckedPictures(pictures, video.checks, video.path, this.pool) : pictures;
+  }
+
+  private async openPictures(
     files: Files,
     path: string,
     size: readonly [number, number],
@@ -397,13 +428,21 @@ export class Session {
   }
 
   private checkDevice(manifest: Manifest): void {
-    for (const group of manifest.groups) {
-      const { tile, columns, rows } = group.profile === "motion" ? group : planesLayout(group);
-      if (Math.max(columns, rows) * tile > this.maxTexture)
+    for (const renditions of manifest.groups) {
+      const sizes = renditions.map(pictureSize);
+      if (sizes.every((size) => Math.max(...size) > this.maxTexture))
         throw new StreamError(
-          `This stream's pictures are ${columns * tile}x${rows * tile}, but this device's GPU supports at most ${this.maxTexture} pixels on a side.`,
+          `This stream's pictures are ${sizes[0].join("x")}, but this device's GPU supports at most ${this.maxTexture} pixels on a side.`,
         );
     }
+  }
+
+  private async readPage(source: Source, page: PageEntry, manifest: Manifest): Promise<Group[][]> {
+    const data = await source.read(page.path, page.bytes, this.closing.signal);
+    const digest = await sha256(data);
+    if (digest !== null && digest !== page.sha256)
+      throw new StreamError(`${page.path} is damaged: its SHA-256 does not match the manifest.`);
+    return parsePage(new TextDecoder().decode(data), page, manifest);
   }
 
   private count(bytes: number, milliseconds: number): void {
@@ -423,4 +462,10 @@ export class Session {
       cached: this.store!.bytes,
     });
   }
+}
+
+/** Width and height of the picture that holds all of a group's numbers of one frame. */
+function pictureSize(group: Group): [number, number] {
+  const { tile, columns, rows } = group.profile === "motion" ? group : planesLayout(group);
+  return [columns * tile, rows * tile];
 }

@@ -1,0 +1,39 @@
+"""`v3studio publish`: copies a stream to a folder or an object store, the manifest last."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from studio.progress import ProgressFn
+
+
+def register(commands: Any) -> None:
+    """Add the command to the command line."""
+    command = commands.add_parser(
+        "publish",
+        help="copy a stream to a web folder or an object store",
+        description="Copy a stream of version 3 to a folder or an object store. Files that are there already are not "
+        "copied again, and the manifest is replaced last, so that players see the old stream or the new one.",
+        allow_abbrev=False,
+    )
+    command.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, one .v3s file, or a URL")
+    command.add_argument(
+        "target", metavar="TARGET", help="folder, or a URL such as s3://bucket/folder (needs the extra publish)"
+    )
+    command.add_argument("--json", action="store_true", help="print progress as JSON lines")
+    command.set_defaults(command=_publish)
+
+
+def _publish(arguments: argparse.Namespace) -> int:
+    from pipelines.commands.working import working
+    from pipelines.takes.videos import open_reader
+    from studio.stream.publish import publish
+
+    with open_reader(arguments.source) as reader:
+        report: ProgressFn
+        with working("publish", arguments.output if arguments.json else None) as report:
+            done = publish(reader, arguments.target, report)
+    if not arguments.json:
+        print(f"{arguments.target}: {done.copied} files copied ({done.bytes:,} bytes), {done.present} were there")
+    return 0

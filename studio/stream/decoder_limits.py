@@ -1,0 +1,52 @@
+"""What hardware decoders of H.264 commonly take, and where a rendition goes beyond it."""
+
+from __future__ import annotations
+
+from studio.errors import Message
+from studio.stream.ladder_models import GroupLadder, MotionRendition
+
+MAX_SIDE = 4096
+"""Pixels; 4096x2304 is the largest picture of phones in landscape, 2304x4096 in portrait."""
+
+MAX_MACROBLOCKS = 36_864
+"""MaxFS of level 5.1 (ITU-T H.264, table A-1): macroblocks of 16x16 pixels in a picture."""
+
+MAX_MACROBLOCK_RATE = 983_040
+"""MaxMBPS of level 5.1: macroblocks per second."""
+
+
+def beyond_hardware(group: GroupLadder, fps: float, codec: str) -> list[Message]:
+    """One warning for each rendition that hardware decoders of H.264 may refuse; none for other codecs, and for the
+    profile `planes`, whose lossless planes are decoded in software anyway.
+
+    Args:
+        group: as baked.
+        fps: frames per second that it plays at.
+        codec: as in the manifest.
+    """
+    found = []
+    for one in group.renditions:
+        if codec != "h264" or not isinstance(one, MotionRendition):
+            continue
+        width, height = one.size
+        macroblocks = (width // 16) * (height // 16)
+        problem = fix = ""
+        if max(width, height) > MAX_SIDE or macroblocks > MAX_MACROBLOCKS:
+            problem = f"its pictures of {width}x{height} are larger than level 5.1 or {MAX_SIDE} pixels a side"
+            fix = "Train fewer splats or a lower SH degree, or add a rung with fewer splats."
+        elif macroblocks * fps > MAX_MACROBLOCK_RATE:
+            problem = f"{width}x{height} at {fps:g} frames per second exceeds level 5.1"
+            fix = "Train fewer splats or a lower SH degree, or add a rung with fewer splats."
+        elif one.pruning != "none" and one.video.qp == 0:
+            problem = "QP 0 (lossless) has the profile High 4:4:4 Predictive"
+            fix = "Raise the rung's qp to 1."
+        if problem:
+            found.append(
+                Message(
+                    "bake.beyond_hardware",
+                    f"hardware decoders may refuse rendition {one.id} of group {group.index}: {problem}",
+                    fix=fix,
+                    fields={"rendition": one.id, "group": group.index, "size": [width, height], "fps": fps},
+                )
+            )
+    return found

@@ -1,0 +1,63 @@
+"""Writes a stream into one file: a ZIP archive of stored entries (docs/STREAM.md, "One file")."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from studio.progress import ProgressFn, no_progress
+from studio.stream.manifest import MANIFEST_NAME
+from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry
+from studio.stream.reader import StreamReader, checked_file
+
+_DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
+
+
+def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_progress) -> int:
+    """Write a stream, of any version and with all its renditions, into one file.
+
+    Args:
+        reader: the stream; every file is verified.
+        out: the file, replaced if it exists; written under a temporary name by the caller where that matters.
+        progress: called with (groups written, groups).
+
+    Returns:
+        Its size in bytes.
+
+    Raises:
+        StudioError: a file of the stream is missing or damaged.
+        OSError: the file cannot be written.
+    """
+    source = reader.source
+    written = {MANIFEST_NAME}
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
+
+        def add(name: str, data: bytes) -> None:
+            entry = zipfile.ZipInfo(name, _DATE)
+            entry.create_system = 3  # the same on all systems
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, data)
+
+        add(MANIFEST_NAME, source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES))
+        for number, files in enumerate(_files_by_group(reader)):
+            for file in files:
+                if file.path not in written:
+                    written.add(file.path)
+                    add(file.path, checked_file(source, file))
+            progress(number + 1, len(reader.manifest.groups))
+    return out.stat().st_size
+
+
+def _files_by_group(reader: StreamReader) -> Iterator[tuple[FileEntry, ...]]:
+    """In the order in which a player needs them: per group its page, then the files of all renditions; sound first."""
+    index = reader.index
+    if index is None:
+        for group in reader.manifest.groups:
+            yield group.files
+        return
+    audio = index.manifest.audio
+    for number in range(len(index)):
+        page = index.page_of(number)
+        first = (*((audio,) if audio is not None and number == 0 else ()), *((page,) if page is not None else ()))
+        yield (*first, *index.ladder(number).files)

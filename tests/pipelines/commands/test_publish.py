@@ -1,0 +1,63 @@
+"""`v3studio publish` and `v3studio export --format v3`."""
+
+import pytest
+
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
+from tests.studio.stream.conftest import _turning_bodies
+
+
+@pytest.fixture
+def stream(tmp_path):
+    """`stream(version)`: a stream of two groups."""
+
+    def make(version=3):
+        folder = tmp_path / f"stream{version}"
+        ladder = (Rung(qp=24), Rung(qp=34)) if version == 3 else ()
+        settings = BakeSettings(stream_version=version, ladder=ladder, preset="ultrafast")
+        entries = [bake_group(_turning_bodies(2, 60), folder, g, 2 * g, settings) for g in range(2)]
+        write_manifest(folder, entries, 25, settings)
+        return folder
+
+    return make
+
+
+def test_publish_copies_what_is_missing(here, stream, tmp_path):
+    folder = stream()
+    done = here("publish", folder, tmp_path / "web")
+    assert done.returncode == 0, done.stderr
+    assert "4 files copied" in done.stdout
+    assert "0 files copied" in here("publish", folder, tmp_path / "web").stdout
+    with StreamReader.open(tmp_path / "web") as reader:
+        reader.verify()
+
+
+def test_publish_needs_version_3(here, stream, tmp_path):
+    done = here("publish", stream(2), tmp_path / "web")
+    assert done.returncode == 1
+    assert "--stream-version 3" in done.stderr
+
+
+def test_a_stream_in_one_file_plays(here, stream, tmp_path):
+    out = tmp_path / "one.v3s"
+    done = here("export", stream(), "--format", "v3", "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert "4 frames" in done.stdout
+    done = here("play", out, "--headless")
+    assert done.returncode == 0, done.stderr
+    assert here("export", out, "--format", "ply", "--out", tmp_path / "plys").returncode == 0
+    assert len(list((tmp_path / "plys").iterdir())) == 4
+    assert here("serve", out).returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--out", "x.zip"), "writes a .v3s file"),
+        (("--out", "x.v3s", "--frames", "0:2"), "no --frames"),
+        (("--out", "x.v3s", "--of", "trained"), "no --of"),
+    ],
+)
+def test_options_that_do_not_fit(here, stream, options, said):
+    done = here("export", stream(2), "--format", "v3", *options)
+    assert done.returncode == 1
+    assert said in done.stderr

@@ -1,0 +1,84 @@
+"""The bake stage and streams of version 3: in place of version 2 and back, and only what changed is baked again."""
+
+import json
+import shutil
+
+import pytest
+
+from studio.stream import StreamReader
+
+
+@pytest.fixture
+def take(finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "project")
+    return tmp_path / "project" / "take"
+
+
+def manifest_of(take):
+    return json.loads((take / "stream" / "manifest.json").read_bytes())
+
+
+def names(take):
+    stream = take / "stream"
+    return {path.relative_to(stream).as_posix() for path in stream.rglob("*") if path.is_file()}
+
+
+def done(result):
+    assert result.returncode == 0, result.stderr
+    return result
+
+
+def test_a_take_is_baked_as_a_ladder_and_back(here, take):
+    two = {name: (take / "stream" / name).read_bytes() for name in names(take)}
+    rungs = "[{qp: 20}, {qp: 34}, {qp: 30, splats: 0.5, sh_degree: 0}]"
+    done(here("bake", take, "--stream-version", "3", "--bake.ladder", rungs))
+    manifest = manifest_of(take)
+    assert manifest["version"] == 3
+    assert [one["id"] for one in manifest["renditions"]] == ["qp20", "qp34", "qp30-splats50-sh0"]
+    best, coarse, phone = manifest["renditions"]
+    assert best["psnr_to_trained"] > coarse["psnr_to_trained"] > 10
+    assert phone["psnr_to_trained"] > 10
+    assert phone["splats"] < best["splats"]
+    assert all(name == "manifest.json" or name.startswith("files/") for name in names(take))
+    with StreamReader.open(take / "stream") as reader:
+        reader.verify()
+        assert len(list(reader.iterate())) == 5
+
+    ladder = {name: (take / "stream" / name).stat().st_ino for name in names(take)}
+    assert "up to date" in done(here("bake", take)).stdout.lower()
+    done(here("bake", take, "--bake.ladder", "[{qp: 20}, {qp: 36}]"))
+    kept = {name for name in names(take) if ladder.get(name) == (take / "stream" / name).stat().st_ino}
+    best = [group["renditions"][0] for group in manifest_of(take)["groups"]]
+    assert {one[kind]["path"] for one in best for kind in ("side", "video")} <= kept
+    assert len(names(take)) <= 9
+
+    done(here("evaluate", take))
+    figures = json.loads((take / "evaluation.json").read_bytes())
+    with StreamReader.open(take / "stream") as reader:
+        assert figures["summary"]["bytes_per_frame"] == round(reader.manifest.played_bytes / 5, 1)
+
+    done(here("bake", take, "--stream-version", "2"))
+    assert {name: (take / "stream" / name).read_bytes() for name in names(take)} == two
+
+
+def test_the_default_ladder(here, take):
+    done(here("bake", take, "--ladder", "--bake.preset", "ultrafast"))
+    ids = [one["id"] for one in manifest_of(take)["renditions"]]
+    assert ids == ["qp16", "qp20", "qp24", "qp28", "qp24-splats50-sh0", "qp28-splats25-sh0"]
+
+
+def test_a_short_first_group(here, take):
+    done(here("bake", take, "--bake.first_group_size", "1"))
+    groups = manifest_of(take)["groups"]
+    assert [(group["first_frame"], group["frame_count"]) for group in groups] == [(0, 1), (1, 2), (3, 2)]
+    with StreamReader.open(take / "stream") as reader:
+        assert len(list(reader.iterate())) == 5
+
+
+def test_a_damaged_file_is_baked_again(here, take):
+    done(here("bake", take, "--stream-version", "3"))
+    before = {name: (take / "stream" / name).read_bytes() for name in names(take)}
+    video = manifest_of(take)["groups"][1]["renditions"][0]["video"]["path"]
+    (take / "stream" / video).write_bytes(b"damaged")
+    done(here("bake", take, "--force"))
+    assert {name: (take / "stream" / name).read_bytes() for name in names(take)} == before

@@ -1,0 +1,150 @@
+"""One-file streams: written, read locally and by ranges, and refused where they are cut."""
+
+import functools
+import http.server
+import threading
+import zipfile
+
+import pytest
+import torch
+
+from studio.errors import StudioError
+from studio.stream import StreamReader, write_ladder
+from studio.stream.write_archive import write_archive
+from tests.support.errors import refuses
+
+
+@pytest.fixture
+def archive(make_ladder, tmp_path, monkeypatch):
+    """A stream with a page of its index as one file, and its folder."""
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
+    folder = make_ladder((2, 2, 1), splats=60)
+    with StreamReader.open(folder) as reader:
+        size = write_archive(reader, tmp_path / "stream.v3s")
+    assert size == (tmp_path / "stream.v3s").stat().st_size
+    return tmp_path / "stream.v3s", folder
+
+
+class Ranges(http.server.BaseHTTPRequestHandler):
+    """Answers range requests of one file, or refuses to."""
+
+    protocol_version = "HTTP/1.1"
+
+    def __init__(self, data, ranges, asked, *args):
+        self.data, self.ranges, self.asked = data, ranges, asked
+        super().__init__(*args)
+
+    def do_GET(self):
+        wanted = self.headers.get("Range")
+        self.asked.append((self.path, wanted))
+        part, status = self.data, 200
+        if wanted is not None and self.ranges:
+            first, last = (int(text) for text in wanted.removeprefix("bytes=").split("-"))
+            part, status = self.data[first : last + 1], 206
+        self.send_response(status)
+        if status == 206:
+            self.send_header("Content-Range", f"bytes {first}-{first + len(part) - 1}/{len(self.data)}")
+        self.send_header("Content-Length", str(len(part)))
+        self.end_headers()
+        self.wfile.write(part)
+
+    def log_message(self, *args):
+        pass
+
+
+@pytest.fixture
+def serve():
+    servers = []
+
+    def start(data, ranges=True):
+        asked = []
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Ranges, data, ranges, asked))
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        servers.append(server)
+        return f"http://127.0.0.1:{server.server_port}/a/stream.v3s?token=x", asked
+
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+
+
+def test_it_is_a_zip_archive_of_stored_files(archive):
+    path, folder = archive
+    with zipfile.ZipFile(path) as opened:
+        assert opened.testzip() is None
+        names = opened.namelist()
+        assert names[0] == "manifest.json"
+        assert set(names) == {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
+        assert {entry.compress_type for entry in opened.infolist()} == {zipfile.ZIP_STORED}
+        for name in names:
+            assert opened.read(name) == (folder / name).read_bytes()
+
+
+def test_local_and_by_ranges_it_is_the_same_stream(archive, serve):
+    path, folder = archive
+    address, asked = serve(path.read_bytes())
+    with StreamReader.open(folder) as plain, StreamReader.open(path) as local, StreamReader.open(address) as web:
+        local.verify()
+        for one, two, three in zip(plain.iterate(), local.iterate(), web.iterate(), strict=True):
+            assert torch.equal(one.means, two.means)
+            assert torch.equal(one.means, three.means)
+    assert all(wanted is not None and place.endswith("?token=x") for place, wanted in asked)
+
+
+def test_streams_of_version_2_can_be_one_file(make_stream, tmp_path):
+    folder, _ = make_stream((2,))
+    with StreamReader.open(folder) as reader:
+        write_archive(reader, tmp_path / "two.v3s")
+    with StreamReader.open(tmp_path / "two.v3s") as reader:
+        reader.verify()
+
+
+def test_servers_without_ranges_are_refused(archive, serve):
+    address, _ = serve(archive[0].read_bytes(), ranges=False)
+    with refuses("source.no_ranges"):
+        StreamReader.open(address)
+
+
+def test_cut_anywhere(archive, tmp_path):
+    data = archive[0].read_bytes()
+    cut = tmp_path / "cut.v3s"
+    for end in (*range(0, len(data), len(data) // 40), len(data) - 1, len(data) - 22):
+        cut.write_bytes(data[:end])
+        with refuses("source.archive_damaged", file=cut):
+            StreamReader.open(cut)
+        cut.write_bytes(data[end + 1 :])
+        assert outcome(cut) in ("source", "stream", "manifest")
+
+
+def test_any_byte_may_be_wrong(archive, tmp_path):
+    data = archive[0].read_bytes()
+    changed = tmp_path / "changed.v3s"
+    for at in range(0, len(data), 61):
+        changed.write_bytes(data[:at] + bytes([data[at] ^ 0xFF]) + data[at + 1 :])
+        assert outcome(changed) in ("source", "stream", "manifest", "whole")
+
+
+def outcome(path):
+    """Area of the error; "whole" if everything can be read."""
+    try:
+        with StreamReader.open(path) as reader:
+            reader.verify()
+    except StudioError as error:
+        return error.code.split(".")[0]
+    return "whole"
+
+
+@pytest.mark.parametrize("kind", ["deflated", "outside", "twice"])
+def test_archives_of_another_kind(archive, tmp_path, kind):
+    other = tmp_path / "other.v3s"
+    with zipfile.ZipFile(archive[0]) as opened, zipfile.ZipFile(other, "w") as out:
+        for name in opened.namelist():
+            out.writestr(name, opened.read(name), zipfile.ZIP_DEFLATED if kind == "deflated" else zipfile.ZIP_STORED)
+        if kind == "outside":
+            out.writestr("../x", b"x")
+        if kind == "twice":
+            with pytest.warns(UserWarning, match="Duplicate"):
+                out.writestr("manifest.json", b"x")
+    with refuses("source.archive_not_stored" if kind == "deflated" else "source.archive_damaged", file=str(other)):
+        StreamReader.open(other)

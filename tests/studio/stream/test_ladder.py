@@ -1,0 +1,282 @@
+"""Streams of version 3: renditions, files named by content, pages of the index, checks of decoders."""
+
+import hashlib
+import json
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
+from studio.stream.source import FolderSource
+from tests.support.errors import refuses
+
+
+class Recording(FolderSource):
+    """A folder that notes what is read."""
+
+    def __init__(self, root):
+        super().__init__(root)
+        self.reads = []
+
+    def read(self, path, limit):
+        self.reads.append(path)
+        return super().read(path, limit)
+
+
+def manifest_of(folder):
+    return json.loads((folder / "manifest.json").read_bytes())
+
+
+def files_of(folder):
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def small_pages(monkeypatch):
+    """Every group after the first one in a page of its own."""
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
+    monkeypatch.setattr(write_ladder, "PAGE_BYTES", 1)
+
+
+@pytest.mark.parametrize("profile", ["motion", "planes"])
+def test_every_rendition_has_all_frames(make_ladder, profile):
+    folder = make_ladder((4, 3), profile=profile)
+    with StreamReader.open(folder) as reader:
+        assert [one.id for one in reader.renditions] == ["qp24", "qp34", "qp34-splats50-sh0"]
+        assert [one.pruning for one in reader.renditions] == ["none", "none", "importance"]
+        best, middle, phone = reader.renditions
+        assert best.bytes > middle.bytes > phone.bytes
+        assert (best.splats, phone.splats, best.sh_degree, phone.sh_degree) == (120, 60, 1, 0)
+        assert reader.manifest.played_bytes < reader.manifest.total_bytes
+        reader.verify()
+    frames = {}
+    for one in ("qp24", "qp34", "qp34-splats50-sh0"):
+        with StreamReader.open(folder, rendition=one) as reader:
+            frames[one] = list(reader.iterate())
+    assert [len(found) for found in frames.values()] == [7, 7, 7]
+    for fine, coarse, phone in zip(*frames.values(), strict=True):
+        assert (fine.means - coarse.means).abs().mean() < 0.02
+        assert len(phone) == 60
+        assert phone.sh.shape[1] == 1
+
+
+def test_the_most_visible_splats_are_kept(tmp_path, turning_bodies):
+    frames = turning_bodies(2, 80)
+    keep = torch.randperm(80, generator=torch.Generator().manual_seed(2)).numpy()
+    settings = BakeSettings(stream_version=3, qp=10, ladder=(Rung(qp=10, splats=0.25),))
+    entry = bake_group(frames, tmp_path, 0, 0, settings, contribution=lambda: keep.astype(float))
+    write_manifest(tmp_path, [entry], 30, settings)
+    with StreamReader.open(tmp_path) as reader:
+        found = reader.gaussians(0).means
+    wanted = frames[0].means[torch.from_numpy(keep >= 60)]
+    distances = torch.cdist(found, wanted)
+    assert len(found) == 20
+    assert distances.min(dim=1).values.max() < 0.02
+    assert distances.min(dim=0).values.max() < 0.02
+
+
+def test_fewer_splats_need_to_know_what_they_contribute(tmp_path, turning_bodies):
+    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20, splats=0.5),))
+    with refuses("bake.no_contribution", group=0):
+        bake_group(turning_bodies(2, 80), tmp_path, 0, 0, settings)
+    with refuses("bake.invalid_contribution", value=(79,), expected=(80,)):
+        bake_group(turning_bodies(2, 80), tmp_path, 0, 0, settings, contribution=lambda: np.ones(79))
+    assert files_of(tmp_path) == set()
+
+
+def test_psnr_is_that_of_the_given_function(tmp_path, turning_bodies):
+    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20), Rung(qp=40)))
+    asked = []
+
+    def error(index, decoded):
+        asked.append((index, len(decoded)))
+        return 1e-4
+
+    entries = [bake_group(turning_bodies(3, 80), tmp_path, 0, 0, settings, quality=error)]
+    assert asked == [(0, 80), (1, 80), (2, 80)] * 2
+    manifest = write_manifest(tmp_path, entries, 30, settings)
+    assert [one.psnr_to_trained for one in entries[0].renditions] == [40.0, 40.0]
+    with StreamReader.open(tmp_path) as reader:
+        assert [one.psnr_to_trained for one in reader.renditions] == [40.0, 40.0]
+    assert manifest.version == 3
+
+
+def test_files_are_named_by_their_content(make_ladder):
+    folder = make_ladder()
+    names = files_of(folder)
+    assert names - {"manifest.json"} == {name for name in names if name.startswith("files/")}
+    for name in names - {"manifest.json"}:
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest()[:32] == name[6:38]
+    total = sum((folder / name).stat().st_size for name in names)
+    assert manifest_of(folder)["total_bytes"] == total
+
+
+def test_baking_again_changes_only_what_changed(make_ladder):
+    folder = make_ladder()
+    before = {name: (folder / name).stat().st_ino for name in files_of(folder)}
+    ladder = (Rung(qp=24), Rung(qp=30))
+    make_ladder(ladder=ladder)
+    after = {name: (folder / name).stat().st_ino for name in files_of(folder)}
+    manifest = manifest_of(folder)
+    assert [one["id"] for one in manifest["renditions"]] == ["qp24", "qp30"]
+    kept = {
+        file["path"] for group in manifest["groups"] for file in (group["renditions"][0][k] for k in ("side", "video"))
+    }
+    assert kept <= set(before) & set(after)
+    assert len(after) == 1 + 8  # what only the old ladder used is gone
+    with StreamReader.open(folder) as reader:
+        reader.verify()
+
+
+def test_the_stream_of_version_2_is_removed_after_it_was_replaced(tmp_path, turning_bodies, make_ladder):
+    old = BakeSettings(qp=24, stream_version=2)
+    folder = tmp_path / "stream"
+    write_manifest(folder, [bake_group(turning_bodies(3, 80), folder, 0, 0, old)], 25, old)
+    (folder / "notes.txt").write_text("mine")
+    make_ladder()
+    assert {name for name in files_of(folder) if not name.startswith("files/")} == {"manifest.json", "notes.txt"}
+    assert not (folder / "group_000").exists()
+
+
+def test_equal_groups_share_files(tmp_path, turning_bodies):
+    settings = BakeSettings(stream_version=3, qp=24)
+    frames = turning_bodies(3, 80)
+    entries = [bake_group(frames, tmp_path, g, 3 * g, settings) for g in range(4)]
+    write_manifest(tmp_path, entries, 25, settings)
+    assert len(files_of(tmp_path)) == 3
+    with StreamReader.open(tmp_path) as reader:
+        reader.verify()
+        assert len(list(reader.iterate())) == 12
+        assert [one.id for one in reader.renditions] == ["main"]
+
+
+def test_checks_are_of_what_another_decoder_sees(make_ladder):
+    """OpenCV's luma and zlib's CRC-32."""
+    folder = make_ladder((5, 1))
+    for group in manifest_of(folder)["groups"]:
+        for rendition in group["renditions"]:
+            capture = cv2.VideoCapture(str(folder / rendition["video"]["path"]))
+            lumas = []
+            while (found := capture.read())[0]:
+                lumas.append(cv2.cvtColor(found[1], cv2.COLOR_BGR2GRAY))
+            wanted = [0] if group["frame_count"] == 1 else [0, 2]
+            assert [check["picture"] for check in rendition["video"]["checks"]] == wanted
+            for check in rendition["video"]["checks"]:
+                assert zlib.crc32(lumas[check["picture"]].tobytes()) == check["crc32"]
+
+
+def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path, turning_bodies):
+    def video(version, fps):
+        settings = BakeSettings(stream_version=version, qp=24)
+        folder = tmp_path / f"{version} {fps}"
+        entry = bake_group(turning_bodies(2, 9000, 3), folder, 0, 0, settings, fps=fps)
+        return next((folder / file.path).read_bytes() for file in entry.files if file.path.endswith(".mp4"))
+
+    def level(data):
+        at = data.index(b"avcC")
+        assert data[at + 5] == 100  # High
+        return data[at + 7]
+
+    slow, fast = video(3, 12.0), video(3, 240.0)
+    assert level(slow) < level(fast)
+    at = slow.index(b"colr")
+    assert slow[at + 4 : at + 15] == b"nclx" + bytes([0, 1, 0, 1, 0, 1, 0x80])
+    two = video(2, 240.0)
+    assert level(two) == level(video(2, None))
+    assert b"colr" not in two
+
+
+def test_a_decoder_that_is_not_exact_is_found(make_ladder, edit_ladder):
+    folder = make_ladder((4,))
+
+    def other(values):
+        values["groups"][0]["renditions"][0]["video"]["checks"][1]["crc32"] ^= 1
+
+    edit_ladder(folder, other)
+    with StreamReader.open(folder) as reader:
+        reader.gaussians(1)
+        with refuses("stream.wrong_luma", picture=2):
+            reader.gaussians(2)
+    with StreamReader.open(folder, rendition="qp34") as reader:
+        assert len(list(reader.iterate())) == 4
+
+
+def test_renditions_change_at_the_border_of_a_group(make_ladder):
+    folder = make_ladder((4, 3, 3))
+    with StreamReader.open(folder) as reader:
+        sizes = []
+        for frame in range(10):
+            if frame == 2:
+                reader.choose("qp34-splats50-sh0")
+            if frame == 5:
+                reader.choose("qp24")
+            sizes.append(len(reader.gaussians(frame)))
+    assert sizes == [120] * 4 + [60] * 3 + [120] * 3
+
+
+def test_unknown_renditions(make_ladder, make_stream):
+    folder = make_ladder((2,))
+    with refuses("stream.no_such_rendition", value="qp99"):
+        StreamReader.open(folder, rendition="qp99")
+    with StreamReader.open(folder) as reader:
+        with refuses("stream.no_such_rendition"):
+            reader.choose("qp99")
+        assert reader.group(0, "qp34").splats == 120
+
+
+def test_streams_of_version_2_have_no_renditions(make_stream):
+    folder, _ = make_stream((2,))
+    with StreamReader.open(folder) as reader:
+        assert reader.renditions == ()
+        with refuses("stream.no_such_rendition"):
+            reader.choose("main")
+    with refuses("stream.no_such_rendition"):
+        StreamReader.open(folder, rendition="main")
+
+
+def test_a_long_stream_starts_without_its_pages(make_ladder, small_pages):
+    folder = make_ladder((2,) * 6)
+    manifest = manifest_of(folder)
+    assert len(manifest["groups"]) == 1
+    assert [page["frames"] for page in manifest["pages"]] == [[2]] * 5
+    source = Recording(folder)
+    with StreamReader.open(source) as reader:
+        reader.gaussians(0)
+        assert len(source.reads) == 3  # manifest, side file, video
+        reader.gaussians(9)
+        assert source.reads[3] == manifest["pages"][3]["path"]
+        assert len(source.reads) == 6
+        assert len(reader.manifest.groups) == 6
+        assert reader.manifest.group_of(11).index == 5
+        assert [group.first_frame for group in reader.manifest.groups] == [0, 2, 4, 6, 8, 10]
+        assert reader.manifest.groups[-1].first_frame == 10
+        reader.verify()
+
+
+def test_pages_do_not_change_frames(make_ladder, monkeypatch):
+    whole = make_ladder((2, 2, 3), name="whole")
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
+    paged = make_ladder((2, 2, 3), name="paged")
+    assert len(manifest_of(whole)["pages"]) == 0
+    assert [page["frames"] for page in manifest_of(paged)["pages"]] == [[2, 3]]
+    with StreamReader.open(whole) as a, StreamReader.open(paged) as b:
+        for one, other in zip(a.iterate(), b.iterate(), strict=True):
+            assert torch.equal(one.means, other.means)
+
+
+def test_same_input_gives_the_same_bytes(make_ladder):
+    one, two = make_ladder(name="a"), make_ladder(name="b")
+    assert files_of(one) == files_of(two)
+    assert (one / "manifest.json").read_bytes() == (two / "manifest.json").read_bytes()
+
+
+def test_settings_that_contradict_each_other():
+    with pytest.raises(ValueError, match="stream_version 3"):
+        BakeSettings(ladder=(Rung(qp=20),))
+    with pytest.raises(ValueError, match="a target"):
+        BakeSettings(stream_version=3, ladder=(Rung(qp=20),), target_psnr=40)
+    with pytest.raises(ValueError, match="the same"):
+        BakeSettings(stream_version=3, ladder=(Rung(qp=20), Rung(qp=20)))

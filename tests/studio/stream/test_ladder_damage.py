@@ -1,0 +1,245 @@
+"""Damaged streams of version 3: a clear error or frames, in bounded memory, whatever is wrong."""
+
+import json
+import zlib
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from studio.errors import StudioError
+from studio.stream import StreamReader, write_ladder
+from studio.stream.ladder_manifest import parse_ladder
+from studio.stream.sidefile import deflate
+from tests.studio.stream.conftest import put_file, write_sealed
+from tests.support.errors import refuses
+
+QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.fixture
+def stream(make_ladder, monkeypatch):
+    """Three groups, two of them in a page."""
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
+    return make_ladder((3, 2, 2), splats=80)
+
+
+def set_(path, value):
+    def change(values):
+        for key in path[:-1]:
+            values = values[key]
+        values[path[-1]] = value
+
+    return change
+
+
+def nested(depth):
+    value = 1
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+def swap_names(values):
+    first, second = values["groups"][0]["renditions"][:2]
+    first["video"]["path"], second["video"]["path"] = second["video"]["path"], first["video"]["path"]
+
+
+def same_ids(values):
+    for one in (values, values["groups"][0]):
+        one["renditions"][1]["id"] = one["renditions"][0]["id"]
+
+
+GROUP = ("groups", 0)
+FIRST = (*GROUP, "renditions", 0)
+# change, then location and violated rule, or another code than manifest.invalid
+DAMAGE = {
+    "newer version": (set_(("version",), 4), "manifest.newer_version"),
+    "a profile that is none": (set_(("profile",), 7), "manifest.unknown_profile"),
+    "the other profile": (set_(("profile",), "planes"), ("scan", "literal_error")),
+    "renditions that disagree in frames": (set_((*FIRST, "frame_count"), 2), ("groups.0", "rendition_frames")),
+    "renditions that disagree in their first frame": (
+        set_((*FIRST, "first_frame"), 1),
+        ("groups.0", "rendition_frames"),
+    ),
+    "a rendition missing": (lambda v: v["groups"][0]["renditions"].pop(), ("", "rendition_ids")),
+    "renditions in another order": (lambda v: v["groups"][0]["renditions"].reverse(), ("", "rendition_ids")),
+    "two renditions of one name": (same_ids, ("", "rendition_ids")),
+    "an id that is none": (set_(("renditions", 0, "id"), "../x"), ("renditions.0.id", "string_pattern_mismatch")),
+    "no renditions": (set_(("renditions",), []), ("renditions", "too_short")),
+    "more splats than promised": (set_(("renditions", 0, "splats"), 79), ("", "rendition_splats")),
+    "another SH degree": (set_(("renditions", 0, "sh_degree"), 0), ("", "sh_degree")),
+    "a name that is not the content's": (swap_names, ("groups.0.renditions.0", "path_not_hash")),
+    "a path outside": (set_((*FIRST, "video", "path"), "../a.mp4"), ("groups.0.renditions.0.video", "unsafe_path")),
+    "checks of no picture": (
+        set_((*FIRST, "video", "checks"), []),
+        ("groups.0.renditions.0.video.checks", "too_short"),
+    ),
+    "checks beyond the end": (
+        set_((*FIRST, "video", "checks", 1, "picture"), 3),
+        ("groups.0.renditions.0", "checks"),
+    ),
+    "a check of 33 bits": (
+        set_((*FIRST, "video", "checks", 0, "crc32"), 1 << 32),
+        ("groups.0.renditions.0.video.checks.0.crc32", "less_than"),
+    ),
+    "groups that begin late": (set_((*GROUP, "index"), 1), ("groups.0", "rendition_frames")),
+    "no group in the manifest": (set_(("groups",), []), ("groups", "too_short")),
+    "a page of a petabyte": (set_(("pages", 0, "bytes"), 10**15), ("pages.0.bytes", "less_than_equal")),
+    "a page without groups": (set_(("pages", 0, "frames"), []), ("pages.0.frames", "too_short")),
+    "frames that are not in the pages": (set_(("frame_count",), 8), ("", "frame_count")),
+    "metadata without end": (set_(("metadata", "x"), nested(17)), ("metadata", "free_form")),
+    "two megabytes of metadata": (set_(("metadata", "x"), "y" * (2 << 20)), ("metadata", "free_form")),
+    "settings without end": (set_(("settings", "x"), nested(100)), ("settings", "free_form")),
+    "sound without a codec": (set_(("audio",), {"path": "files/a.m4a"}), ("audio.bytes", "missing")),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_damaged_manifest_is_refused(stream, edit_ladder, kind):
+    change, expected = DAMAGE[kind]
+    code, location, rule = (expected, None, None) if isinstance(expected, str) else ("manifest.invalid", *expected)
+    edit_ladder(stream, change)
+    with refuses(code, file=stream / "manifest.json", location=location, rule=rule) as caught:
+        StreamReader.open(stream)
+    assert len(str(caught.value)) < 600
+
+
+def change_page(folder, change):
+    """Change the page and store it under its new name."""
+    path = folder / "manifest.json"
+    values = json.loads(path.read_bytes())
+    page = values["pages"][0]
+    content = json.loads((folder / page["path"]).read_bytes())
+    change(content)
+    put_file(folder, page, json.dumps(content).encode())
+    write_sealed(path, values)
+
+
+PAGE_DAMAGE = {
+    "other frames": (lambda v: v["groups"].pop(), "page_frames"),
+    "another first group": (lambda v: v["groups"].reverse(), "group_order"),
+    "no groups": (set_(("groups",), []), "too_short"),
+    "another format": (set_(("format",), "x"), "literal_error"),
+    "a rendition missing": (lambda v: v["groups"][1]["renditions"].pop(), "rendition_ids"),
+    "renditions that disagree in frames": (
+        set_(("groups", 1, "renditions", 1, "frame_count"), 3),
+        "rendition_frames",
+    ),
+    "another SH degree": (set_(("groups", 0, "renditions", 0, "sh_degree"), 2), "channels"),
+}
+
+
+@pytest.mark.parametrize("kind", PAGE_DAMAGE)
+def test_pages_that_lie(stream, kind):
+    change, rule = PAGE_DAMAGE[kind]
+    change_page(stream, change)
+    with StreamReader.open(stream) as reader:
+        assert len(reader.gaussians(2).means) == 80  # what is in the manifest plays
+        with refuses("manifest.invalid", rule=rule):
+            reader.gaussians(3)
+
+
+def test_pages_that_are_damaged_or_missing(stream):
+    path = stream / json.loads((stream / "manifest.json").read_bytes())["pages"][0]["path"]
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b'"qp34"', b'"qp35"', 1))
+    with StreamReader.open(stream) as reader, refuses("stream.wrong_checksum", file=str(path)):
+        reader.gaussians(3)
+    path.write_bytes(data + b" ")
+    with StreamReader.open(stream) as reader, refuses("source.file_too_long"):
+        reader.gaussians(3)
+    path.unlink()
+    with StreamReader.open(stream) as reader, refuses("source.file_missing"):
+        reader.gaussians(3)
+
+
+def test_a_total_that_is_wrong_is_found_by_verifying(stream, edit_ladder):
+    edit_ladder(stream, lambda values: None)  # its total leaves out what is in the page
+    with StreamReader.open(stream) as reader, refuses("manifest.wrong_total"):
+        reader.verify()
+
+
+VALUES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**60), 2**60),
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.text(max_size=8),
+    st.lists(st.integers(0, 3), max_size=3),
+    st.dictionaries(st.sampled_from(["id", "path", "x"]), st.integers(), max_size=2),
+)
+
+
+def mutate(data, values):
+    """Replace a value somewhere."""
+    at = values
+    for _ in range(12):
+        keys = list(at) if isinstance(at, dict) else list(range(len(at)))
+        if not keys:
+            return
+        key = data.draw(st.sampled_from(keys))
+        if isinstance(at[key], dict | list) and at[key] and data.draw(st.integers(0, 9)):
+            at = at[key]
+            continue
+        at[key] = data.draw(VALUES)
+        return
+
+
+@given(st.data())
+@QUICK
+def test_any_manifest_gives_frames_or_a_clear_error(stream, data):
+    path = stream / "manifest.json"
+    kept = path.read_bytes()
+    try:
+        values = json.loads(kept)
+        for _ in range(data.draw(st.integers(1, 3))):
+            mutate(data, values)
+        try:
+            write_sealed(path, values)
+            parse_ladder(path.read_bytes(), "m")
+            with StreamReader.open(stream) as reader:
+                reader.gaussians(0)
+        except StudioError as error:
+            assert len(str(error)) < 1000  # noqa: PT017
+    finally:
+        path.write_bytes(kept)
+
+
+@given(st.data())
+@QUICK
+def test_any_page_gives_frames_or_a_clear_error(stream, data):
+    kept = (stream / "manifest.json").read_bytes()
+    try:
+        change_page(stream, lambda values: mutate(data, values))
+        with StreamReader.open(stream) as reader:
+            try:
+                reader.gaussians(3)
+            except StudioError as error:
+                assert len(str(error)) < 1000  # noqa: PT017
+    finally:
+        (stream / "manifest.json").write_bytes(kept)
+
+
+@given(st.data())
+@QUICK
+def test_any_side_file_gives_frames_or_a_clear_error(stream, data):
+    """Mutated before compression, so that the mutation reaches the parser."""
+    kept = (stream / "manifest.json").read_bytes()
+    try:
+        values = json.loads(kept)
+        side = values["groups"][0]["renditions"][0]["side"]
+        raw = bytearray(zlib.decompress((stream / side["path"]).read_bytes(), wbits=-15))
+        for _ in range(data.draw(st.integers(1, 4))):
+            raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+        before = side["bytes"]
+        put_file(stream, side, deflate([bytes(raw)]))
+        values["groups"][0]["renditions"][0]["bytes"] += side["bytes"] - before
+        write_sealed(stream / "manifest.json", values)
+        with StreamReader.open(stream) as reader:
+            try:
+                reader.gaussians(0)
+            except StudioError as error:
+                assert error.code == "stream.side_file_damaged"  # noqa: PT017
+    finally:
+        (stream / "manifest.json").write_bytes(kept)

@@ -1,0 +1,59 @@
+"""Live streams: the manifest grows, and a reader follows."""
+
+import pytest
+import torch
+
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
+from tests.support.errors import refuses
+
+LADDER = (Rung(qp=24), Rung(qp=34))
+
+
+@pytest.fixture
+def publish(tmp_path, turning_bodies):
+    """`publish(groups, live, ...)`: bake the first groups of two frames each, and write the manifest."""
+
+    def write(groups, live=True, fps=25, ladder=LADDER):
+        settings = BakeSettings(stream_version=3, ladder=ladder, preset="ultrafast")
+        frames = turning_bodies(2 * groups, 60)
+        entries = [bake_group(frames[2 * g : 2 * g + 2], tmp_path, g, 2 * g, settings) for g in range(groups)]
+        write_manifest(tmp_path, entries, fps, settings, live=live)
+        return tmp_path
+
+    return write
+
+
+def test_a_reader_follows(publish, monkeypatch):
+    folder = publish(1)
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)  # later groups are in pages
+    with StreamReader.open(folder, rendition="qp34") as reader:
+        assert reader.live
+        first = reader.gaussians(1)
+        assert reader.refresh() == 0
+        publish(3)
+        assert reader.refresh() == 2
+        assert reader.frame_count == 6
+        assert torch.equal(reader.gaussians(1).means, first.means)
+        assert reader.gaussians(5).means.shape == (60, 3)
+        publish(4, live=False)
+        assert reader.refresh() == 1
+        assert not reader.live
+        assert reader.refresh() == 0
+        reader.verify()
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ({"groups": 1}, "groups"),
+        ({"groups": 3, "fps": 30}, "fps"),
+        ({"groups": 3, "ladder": (Rung(qp=24),)}, "renditions"),
+    ],
+)
+def test_a_manifest_that_takes_something_back_is_refused(publish, change, what):
+    folder = publish(2)
+    with StreamReader.open(folder) as reader:
+        publish(**change)
+        with refuses("stream.live_changed", value=[what]):
+            reader.refresh()
+        assert reader.frame_count == 4

@@ -1,0 +1,69 @@
+"""Streams of version 3: renditions, pages of the index, checks of the decoder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+
+import pytest
+import support
+from driver import psnr
+
+pytestmark = pytest.mark.web
+
+
+def test_a_stream_with_renditions_and_pages_plays(site, baked, open_page):
+    shutil.copytree(baked(ladder=(16, 34), lengths=(5, 4, 3), paged=True), site.stream)
+    page = open_page()
+    page.wait("(seen.looped ?? []).length >= 2")
+    assert page.evaluate("() => document.querySelector('v3-player').engine.info.version") == 3
+    frames = {entry["frame"] for entry in page.seen("time")}
+    assert frames <= set(range(12))
+    assert frames & {9, 10, 11}
+    assert not page.seen("error")
+    assert not page.seen("notice")
+
+
+@pytest.mark.parametrize("decoder", ["webcodecs", "video"])
+def test_the_picture_is_the_rasterizers(site, baked, open_page, decoder):
+    shutil.copytree(baked(ladder=(16,), paged=True), site.stream)
+    page = open_page(f"?decoder={decoder}&t=0")
+    python = support.PythonFrames(site.stream)
+    view = support.camera(40, size=(240, 300))
+    for frame in (0, 2, 7):
+        page.seek_frame(frame)
+        assert psnr(page.picture(support.camera_values(view)), support.draw(python.gaussians(frame), view)) >= 45
+    python.close()
+
+
+def spoil(folder, group):
+    """Change the CRC-32 of a group's first picture, and seal the manifest again."""
+    path = folder / "manifest.json"
+    values = json.loads(path.read_bytes())
+    values["groups"][group]["renditions"][0]["video"]["checks"][0]["crc32"] ^= 1
+    before = values["total_bytes"] - path.stat().st_size
+    values["manifest_sha256"] = "0" * 64
+    while True:
+        data = json.dumps(values).encode()
+        if values["total_bytes"] == before + len(data):
+            break
+        values["total_bytes"] = before + len(data)
+    path.write_bytes(data.replace(b"0" * 64, hashlib.sha256(data).hexdigest().encode(), 1))
+
+
+def test_a_decoder_that_is_not_exact_is_not_drawn_from(site, baked, open_page):
+    shutil.copytree(baked(ladder=(16,)), site.stream)
+    spoil(site.stream, 1)
+    page = open_page("?decoder=webcodecs")
+    page.wait("(seen.looped ?? []).length >= 2")
+    assert {entry["frame"] for entry in page.seen("time")} <= set(range(5))
+    assert "picture 0 inexactly" in page.seen("notice")[0]
+
+
+def test_nor_where_playing_begins_after_its_first_picture(site, baked, open_page):
+    shutil.copytree(baked(ladder=(16,)), site.stream)
+    spoil(site.stream, 1)
+    page = open_page("?decoder=webcodecs&t=0")
+    page.call("seek", 8 / 25)
+    page.wait("(seen.notice ?? []).length && player.state.frame < 5")

@@ -1,0 +1,93 @@
+/**
+ * Which rendition to fetch next: a buffer-based rule with throughput as a further input. The same as
+ * studio/playback/rate_rule.py, which names its sources (BOLA, dash.js).
+ */
+
+const SAMPLES = 5;
+const SAFETY = 0.9;
+const PROBING = 0.9;
+const FIRST_PAUSE = 4;
+const LONGEST_PAUSE = 64;
+
+export class RateRule {
+  /** Seconds of buffer to fill. */
+  readonly target: number;
+  private readonly order: number[];
+  private readonly rates: number[];
+  private readonly utilities: number[];
+  private readonly gp: number;
+  private readonly minimum: number;
+  private readonly throughput: [number, number][] = [];
+  private filling = true;
+  private last = 0;
+  private patience = FIRST_PAUSE;
+  private pause = 0;
+
+  /** @param bandwidths - bits per second of each rendition, in the order of the manifest */
+  constructor(bandwidths: readonly number[], minimum = 4, perRung = 1) {
+    this.order = bandwidths.map((_, i) => i).sort((a, b) => bandwidths[a] - bandwidths[b]);
+    this.rates = this.order.map((i) => bandwidths[i]);
+    this.minimum = minimum;
+    this.target = minimum + perRung * bandwidths.length;
+    this.utilities = this.rates.map((rate) => Math.log(rate / this.rates[0]) + 1);
+    this.gp = (this.utilities[this.utilities.length - 1] - 1) / (this.target / minimum - 1);
+  }
+
+  /** A group of `bytes` bytes took `seconds` to arrive. */
+  fetched(bytes: number, seconds: number): void {
+    this.throughput.push([bytes, Math.max(seconds, 1e-6)]);
+    if (this.throughput.length > SAMPLES) this.throughput.shift();
+  }
+
+  /** The buffer is empty again. */
+  seeked(): void {
+    this.filling = true;
+    this.patience = FIRST_PAUSE;
+    this.pause = 0;
+  }
+
+  /**
+   * The position in the manifest's order of the rendition to fetch next.
+   *
+   * @param buffered - seconds of frames that are fetched and not yet shown
+   */
+  choose(buffered: number): number {
+    const byRate = this.sustained();
+    const bola = this.bola(buffered);
+    let choice = byRate;
+    if (this.filling && (bola > byRate || (bola === byRate && byRate > 0))) this.filling = false;
+    if (!this.filling) {
+      choice = Math.max(Math.min(bola, byRate), Math.min(bola, this.last));
+      if (bola > choice && buffered >= PROBING * this.target && this.pause <= 0) {
+        choice++;
+        this.pause = this.patience = Math.min(2 * this.patience, LONGEST_PAUSE);
+      }
+    }
+    this.pause--;
+    this.last = choice;
+    return this.order[choice];
+  }
+
+  private bola(buffered: number): number {
+    if (this.gp === 0) return this.rates.length - 1;
+    const weight = this.minimum / this.gp;
+    let best = 0;
+    let most = -Infinity;
+    this.rates.forEach((rate, i) => {
+      const score = (weight * (this.utilities[i] + this.gp) - buffered) / rate;
+      if (score >= most) [best, most] = [i, score];
+    });
+    return best;
+  }
+
+  private sustained(): number {
+    const bytes = this.throughput.reduce((sum, [size]) => sum + size, 0);
+    const seconds = this.throughput.reduce((sum, [, time]) => sum + time, 0);
+    const rate = seconds > 0 ? (SAFETY * 8 * bytes) / seconds : 0;
+    let highest = 0;
+    this.rates.forEach((each, i) => {
+      if (each <= rate) highest = i;
+    });
+    return highest;
+  }
+}
