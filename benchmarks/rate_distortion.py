@@ -3,6 +3,7 @@
     python benchmarks/rate_distortion.py TAKE                          # all groups, several minutes on two cores
     python benchmarks/rate_distortion.py TAKE --groups 0 --write docs/measurements/stream.md --title quickstart
     python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
+    python benchmarks/rate_distortion.py TAKE --versions               # version 3 of the format against version 2
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at 60,000 and 100,000 splats
 
 Frames are rendered from the take's held-out cameras (or from its training cameras if none is held out) and compared,
@@ -19,6 +20,7 @@ with the better BD-rate is used.
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import os
 import re
@@ -29,6 +31,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
@@ -39,6 +42,7 @@ from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
+from pipelines.stages.bake import DrawnContribution, parts_of
 from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
@@ -46,13 +50,24 @@ from pipelines.takes.take import Take
 from studio.atomic_files import write_text
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, ContributionFn, StreamReader, bake_group, write_manifest
 from studio.stream.layout import plane_side
 
 RELEASED_QPS = (10, 16, 22, 28, 34, 40)
 PLANES_QPS = (10, 16, 22, 28, 34, 40)
 MOTION_QPS = (12, 16, 20, 24, 28, 32)
 CODEC_QPS = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
+VERSION_QPS = (16, 20, 24, 28)
+VERSIONS: dict[str, dict[str, Any]] = {
+    "version 2": {"stream_version": 2},
+    "version 3 without smoothing": {"stream_version": 3, "smooth_paths": False},
+    "version 3 without B-frames": {"stream_version": 3, "b_frames": 0},
+    "version 3": {"stream_version": 3},
+    "version 3, splats 0.9": {"stream_version": 3, "splats": 0.9},
+    "version 3, splats 0.8": {"stream_version": 3, "splats": 0.8},
+    "version 3, splats 0.7": {"stream_version": 3, "splats": 0.7},
+}
+"""Settings of `bake`."""
 
 console = Console(width=120)
 
@@ -68,6 +83,7 @@ class Point:
     own_psnr: float
     encode_ms: float  # per frame
     decode_ms: float
+    lowest_psnr: float = math.nan  # of a frame, to footage
 
 
 @dataclass
@@ -80,6 +96,7 @@ class Views:
     truth: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
     trained: dict[tuple[int, str], np.ndarray] = field(default_factory=dict)
     boxes: dict[tuple[int, str], tuple[slice, slice]] = field(default_factory=dict)
+    contributions: dict[int, ContributionFn] = field(default_factory=dict)
 
     @classmethod
     def of(cls, context: Context) -> Views:
@@ -119,6 +136,17 @@ class Views:
         ]
         footage, own = np.mean(errors, axis=0)
         return -10 * math.log10(footage), -10 * math.log10(max(own, 1e-12))
+
+    def contribution(self, group: int) -> ContributionFn:
+        """What each splat of a group adds to the training cameras' pictures; drawn when first asked for."""
+        if group not in self.contributions:
+            parts = {part.trained.index: part for part in parts_of(self.context.groups, None)}
+            self.contributions[group] = functools.cache(DrawnContribution(self.context, parts[group]).__call__)
+        return self.contributions[group]
+
+    def lowest(self, frames: dict[int, Gaussians]) -> float:
+        """The lowest PSNR of a frame against the footage."""
+        return min(self.measure({index: frame})[0] for index, frame in frames.items())
 
     def trained_psnr(self) -> float:
         return -10 * math.log10(
@@ -251,13 +279,16 @@ def released_gaussians(rows: np.ndarray, count: int) -> Gaussians:
 # ---- ours ------------------------------------------------------------------------------------------------------------
 
 
-def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, name: str, work: Path) -> Point:
+def measure_ours(
+    groups: list[TakeGroup], views: Views, settings: BakeSettings, name: str, work: Path, each_frame: bool = False
+) -> Point:
     folder = work / "ours"
     shutil.rmtree(folder, ignore_errors=True)
     began = time.perf_counter()
     first, entries = 0, []
     for number, group in enumerate(groups):
-        entries.append(bake_group(group.frames, folder, number, first, settings))
+        contribution = views.contribution(group.index)
+        entries.append(bake_group(group.frames, folder, number, first, settings, contribution=contribution))
         first += len(group.frames)
     baked = time.perf_counter()
     write_manifest(folder, entries, 30, settings)
@@ -266,11 +297,41 @@ def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, 
         decoded = list(reader.iterate())
     done = time.perf_counter()
     indices = [index for group in groups for index in group.indices]
-    footage, own = views.measure(dict(zip(indices, decoded, strict=True)))
-    size = sum(entry.bytes for entry in entries)
+    drawn = dict(zip(indices, decoded, strict=True))
+    footage, own = views.measure(drawn)
+    lowest = views.lowest(drawn) if each_frame else math.nan
+    size = sum(file.bytes for entry in entries for file in entry.files)
     frames = len(indices)
     return Point(name, settings.qp, size / frames / 1000, footage, own, 1e3 * (baked - began) / frames,
-                 1e3 * (done - opened) / frames)  # fmt: skip
+                 1e3 * (done - opened) / frames, lowest)  # fmt: skip
+
+
+def version_rows(groups: list[TakeGroup], views: Views, work: Path) -> list[str]:
+    """Markdown: each of `VERSIONS` at each of `VERSION_QPS`, and its BD-rate against version 2."""
+    curves: dict[str, list[Point]] = {}
+    for name, values in VERSIONS.items():
+        curves[name] = []
+        for qp in VERSION_QPS:
+            settings = BakeSettings(qp=qp, **values)
+            curves[name].append(measure_ours(groups, views, settings, name, work, True))
+            console.print(curves[name][-1])
+    lines = [
+        "| bake | QP | KB per frame | PSNR to footage | lowest frame | PSNR to trained | decode per frame |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {p.name} | {p.qp} | {p.kilobytes:.1f} | {p.footage_psnr:.2f} dB | {p.lowest_psnr:.2f} dB | "
+        f"{p.own_psnr:.2f} dB | {p.decode_ms:.1f} ms |"
+        for points in curves.values()
+        for p in points
+    ]
+    lines += ["", "| BD-rate against version 2 | PSNR to footage | PSNR to trained |", "|---|---|---|"]
+    base = curves["version 2"]
+    for name, points in list(curves.items())[1:]:
+        values = [bd_rate(base, points, measure) for measure in ("footage_psnr", "own_psnr")]
+        cells = ["no common range" if value is None else f"{value:+.0f} %" for value in values]
+        lines.append(f"| {name} | {cells[0]} | {cells[1]} |")
+    return lines
 
 
 def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: bool, work: Path) -> Point:
@@ -471,6 +532,7 @@ def main() -> int:
     parser.add_argument("take", type=Path, help="folder of a trained take")
     parser.add_argument("--groups", help="indices of the groups, for example 0,2 (default: all)")
     parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
+    parser.add_argument("--versions", action="store_true", help="compare versions 2 and 3 of the format instead")
     parser.add_argument("--speed", action="store_true", help="measure times at 60,000 and 100,000 splats instead")
     parser.add_argument("--write", type=Path, metavar="FILE", help="write the tables between the markers in this file")
     parser.add_argument("--title", default="", help="description of the take for the first line")
@@ -492,6 +554,9 @@ def main() -> int:
         if arguments.speed:
             marker = "speed"
             lines += speed_rows(groups[0], work)
+        elif arguments.versions:
+            marker = "versions"
+            lines += version_rows(groups, views, work)
         elif arguments.codecs:
             marker = "codecs"
             points = []

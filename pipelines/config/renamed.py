@@ -39,6 +39,9 @@ ADDED: JsonObject = {
     "bake.stream_version": 2,
     "bake.ladder": [],
     "bake.first_group_size": None,
+    "bake.splats": 1.0,
+    "bake.b_frames": None,
+    "bake.smooth_paths": None,
 }
 """Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior."""
 

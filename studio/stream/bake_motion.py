@@ -28,18 +28,19 @@ from studio.stream.manifest_models import (
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
-from studio.stream.profiles.motion import POSITION_STEP, channel_range, channel_steps, to_ycocg
+from studio.stream.profiles.motion import POSITION_STEP, ROTATION_STEP, channel_range, channel_steps, to_ycocg
 from studio.stream.rotation import nearest_form
 from studio.stream.settings import BakeSettings
+from studio.stream.smoothing import smooth_paths
 from studio.stream.video import PlaneEncoder, codec_qp
 
 _USUAL_OPACITY = 0.15  # median of the trained splats for which the steps were tuned
 _BLOCK_STEP = 1.5  # times the position step: unit of the affine parameters
 _BLOCK_ERROR = 3.0  # times the position step: smaller errors do not justify further blocks
-_KEYFRAME_STEP = 1.0  # times the position step, at `_REFERENCE_QP`: cell size of the keyframe's means
 _REFERENCE_QP = 20
 _TURN = 0.01  # MRP (2.3 degrees): smaller block rotations are set to zero
 _ROTATION_UNIT = 1 / 512
+_JITTER = 4.0  # steps (of class 1, for positions): standard deviation of what training adds to each frame, measured
 _STEPS_A_SIDE = 127  # range of residual codes in either direction
 
 
@@ -77,6 +78,7 @@ class MotionBake:
         progress(0, len(frames))
         self._importance = _importance(self._values[0, -8], sizes)
         self._attributes, self._quats = self._canonical()
+        self._smoothed: np.ndarray | None = None  # made when first needed
 
     def _order(self, points: np.ndarray) -> np.ndarray:
         """Morton order of the finest cells, valid for coarser cells too. Sets origin, extent and codes."""
@@ -121,7 +123,9 @@ class MotionBake:
     ) -> MotionGroup:
         """Write side file and video into `folder`, which is `name` in the manifest; `fps` as for `PlaneEncoder`."""
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
-        bits = MAX_BITS if settings.qp == 0 else keyframe_bits(self._extent, _KEYFRAME_STEP * coarse * self._step)
+        encoding = settings.encoding
+        cell = encoding.keyframe_step * coarse * self._step
+        bits = MAX_BITS if settings.qp == 0 else keyframe_bits(self._extent, cell)
         lattice = Lattice(bits=bits, min=_point(self._origin), step=max(self._extent, 1e-9) / (1 << bits))
         codes = self._codes >> np.uint64(3 * (MAX_BITS - bits))
         table, affine = self._motions(codes, lattice, threads)
@@ -131,6 +135,11 @@ class MotionBake:
             codes, self._labels, np.zeros(self._splats, np.uint8), affine, turns, Escapes(empty, empty, empty, empty)
         )
         residuals, rotations = self._residuals(MotionState(lattice, table, side), side)
+        attributes = self._attributes
+        if encoding.smooth_paths:
+            residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
+            rotations = smooth_paths(rotations, _JITTER * ROTATION_STEP, keep_first=False)
+            attributes = self._smooth_attributes()
         steps = channel_steps(self._degree, self._step, settings)
         classes = _classes(self._importance, residuals, steps[0])
         gains = np.ldexp(1.0, classes.astype(np.int64))
@@ -144,7 +153,7 @@ class MotionBake:
             if index < 3:
                 values, offset = residuals[:, :, index] / gains, 0.0
             else:
-                values = rotations[:, :, index - 3] if index < 6 else self._attributes[:, index - 6].astype(np.float64)
+                values = rotations[:, :, index - 3] if index < 6 else attributes[:, index - 6].astype(np.float64)
                 offset, step = channel_range(values, step)
             codes_8 = np.rint((values - offset) / step).astype(np.int64) + 128
             beyond = (codes_8 < 0) | (codes_8 > 255)
@@ -185,11 +194,24 @@ class MotionBake:
         except ValueError as error:
             raise group_invalid(group, error) from None
 
+    def _smooth_attributes(self) -> np.ndarray:
+        """(F, C - 6, N) float64 log scales, opacities and colors, smoothed each by itself."""
+        if self._smoothed is None:
+            steps = channel_steps(self._degree, self._step, BakeSettings())[6:]
+            channels = [
+                smooth_paths(values[..., None], _JITTER * step, keep_first=False)[..., 0]
+                for values, step in zip(self._attributes.swapaxes(0, 1), steps, strict=True)
+            ]
+            self._smoothed = np.stack(channels, axis=1)
+        return self._smoothed
+
     def _encode(
         self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn, fps: float | None
     ) -> None:
-        size = (pictures.shape[2], pictures.shape[1])
-        encoder = PlaneEncoder(path, size, settings.qp, settings.preset, tiles=settings.codec, fps=fps)
+        size, b_frames = (pictures.shape[2], pictures.shape[1]), settings.encoding.b_frames
+        encoder = PlaneEncoder(
+            path, size, settings.qp, settings.preset, tiles=settings.codec, b_frames=b_frames, fps=fps
+        )
         try:
             for number, picture in enumerate(pictures):
                 encoder.add(picture)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, model_validator
@@ -58,6 +59,28 @@ DEFAULT_LADDER = (
 """What `v3studio bake --ladder` bakes: four rates of all splats, and two rungs for phones."""
 
 
+@dataclass(frozen=True)
+class Encoding:
+    """What the profile `motion` encodes differently in each version of the format.
+
+    Attributes:
+        b_frames: B-frames between P-frames.
+        smooth_paths: whether paths of splats are smoothed (`smoothing.py`).
+        keyframe_step: size of a cell of the keyframe's positions, in position steps.
+    """
+
+    b_frames: int
+    smooth_paths: bool
+    keyframe_step: float
+
+
+ENCODINGS = {
+    2: Encoding(b_frames=0, smooth_paths=False, keyframe_step=1.0),
+    3: Encoding(b_frames=5, smooth_paths=True, keyframe_step=4.0),
+}
+"""By version of the format. Version 2 does not allow B-frames, and its bytes stay what they were."""
+
+
 class BakeSettings(Settings):
     """How a group of Gaussians is encoded."""
 
@@ -89,6 +112,16 @@ class BakeSettings(Settings):
     preset: Preset = "medium"
     """Encoder effort: slower presets produce smaller files."""
 
+    b_frames: Annotated[int, Field(ge=0, le=7)] | None = None
+    """Profile motion: B-frames between P-frames, each predicted from the pictures before and after it. They save a
+    tenth to a quarter of the bytes. null: 5 in streams of version 3, none in version 2, which does not allow them, and
+    none with codec av1."""
+
+    smooth_paths: bool | None = None
+    """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
+    its own path shows jitter (docs/STREAM.md). null: in streams of version 3, but not with qp 0 or target_psnr, which
+    ask for the trained frames as they are."""
+
     mirror_low_bytes: bool = True
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
     to 0. false: plain low bytes, as in the paper."""
@@ -101,6 +134,10 @@ class BakeSettings(Settings):
     """Renditions of a stream of version 3, the best first, each with qp, splats (share of the splats that are kept) and
     sh_degree; players choose one at each group. Example: [{qp: 20}, {qp: 28}, {qp: 28, splats: 0.5, sh_degree: 0}].
     Empty: one rendition, by the settings above."""
+
+    splats: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Share of the splats that are kept in a stream of version 3 without a ladder: those that contribute most to what
+    the training cameras see. They are not trained further (docs/measurements/stream.md)."""
 
     first_group_size: Annotated[int, Field(ge=1)] | None = None
     """Frames of the stream's first group, so that playing starts after a small download; the rest of the trained group
@@ -129,6 +166,25 @@ class BakeSettings(Settings):
                 "Set one of them to null.",
                 "target_kb_per_frame",
                 "target_psnr",
+            )
+        if self.splats < 1 and self.stream_version == 2:
+            raise Conflict("splats requires stream_version 3", "Set stream_version to 3.", "splats", "stream_version")
+        if self.splats < 1 and self.ladder:
+            raise Conflict("splats and ladder are both set", "Set splats in the rungs.", "splats", "ladder")
+        if self.b_frames and self.stream_version == 2:
+            raise Conflict(
+                "b_frames require stream_version 3", "Set stream_version to 3.", "b_frames", "stream_version"
+            )
+        if self.b_frames and (self.profile == "planes" or self.codec == "av1"):
+            raise Conflict(
+                "b_frames require profile motion with codec h264 or hevc",
+                "Set b_frames to null.",
+                "b_frames",
+                "profile" if self.profile == "planes" else "codec",
+            )
+        if self.smooth_paths and self.profile == "planes":
+            raise Conflict(
+                "smooth_paths requires profile motion", "Set smooth_paths to null.", "smooth_paths", "profile"
             )
         if self.profile == "planes" and self.codec != "h264":
             raise Conflict(
@@ -162,7 +218,19 @@ class BakeSettings(Settings):
     @property
     def rungs(self) -> tuple[Rung, ...]:
         """The ladder; without one, a single rung by `qp`."""
-        return self.ladder or (Rung(qp=self.qp),)
+        return self.ladder or (Rung(qp=self.qp, splats=self.splats),)
+
+    @property
+    def encoding(self) -> Encoding:
+        """How the profile `motion` is encoded: by the version of the format, as far as the settings do not say."""
+        default = ENCODINGS[self.stream_version]
+        b_frames = default.b_frames if self.b_frames is None else self.b_frames
+        smooth = default.smooth_paths and self.qp > 0 and self.target_psnr is None
+        return Encoding(
+            b_frames=0 if self.codec == "av1" else b_frames,
+            smooth_paths=smooth if self.smooth_paths is None else self.smooth_paths,
+            keyframe_step=default.keyframe_step,
+        )
 
     def at_qp(self, qp: int) -> BakeSettings:
         """The same with another QP."""
@@ -171,6 +239,9 @@ class BakeSettings(Settings):
     def to_dict(self) -> JsonObject:
         """JSON-ready, for the manifest. The order of keys is part of the stream's bytes."""
         ladder = {"ladder": [rung.model_dump(mode="json") for rung in self.ladder]} if self.ladder else {}
+        coding: JsonObject = {}
+        if self.profile == "motion" and self.encoding != ENCODINGS[2]:
+            coding = {"b_frames": self.encoding.b_frames, "smooth_paths": self.encoding.smooth_paths}
         return {
             "profile": self.profile,
             "qp": self.qp,
@@ -180,5 +251,7 @@ class BakeSettings(Settings):
             "codec": self.codec,
             "preset": self.preset,
             "mirror_low_bytes": self.mirror_low_bytes,
+            **coding,
+            **({"splats": self.splats} if self.splats < 1 else {}),
             **ladder,
         }

@@ -41,14 +41,15 @@ def _bytes_of(plane: Any) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Codec:
-    """Parameters of an FFmpeg encoder for constant QP, one I picture then P, one thread, no psychovisual tuning.
+    """Parameters of an FFmpeg encoder for constant QP, one I picture at the start, one thread, no psychovisual tuning.
 
     Attributes:
         encoder: FFmpeg's name.
         key: name of the option that takes the parameters.
-        parameters: for QPs above 0; {qp} is filled in.
+        parameters: for QPs above 0; {qp} and {b} (B-frames between P-frames) are filled in.
         lossless: for QP 0; None if not supported.
         tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
+        b_frames: whether it takes {b}.
     """
 
     encoder: str
@@ -56,20 +57,25 @@ class _Codec:
     parameters: str
     lossless: str | None
     tag: str | None = None
+    b_frames: bool = False
 
 
 # Psychovisual tuning (psy) helps pictures, not numbers. Scene cut detection would insert more I frames.
-_X264 = "keyint=infinite:scenecut=0:bframes=0:psy=0:threads=1:lookahead-threads=1:log=0"
+_X264 = "keyint=infinite:scenecut=0:bframes={b}:psy=0:threads=1:lookahead-threads=1:log=0"
 # One picture of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
 _X264_TILES = f"{_X264}:no-deblock=1:ipratio=1.0"
 _X265_TILES = (
-    "keyint=-1:scenecut=0:bframes=0:psy-rd=0:psy-rdoq=0:aq-mode=0:cutree=0:ipratio=1.0:no-deblock=1:no-sao=1:"
+    "keyint=-1:scenecut=0:bframes={b}:psy-rd=0:psy-rdoq=0:aq-mode=0:cutree=0:ipratio=1.0:no-deblock=1:no-sao=1:"
     "frame-threads=1:pools=none:no-wpp=1:info=0:log-level=none"
 )
+# Adaptive placement sees noise and chooses no B-frames at all: force them.
+_B_FRAMES = ":b-adapt=0:pbratio=1.3"
 _PLANES = _Codec("libx264", "x264-params", _X264, _X264)
 _TILES = {
-    "h264": _Codec("libx264", "x264-params", _X264_TILES, _X264_TILES),
-    "hevc": _Codec("libx265", "x265-params", f"qp={{qp}}:{_X265_TILES}", f"lossless=1:{_X265_TILES}", "hvc1"),
+    "h264": _Codec("libx264", "x264-params", _X264_TILES, _X264_TILES, b_frames=True),
+    "hevc": _Codec(
+        "libx265", "x265-params", f"qp={{qp}}:{_X265_TILES}", f"lossless=1:{_X265_TILES}", "hvc1", b_frames=True
+    ),
     "av1": _Codec(
         "libsvtav1", "svtav1-params", "rc=0:aq-mode=0:qp={qp}:pred-struct=1:keyint=-1:lp=1:enable-tf=0", None
     ),
@@ -85,7 +91,8 @@ def codec_qp(codec: str, qp: int) -> int:
 
 
 class PlaneEncoder:
-    """Encodes pictures of numbers: one I picture, then P; constant QP; one thread, so that the bytes are reproducible.
+    """Encodes pictures of numbers: one I picture, then P, with B between them if wanted; constant QP; one thread, so
+    that the bytes are reproducible.
 
     Luma is full range, chroma neutral (yuv420p, since few hardware decoders support gray). QP 0 is lossless. The
     container has neither dates nor library versions; x264 writes its own version into the bitstream.
@@ -96,6 +103,9 @@ class PlaneEncoder:
         qp: on the H.264 scale.
         preset: one of `settings.PRESETS`.
         tiles: codec of a picture of many tiles; None for a plane of the profile `planes`.
+        b_frames: B-frames between P-frames, each predicted from the one before and the one after. The file then has
+            the pictures in another order than that of display; decoders return the order of display. Not with AV1, and
+            not for planes.
         fps: frames per second that the level is chosen for; the file then also has a `colr` box. None: as in version 2
             of the format, the level for `NOMINAL_FPS` and no such box.
     """
@@ -107,6 +117,7 @@ class PlaneEncoder:
         qp: int,
         preset: str,
         tiles: str | None = None,
+        b_frames: int = 0,
         fps: float | None = None,
     ) -> None:
         import av
@@ -114,6 +125,9 @@ class PlaneEncoder:
         codec = _PLANES if tiles is None else _TILES[tiles]
         parameters = codec.lossless if qp == 0 else codec.parameters
         assert parameters is not None
+        assert b_frames == 0 or codec.b_frames
+        if b_frames > 0:
+            parameters += _B_FRAMES
         if tiles == "av1":
             os.environ.setdefault("SVT_LOG", "1")  # errors only: the library ignores FFmpeg's log level
         self._width = size[0]
@@ -134,7 +148,7 @@ class PlaneEncoder:
             context.codec_tag = codec.tag
         context.options = {
             "preset": _AV1_PRESETS[preset] if tiles == "av1" else preset,
-            codec.key: parameters.format(qp=codec_qp(tiles or "h264", qp)),
+            codec.key: parameters.format(qp=codec_qp(tiles or "h264", qp), b=b_frames),
         }
         if codec.encoder == "libx264":
             context.options["qp"] = str(qp)

@@ -5,6 +5,7 @@ If modules move, this is the only file to change.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,8 @@ from studio.stream.manifest_models import MotionGroup
 from studio.stream.motion_state import Side
 from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
-from tests.support.streams import edit_manifest
+from studio.stream.video import PlaneEncoder
+from tests.support.streams import edit_manifest, replace_file
 
 FPS = 25.0
 
@@ -108,6 +110,21 @@ def bake(
     finally:
         write_ladder.INLINE_BYTES = inline
     return folder
+
+
+def with_b_frames(folder: Path, b_frames: int) -> None:
+    """Encode the pictures of a stream of profile `motion` again, with B-frames between them."""
+    for index, group in enumerate(json.loads((folder / "manifest.json").read_bytes())["groups"]):
+        python = PythonFrames(folder)
+        pictures = python.luma(index)
+        python.close()
+        path = folder / "b.mp4"
+        encoder = PlaneEncoder(path, pictures[0].shape[::-1], 16, "veryfast", tiles="h264", b_frames=b_frames)
+        for picture in pictures:
+            encoder.add(picture)
+        encoder.close()
+        replace_file(folder, group["index"], "video", path.read_bytes())
+        path.unlink()
 
 
 def as_version_1(folder: Path) -> None:

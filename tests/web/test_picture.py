@@ -76,8 +76,11 @@ _TAP = """() => {
 }"""
 
 
+@pytest.mark.parametrize("b_frames", [0, 2, 7])
 @pytest.mark.parametrize("decoder", ["webcodecs", "webcodecs-software", "video"])
-def test_every_luma_byte_is_what_python_decodes(stream, open_page, decoder):
+def test_every_luma_byte_is_what_python_decodes(stream, open_page, decoder, b_frames):
+    if b_frames:
+        support.with_b_frames(stream, b_frames)
     page = open_page(f"?decoder={decoder}&t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
     python = support.PythonFrames(stream)
     want = [picture for group in range(2) for picture in python.luma(group)]

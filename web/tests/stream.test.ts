@@ -22,6 +22,7 @@ import { planePositions, planesLayout } from "../src/stream/planes.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
 import { DepthSorter } from "../src/stream/sort.ts";
 import { linkTo, parseTime, parseView } from "../src/ui/link.ts";
+import { inDisplayOrder, packetsNeeded } from "../src/worker/order.ts";
 
 const folder = process.env["V3_FIXTURES"] ?? join(import.meta.dirname, "build", "fixtures");
 const bytes = (name: string): Uint8Array<ArrayBuffer> => new Uint8Array(readFileSync(join(folder, name)));
@@ -253,4 +254,13 @@ void test("small things", () => {
   assert.equal(parseView("1,2,0,0,0,0"), null);
   assert.equal(parseView(null), null);
   assert.equal(parseTime("-1"), null);
+});
+
+void test("B-frames come after the pictures that they are predicted from", () => {
+  // I0 P4 B2 B1 B3 P5, as time stamps in the order of decoding.
+  const places = inDisplayOrder([0, 4, 2, 1, 3, 5].map((picture) => ({ timestamp: 0.5 + picture / 30 })));
+  assert.deepEqual(places, [0, 4, 2, 1, 3, 5]);
+  const needed = packetsNeeded(places.map((picture) => ({ picture })));
+  assert.deepEqual(needed, [1, 4, 4, 5, 5, 6]);
+  assert.throws(() => inDisplayOrder([{ timestamp: 1 }, { timestamp: 1 }]), /same time/);
 });

@@ -2,8 +2,11 @@
 
 import { BufferSource, EncodedPacketSink, Input, MP4 } from "mediabunny";
 import { messageOf, StreamError } from "../stream/errors.ts";
+import { inDisplayOrder } from "./order.ts";
 
 export interface Packet {
+  /** Frame of the group that it decodes to: its place in the order of display. */
+  readonly picture: number;
   readonly key: boolean;
   readonly data: Uint8Array;
   /** Seconds. */
@@ -13,7 +16,7 @@ export interface Packet {
 
 export interface Demuxed {
   readonly config: VideoDecoderConfig;
-  /** In decoding order, which equals display order: streams have no B-frames. */
+  /** In decoding order, which differs from display order where there are B-frames. */
   readonly packets: readonly Packet[];
 }
 
@@ -44,7 +47,7 @@ export async function demux(
       );
     const config = await track.getDecoderConfig();
     if (config === null) throw new StreamError("its decoder configuration is missing");
-    const packets: Packet[] = [];
+    const packets: Omit<Packet, "picture">[] = [];
     for await (const packet of new EncodedPacketSink(track).packets()) {
       if (packets.length === frames) throw new StreamError(`it has more than ${frames} frames`);
       packets.push({
@@ -55,7 +58,7 @@ export async function demux(
       });
     }
     if (packets.length < frames) throw new StreamError(`it has ${packets.length} frames, but the manifest specifies ${frames}`);
-    return { config, packets };
+    return { config, packets: inDisplayOrder(packets).map((picture, at) => ({ ...packets[at], picture })) };
   } catch (error) {
     throw new StreamError(`${name} cannot be read: ${messageOf(error)}.`);
   } finally {

@@ -2,6 +2,7 @@
 
 import type { Packet } from "./demux.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
+import { packetsNeeded } from "./order.ts";
 import type { Pool } from "./pool.ts";
 
 /** A decoded picture: luma, and the wall-clock decoding time in milliseconds. */
@@ -39,6 +40,8 @@ export class WebCodecsPictures implements PictureSource {
   private readonly name: string;
   private readonly pool: Pool;
   private decoder: VideoDecoder | null = null;
+  /** Packets that the decoder needs for each picture and all before it. */
+  private readonly needed: readonly number[];
   /** Next packet to feed to the decoder, next picture that it will output, first picture that is needed. */
   private fed = 0;
   private out = 0;
@@ -61,6 +64,7 @@ export class WebCodecsPictures implements PictureSource {
   ) {
     this.config = config;
     this.packets = packets;
+    this.needed = packetsNeeded(packets);
     this.size = size;
     this.name = name;
     this.pool = pool;
@@ -191,15 +195,15 @@ export class WebCodecsPictures implements PictureSource {
     const { packets } = this;
     try {
       const decoder = this.decoder ?? this.start();
-      const until = Math.min(packets.length, this.wanted + AHEAD);
+      const until = Math.min(packets.length, this.after(this.wanted) + AHEAD - 1);
       // Decode up to the requested picture immediately, and beyond it slowly.
-      while (this.fed < until && (this.fed < this.wanted + 1 || this.fed - this.out < AHEAD)) {
+      while (this.fed < until && (this.fed < this.after(this.wanted) || this.fed < this.after(this.out) + AHEAD - 1)) {
         const packet = packets[this.fed];
         this.submitted.push(performance.now());
         decoder.decode(
           new EncodedVideoChunk({
             type: packet.key ? "key" : "delta",
-            timestamp: this.fed * TICK,
+            timestamp: packet.picture * TICK,
             data: packet.data,
           }),
         );
@@ -215,6 +219,11 @@ export class WebCodecsPictures implements PictureSource {
       this.watchdog = setTimeout(() => {
         this.fail(new PathFailed(`${this.name}: the decoder does not output any frames.`));
       }, PATIENCE);
+  }
+
+  /** Packets that are needed for a picture; all for one past the end. */
+  private after(picture: number): number {
+    return picture < this.needed.length ? this.needed[picture] : this.packets.length;
   }
 
   private async flush(decoder: VideoDecoder, run: number): Promise<void> {

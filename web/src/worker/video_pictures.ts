@@ -3,7 +3,7 @@
  * element is on the page; this requests its pictures.
  */
 
-import type { Demuxed } from "./demux.ts";
+import type { Demuxed, Packet } from "./demux.ts";
 import type { VideoReply, VideoRequest } from "./messages.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
 import { StreamError } from "../stream/errors.ts";
@@ -46,7 +46,8 @@ export class VideoChannel {
 
 export class VideoElementPictures implements PictureSource {
   private readonly channel: VideoChannel;
-  private readonly demuxed: Demuxed;
+  /** In order of display. */
+  private readonly packets: readonly Packet[];
   private readonly source: number;
   private readonly opened: Promise<unknown>;
   private readonly pool: Pool;
@@ -62,7 +63,7 @@ export class VideoElementPictures implements PictureSource {
     pool: Pool,
   ) {
     this.channel = channel;
-    this.demuxed = demuxed;
+    this.packets = [...demuxed.packets].sort((a, b) => a.picture - b.picture);
     this.pool = pool;
     const source = (this.source = channel.newSource());
     const [width, height] = size;
@@ -82,7 +83,7 @@ export class VideoElementPictures implements PictureSource {
     const ahead = this.ahead;
     this.ahead = null;
     const luma = await (ahead?.index === index ? ahead.luma : this.read(index));
-    if (index + 1 < this.demuxed.packets.length && !this.isClosed()) {
+    if (index + 1 < this.packets.length && !this.isClosed()) {
       const next = this.read(index + 1);
       next.catch(() => undefined);
       this.ahead = { index: index + 1, luma: next };
@@ -110,7 +111,7 @@ export class VideoElementPictures implements PictureSource {
   private read(index: number): Promise<Luma> {
     const reading = this.chain.then(async () => {
       if (this.closed) throw new Closed();
-      const packet = this.demuxed.packets[index];
+      const packet = this.packets[index];
       const duration = packet.duration || 1 / 30;
       const began = performance.now();
       const luma = await this.channel.ask((request) => ({

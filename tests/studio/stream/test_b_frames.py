@@ -1,0 +1,152 @@
+"""B-frames: the order in the file, the order that decoders return, and where they are allowed."""
+
+import av
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream.video import PlaneDecoder, PlaneEncoder
+from tests.support.settings import refuses_setting
+
+SIZE = (64, 48)
+
+
+def pictures(count):
+    """Noise, and a number of its own in a corner of each picture."""
+    result = np.random.default_rng(0).integers(90, 110, (count, SIZE[1], SIZE[0]), dtype=np.uint8)
+    for index, picture in enumerate(result):
+        picture[:16, :16] = 20 + 10 * index
+    return result
+
+
+def encode(path, planes, codec="h264", qp=24, b_frames=3):
+    encoder = PlaneEncoder(path, SIZE, qp, "veryfast", tiles=codec, b_frames=b_frames)
+    for plane in planes:
+        encoder.add(plane)
+    encoder.close()
+    return path
+
+
+def decoded(path, count, codec="h264"):
+    decoder = PlaneDecoder(path.read_bytes(), "test", SIZE, codec)
+    result = np.empty((count, *SIZE[::-1]), dtype=np.uint8)
+    for picture in result:
+        decoder.read(picture)
+    decoder.close()
+    return result
+
+
+@pytest.mark.parametrize("codec", ["h264", "hevc"])
+@pytest.mark.parametrize("count", [1, 2, 5, 9, 12])
+def test_lossless_pictures_return_in_order(tmp_path, codec, count):
+    planes = pictures(count)
+    assert np.array_equal(decoded(encode(tmp_path / "a.mp4", planes, codec, qp=0), count, codec), planes)
+
+
+@pytest.mark.parametrize("b_frames", [1, 2, 3, 7])
+def test_opencv_returns_the_same_in_the_same_order(tmp_path, b_frames):
+    path = encode(tmp_path / "a.mp4", pictures(11), b_frames=b_frames)
+    ours = decoded(path, 11)
+    capture = cv2.VideoCapture(str(path))
+    for index, picture in enumerate(ours):
+        ok, theirs = capture.read()
+        assert ok
+        assert np.array_equal(cv2.cvtColor(theirs, cv2.COLOR_BGR2GRAY), picture)
+        assert abs(int(picture[4, 4]) - (20 + 10 * index)) < 5
+    assert not capture.read()[0]
+
+
+def test_b_pictures_are_between_p_pictures(tmp_path):
+    path = encode(tmp_path / "a.mp4", pictures(9))
+    with av.open(str(path)) as container:
+        types = [int(frame.pict_type) for frame in container.decode(video=0)]
+    assert types == [1, 3, 3, 3, 2, 3, 3, 3, 2]  # I, then three B before each P
+    with av.open(str(path)) as container:
+        times = [packet.pts for packet in container.demux(video=0) if packet.pts is not None]
+    assert times != sorted(times)
+    assert len(set(times)) == 9
+
+
+def test_the_same_pictures_give_the_same_bytes(tmp_path):
+    first = encode(tmp_path / "a.mp4", pictures(9)).read_bytes()
+    assert encode(tmp_path / "b.mp4", pictures(9)).read_bytes() == first
+
+
+def picture_types(folder):
+    with StreamReader.open(folder) as reader:
+        group = reader.manifest.groups[0]
+        group = getattr(group, "renditions", (group,))[0]
+    with av.open(str(folder / group.video.path)) as container:
+        return [int(frame.pict_type) for frame in container.decode(video=0)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "types"),
+    [
+        ({"stream_version": 2}, [1, 2, 2, 2, 2, 2, 2]),
+        ({"stream_version": 2, "smooth_paths": True}, [1, 2, 2, 2, 2, 2, 2]),
+        ({"stream_version": 3}, [1, 3, 3, 3, 3, 3, 2]),
+        ({"stream_version": 3, "b_frames": 0}, [1, 2, 2, 2, 2, 2, 2]),
+        ({"stream_version": 3, "b_frames": 1, "codec": "hevc"}, [1, 3, 2, 3, 2, 3, 2]),
+    ],
+)
+def test_only_version_3_has_them(tmp_path, turning_bodies, settings, types):
+    chosen = BakeSettings(preset="veryfast", qp=24, **settings)
+    entry = bake_group(turning_bodies(7, splats=60), tmp_path, 0, 0, chosen)
+    write_manifest(tmp_path, [entry], 30, chosen)
+    assert picture_types(tmp_path) == types
+
+
+def test_settings_that_cannot_have_them():
+    with refuses_setting("b_frames", "stream_version"):
+        BakeSettings(b_frames=2, stream_version=2)
+    with refuses_setting("b_frames", "codec"):
+        BakeSettings(b_frames=2, stream_version=3, codec="av1")
+    with refuses_setting("b_frames", "profile"):
+        BakeSettings(b_frames=2, stream_version=3, profile="planes")
+    with refuses_setting("splats", "stream_version"):
+        BakeSettings(splats=0.9, stream_version=2)
+    with refuses_setting("splats", "ladder"):
+        BakeSettings(splats=0.9, stream_version=3, ladder=[{"qp": 20}])
+    with refuses_setting("smooth_paths", "profile"):
+        BakeSettings(smooth_paths=True, profile="planes")
+
+
+def test_defaults_by_version():
+    assert BakeSettings(stream_version=2).encoding.b_frames == 0
+    assert not BakeSettings(stream_version=2).encoding.smooth_paths
+    assert BakeSettings(stream_version=2, smooth_paths=True).encoding.smooth_paths
+    assert BakeSettings(stream_version=3).encoding.smooth_paths
+    assert BakeSettings(stream_version=3, codec="av1").encoding.b_frames == 0
+    for faithful in ({"qp": 0}, {"target_psnr": 45.0}):
+        assert not BakeSettings(stream_version=3, **faithful).encoding.smooth_paths
+
+
+def test_smoothed_paths_decode_closer_to_the_truth(tmp_path, turning_bodies):
+    """Frames with jitter, baked with and without smoothing: the keyframe is the same, the others come closer."""
+    truth = turning_bodies(10, splats=200)
+    generator = torch.Generator().manual_seed(0)
+    jittered = [truth[0]]
+    for frame in truth[1:]:
+        moved = frame.means + 0.004 * torch.randn(frame.means.shape, generator=generator)
+        jittered.append(type(frame)(moved, frame.quats, frame.log_scales, frame.logit_opacities, frame.sh))
+
+    def read(smooth):
+        settings = BakeSettings(qp=10, preset="veryfast", smooth_paths=smooth)
+        folder = tmp_path / str(smooth)
+        entry = bake_group(jittered, folder, 0, 0, settings)
+        write_manifest(folder, [entry], 30, settings)
+        with StreamReader.open(folder) as reader:
+            return entry.bytes, list(reader.iterate())
+
+    (plain_bytes, plain), (smooth_bytes, smooth) = read(False), read(True)
+    assert torch.equal(plain[0].means, smooth[0].means)
+    order = torch.cdist(plain[0].means, truth[0].means).argmin(dim=1)
+    error = {
+        name: torch.stack([(f.means - t.means[order]).square().mean() for f, t in zip(frames, truth, strict=True)])[1:]
+        for name, frames in (("plain", plain), ("smooth", smooth))
+    }
+    assert error["smooth"].mean() < 0.6 * error["plain"].mean()
+    assert smooth_bytes < plain_bytes

@@ -1,0 +1,101 @@
+"""Smoothing of paths, against closed forms and paths whose truth is known."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from studio.stream import smoothing
+from studio.stream.smoothing import STRENGTHS, smooth_paths
+
+
+def noise(*shape, seed=0):
+    return np.random.default_rng(seed).standard_normal(shape)
+
+
+def second_differences(frames):
+    rows = np.zeros((frames - 2, frames))
+    for row in range(frames - 2):
+        rows[row, row : row + 3] = 1, -2, 1
+    return rows
+
+
+def minimum(path, strength, keep_first):
+    """What minimizes the sum in the docstring, by least squares over the stacked equations."""
+    frames = len(path)
+    equations = np.concatenate([np.eye(frames), np.sqrt(strength) * second_differences(frames)])
+    right = np.concatenate([path, np.zeros(frames - 2)])
+    if not keep_first:
+        return np.linalg.lstsq(equations, right, rcond=None)[0]
+    rest = np.linalg.lstsq(equations[1:, 1:], (right - equations[:, 0] * path[0])[1:], rcond=None)[0]
+    return np.concatenate([path[:1], rest])
+
+
+@pytest.mark.parametrize("keep_first", [True, False])
+@pytest.mark.parametrize("strength", [0.2, 5.0, 100.0])
+def test_a_path_is_the_minimum(monkeypatch, strength, keep_first):
+    monkeypatch.setattr(smoothing, "STRENGTHS", (strength,))
+    paths = noise(9, 4, 3)
+    found = smooth_paths(paths, 1.0, keep_first)
+    for splat, axis in itertools.product(range(4), range(3)):
+        assert np.abs(found[:, splat, axis] - minimum(paths[:, splat, axis], strength, keep_first)).max() < 1e-9
+
+
+def test_the_strength_is_the_most_likely_one():
+    """By the density of the second differences: those of white jitter added to white accelerations."""
+    frames, jitter = 12, 0.3
+    rows = second_differences(frames)
+    chosen = set()
+    for seed, acceleration in enumerate((0.01, 0.1, 1.0, 10.0)):
+        paths = acceleration * np.cumsum(np.cumsum(noise(frames, 6, 3, seed=seed), axis=0), axis=0)
+        paths += jitter * noise(frames, 6, 3, seed=100 + seed)
+        likelihoods = []
+        for strength in STRENGTHS:
+            covariance = jitter**2 * (rows @ rows.T + np.eye(frames - 2) / max(strength, 1e-6))
+            changes = rows @ paths.reshape(frames, -1)
+            likelihoods.append(multivariate_normal(np.zeros(frames - 2), covariance).logpdf(changes.T).sum())
+        strength = STRENGTHS[int(np.argmax(likelihoods))]
+        chosen.add(strength)
+        found = smooth_paths(paths, np.full(6, jitter), keep_first=False)
+        want = np.stack([minimum(path, strength, False) for path in paths.reshape(frames, -1).T], axis=1)
+        assert np.abs(found.reshape(frames, -1) - want).max() < 1e-8
+    assert len(chosen) > 1
+
+
+@pytest.mark.parametrize("keep_first", [True, False])
+def test_steady_motion_stays(keep_first):
+    start, velocity = noise(50, 3), noise(50, 3, seed=1)
+    paths = start + np.arange(10)[:, None, None] * velocity
+    assert np.abs(smooth_paths(paths, 1.0, keep_first) - paths).max() < 1e-6
+
+
+def test_the_first_frame_stays_where_it_is_kept():
+    paths = noise(8, 40, 3)
+    found = smooth_paths(paths, 1.0, keep_first=True)
+    assert np.array_equal(found[0], paths[0])
+    assert not np.array_equal(found[1:], paths[1:])
+
+
+def test_jitter_goes():
+    truth = np.zeros((15, 300, 3)) + np.linspace(0, 1, 15)[:, None, None] * noise(300, 3)
+    jitter = 0.01 * noise(15, 300, 3, seed=1)
+    found = smooth_paths(truth + jitter, 0.01, keep_first=False)
+    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.5 * np.sqrt(np.mean(jitter**2))
+
+
+def test_fast_motion_stays():
+    """Splats that turn a quarter circle a frame, and others, far away in the order of the stream, that stand still."""
+    turning = np.stack([np.cos(np.pi / 2 * np.arange(15)), np.sin(np.pi / 2 * np.arange(15)), np.zeros(15)], axis=1)
+    truth = np.concatenate([np.repeat(turning[:, None], 100, axis=1), np.zeros((15, 100, 3))], axis=1)
+    jitter = 0.01 * noise(15, 200, 3)
+    error = smooth_paths(truth + jitter, 0.01, keep_first=False) - truth
+    level = np.sqrt(np.mean(jitter**2))
+    assert np.sqrt(np.mean(error[:, :80] ** 2)) < 1.05 * level
+    assert np.sqrt(np.mean(error[:, 120:] ** 2)) < 0.5 * level
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_short_groups_stay(frames):
+    paths = noise(frames, 5, 3)
+    assert np.array_equal(smooth_paths(paths, 1.0, keep_first=True), paths)
