@@ -90,6 +90,7 @@ COMMANDS = {
     "play": ("play", "{take}", "--headless", "--json"),
     "export": ("export", "{take}", "--format", "ply", "--of", "trained", "--out", "{out}", "--json"),
     "import": ("import", "{frame}", "--out", "{out}", "--json"),
+    "publish": ("publish", "{take}", "{out}", "--json"),
     "share": ("share", "{take}", "--out", "{out}", "--json"),
     "sync": ("sync", "{long}", "--method", "motion", "--json"),
 }
@@ -103,13 +104,16 @@ def test_every_command_with_json_prints_json_only(
     if name == "import":
         made = cli("export", take, "--format", "ply", "--of", "trained", "--frames", "0:1", "--out", frame)
         assert made.returncode == 0, made.stderr
+    if name == "publish":
+        baked = cli("bake", take, "--bake.stream-version", "3")
+        assert baked.returncode == 0, baked.stderr
     places = {"take": take, "out": tmp_path / "out", "frame": frame, "long": long_footage}
     done = noisy(NOISY_COMMAND, *(word.format(**places) for word in COMMANDS[name]))
     assert done.returncode == 0, done.stderr
     text = done.stdout.decode()
-    if name in ("export", "import", "share"):
+    if name in ("export", "import", "publish", "share"):
         lines = [json.loads(line) for line in text.splitlines()]
-        assert {line["kind"] for line in lines} - {"shared"} == {"progress"}
+        assert {line["kind"] for line in lines} - {"published", "shared"} == {"progress"}
     else:
         assert isinstance(json.loads(text), dict)
     for words in WORDS:
