@@ -163,9 +163,7 @@ def carry(pip_config: str, environment: Mapping[str, str]) -> Carried:
         option = name.removeprefix("PIP_").lower().replace("_", "-")
         if name.startswith("PIP_") and option in PIP_OPTIONS:
             carried_environment[name] = take_in(option, value)
-        elif name.lower() in PROXIES:
-            carried_environment[name] = value
-        elif name == "V3STUDIO_TORCH":
+        elif name.lower() in PROXIES or name == "V3STUDIO_TORCH":
             carried_environment[name] = value
         elif name in CERTIFICATE_VARIABLES and os.path.isfile(value):
             carried_environment[name] = certificate(value)
