@@ -10,6 +10,7 @@ Builds a minimal Debian with debootstrap, to which only git, make and python3 ar
     FRESH_SUITE=trixie make fresh-test      another release (default: bookworm)
     FRESH_MIRROR=http://... make fresh-test another archive (default: the one in this machine's apt sources)
     FRESH_DIR=/big/disk make fresh-test     folder to unpack in, with at least 8 GB free (default: /var/tmp)
+    V3STUDIO_TORCH=cuda make fresh-test     the CUDA build of PyTorch, where its CPU build cannot be downloaded
     FRESH_ARGS=--full make fresh-test       full `make demo` and `make test` instead of two frames (about an hour)
 
 Requires Linux, root, unshare, debootstrap (installed with apt-get if possible) and a package mirror. If these are not
@@ -162,7 +163,7 @@ def carry(pip_config: str, environment: Mapping[str, str]) -> Carried:
         option = name.removeprefix("PIP_").lower().replace("_", "-")
         if name.startswith("PIP_") and option in PIP_OPTIONS:
             carried_environment[name] = take_in(option, value)
-        elif name.lower() in PROXIES:
+        elif name.lower() in PROXIES or name == "V3STUDIO_TORCH":
             carried_environment[name] = value
         elif name in CERTIFICATE_VARIABLES and os.path.isfile(value):
             carried_environment[name] = certificate(value)

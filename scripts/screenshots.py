@@ -35,7 +35,7 @@ def x_server() -> Iterator[str]:
     """A private X server whose screen has the size of the window; yields its display."""
     read_end, write_end = os.pipe()
     server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{SIZE}x24", "-nolisten", "tcp", "-r"],
+        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{SIZE}x24", "-nolisten", "tcp", "-r", "-noreset"],
         pass_fds=[write_end],
         stderr=subprocess.DEVNULL,
     )

@@ -15,6 +15,7 @@ READERS_AND_WRITERS = {
     "pipelines/config/loading.py",  # a user's YAML
     "pipelines/config/renamed.py",  # old names in it
     "pipelines/events/event_types.py",  # a line of JSON
+    "pipelines/share/results.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",
     "pipelines/takes/migration.py",  # files of an earlier format
     "pipelines/takes/records.py",
@@ -29,6 +30,7 @@ READERS_AND_WRITERS = {
     "studio/imports/videogs.py",
     "studio/playback/statistics.py",  # v3studio play --json
     "studio/splat_files/glb.py",
+    "studio/splat_files/sog.py",  # meta.json
     "studio/stream/bake.py",  # a manifest's metadata
     "studio/stream/bake_ladder.py",  # entries of a manifest
     "studio/stream/ladder_manifest.py",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
+
+from studio.json_types import JsonObject
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,6 @@ class Shared:
     player_bytes: int
     poster_bytes: int
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """JSON-ready."""
         return {**asdict(self), "path": str(self.path)}

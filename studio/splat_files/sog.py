@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.json_types import JsonObject
 from studio.splat_files.checks import EXPORT_AGAIN, check_count, from_arrays, logits
 from studio.splat_files.sog_files import META, ArchiveParts, FolderParts, Parts, read_pixels
 
@@ -86,7 +86,7 @@ def _parts(path: Path) -> Parts:
     return FolderParts(path) if path.name.lower() == META else ArchiveParts(path)
 
 
-def _parsed(parts: Parts) -> dict[str, Any]:
+def _parsed(parts: Parts) -> JsonObject:
     try:
         values = json.loads(parts.read(META))
     except (ValueError, RecursionError) as error:
@@ -134,7 +134,7 @@ class _Meta:
         """The error for a value of `meta.json`."""
         return StudioError("splat_file.sog_meta", f"'{name}' {problem}", file=self._path, fix=EXPORT_AGAIN, name=name)
 
-    def _section(self, name: str) -> dict[str, Any]:
+    def _section(self, name: str) -> JsonObject:
         section = self._values.get(name)
         if not isinstance(section, dict):
             raise self.invalid(name, "is missing or not an object")

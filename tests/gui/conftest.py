@@ -113,8 +113,9 @@ def display() -> Iterator[str]:
             "1400x900x24",
             "-nolisten",
             "tcp",
-            "-r",
-        ],  # no key repeat
+            "-r",  # no key repeat
+            "-noreset",  # else it starts anew when the window closes, and refuses xdotool meanwhile
+        ],
         pass_fds=[write_end],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

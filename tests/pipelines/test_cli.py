@@ -33,6 +33,7 @@ def test_every_command_explains_itself(cli):
         "status",
         "play",
         "serve",
+        "share",
         "export",
         "import",
         "config",

@@ -90,6 +90,8 @@ COMMANDS = {
     "play": ("play", "{take}", "--headless", "--json"),
     "export": ("export", "{take}", "--format", "ply", "--of", "trained", "--out", "{out}", "--json"),
     "import": ("import", "{frame}", "--out", "{out}", "--json"),
+    "publish": ("publish", "{take}", "{out}", "--json"),
+    "share": ("share", "{take}", "--out", "{out}", "--json"),
     "sync": ("sync", "{long}", "--method", "motion", "--json"),
 }
 
@@ -102,13 +104,16 @@ def test_every_command_with_json_prints_json_only(
     if name == "import":
         made = cli("export", take, "--format", "ply", "--of", "trained", "--frames", "0:1", "--out", frame)
         assert made.returncode == 0, made.stderr
+    if name == "publish":
+        baked = cli("bake", take, "--bake.stream-version", "3")
+        assert baked.returncode == 0, baked.stderr
     places = {"take": take, "out": tmp_path / "out", "frame": frame, "long": long_footage}
     done = noisy(NOISY_COMMAND, *(word.format(**places) for word in COMMANDS[name]))
     assert done.returncode == 0, done.stderr
     text = done.stdout.decode()
-    if name in ("export", "import"):
+    if name in ("export", "import", "publish", "share"):
         lines = [json.loads(line) for line in text.splitlines()]
-        assert {line["kind"] for line in lines} == {"progress"}
+        assert {line["kind"] for line in lines} - {"published", "shared"} == {"progress"}
     else:
         assert isinstance(json.loads(text), dict)
     for words in WORDS:
@@ -121,7 +126,7 @@ def test_every_command_that_knows_json_is_tried_above(cli: Callable) -> None:
     parsers = _parser()[1]
     knowing = {name for name, parser in parsers.items() if "--json" in parser.format_help()}
     stages = {"run", "calibrate", "initialize", "train", "bake", "evaluate"}  # one function, tried with bake
-    assert knowing == stages | set(COMMANDS)
+    assert knowing == stages | set(COMMANDS) | {"serve"}  # serve does not end; see commands/test_serve.py
 
 
 def test_settings_printed_as_yaml_are_free_of_native_output(project: Path) -> None:

@@ -13,12 +13,15 @@ from tests.support.streams import damage, edit_manifest
 pytestmark = pytest.mark.web
 
 
-def test_it_plays_by_itself_and_loops(stream, open_page):
+def test_it_plays_by_itself_and_loops(site, baked, open_page):
+    shutil.copytree(baked(), site.stream)
+    # Slow, so that a busy machine does not drop many frames.
+    edit_manifest(site.stream, lambda values: values.update(fps=4.0))
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 2")
     frames = [entry["frame"] for entry in page.seen("time")]
     assert set(frames) <= set(range(9))
-    assert 8 in frames or 7 in frames
+    assert max(frames) >= 6
     # Only forward, except for loops.
     backwards = sum(b < a for a, b in itertools.pairwise(frames))
     assert backwards == len(page.seen("looped")) or backwards + 1 == len(page.seen("looped"))
