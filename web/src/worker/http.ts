@@ -150,7 +150,7 @@ async function consume(response: Response, take: (chunk: Uint8Array) => void): P
   if (reader === undefined) return;
   try {
     for (;;) {
-      let timer = 0;
+      let timer: ReturnType<typeof setTimeout> | undefined;
       const stalled = new Promise<never>((_, reject) => {
         timer = setTimeout(() => {
           reject(new StreamError("the connection timed out", true));
