@@ -36,8 +36,7 @@ def draw_poster(stream: StreamToShare) -> Poster:
     from pipelines.takes.videos import decoded_video
     from studio.export import turntable
 
-    with stream.reader() as reader:
-        video = decoded_video(reader)
-        camera = video.view or turntable(video, *_SIZE)(0.0)
-        image = draw(video.read(0), camera, video.background, width=WIDTH)
+    video = decoded_video(stream.reader)
+    camera = video.view or turntable(video, *_SIZE)(0.0)
+    image = draw(video.read(0), camera, video.background, width=WIDTH)
     return Poster(encode(image, ".jpg", _QUALITY), (image.shape[1], image.shape[0]))

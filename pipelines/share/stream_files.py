@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipelines.share.results import PageText
 from pipelines.takes.locate_stream import stream_place
-from studio.errors import StudioError
-from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_manifest
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, Model
-from studio.stream.open_source import open_source
-from studio.stream.source import BAKE_AGAIN, Source, close_source
+from studio.stream.manifest import MANIFEST_NAME, Manifest
+from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry
+from studio.stream.reader import checked_file
 
 if TYPE_CHECKING:
     from studio.stream import StreamReader
@@ -23,26 +21,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StreamToShare:
-    """An opened stream.
+    """An opened stream of any version.
 
     Attributes:
-        source: its files.
-        manifest: parsed.
+        reader: of its frames; in version 3, in the best rendition.
         manifest_bytes: as they are stored; a copy must not change them.
         name: of the take or the stream, the title of last resort.
     """
 
-    source: Source
-    manifest: Manifest
+    reader: StreamReader
     manifest_bytes: bytes
     name: str
 
     @property
-    def files(self) -> list[FileEntry]:
-        """All files besides the manifest, in its order. What they are called and where the manifest lists them
-        differs between versions."""
-        found = {entry.path: entry for entry in _file_entries(self.manifest)}
-        return list(found.values())
+    def manifest(self) -> Manifest:
+        """Of the stream; in version 3, of its best rendition."""
+        return self.reader.manifest
+
+    @cached_property
+    def files(self) -> tuple[FileEntry, ...]:
+        """All files besides the manifest, of all renditions."""
+        return self.reader.files
 
     @property
     def total_bytes(self) -> int:
@@ -50,31 +49,12 @@ class StreamToShare:
         return len(self.manifest_bytes) + sum(file.bytes for file in self.files)
 
     def read(self, file: FileEntry) -> bytes:
-        """A file, checked.
+        """A file, verified.
 
         Raises:
             StudioError: it is missing, has another size (`stream.wrong_size`) or SHA-256 (`stream.wrong_checksum`).
         """
-        data = self.source.read(file.path, file.bytes)
-        name = f"{self.source.name}/{file.path}"
-        if len(data) != file.bytes:
-            raise StudioError(
-                "stream.wrong_size",
-                f"the file has {len(data)} bytes, the manifest says {file.bytes}",
-                file=name,
-                value=len(data),
-                fix=BAKE_AGAIN,
-                expected=file.bytes,
-            )
-        if hashlib.sha256(data).hexdigest() != file.sha256:
-            raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
-        return data
-
-    def reader(self) -> StreamReader:
-        """A reader of its frames; the caller closes it."""
-        from studio.stream import StreamReader
-
-        return StreamReader(self.source, self.manifest)
+        return checked_file(self.reader.source, file)
 
     def text(self, given: PageText) -> PageText:
         """`given`, completed by what the stream says of itself, and the name for a missing title."""
@@ -99,13 +79,12 @@ def stream_to_share(text: str) -> Iterator[StreamToShare]:
         StudioError: no such folder (`stream.not_found`), a take without a stream (`take.no_stream`), no or a bad
             manifest.
     """
+    from studio.stream import StreamReader
+
     place = stream_place(text)
-    source = open_source(place)
-    try:
-        data = source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
-        yield StreamToShare(source, parse_manifest(data, f"{source.name}/{MANIFEST_NAME}"), data, _name(place))
-    finally:
-        close_source(source)
+    with StreamReader.open(place) as reader:
+        data = reader.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
+        yield StreamToShare(reader, data, _name(place))
 
 
 def name_of(folder: Path) -> str:
@@ -123,14 +102,3 @@ def _name(place: Path | str) -> str:
     address = urlsplit(place)
     parts = [unquote(part) for part in address.path.split("/") if part]
     return (parts[-1] if parts else "") or address.netloc
-
-
-def _file_entries(value: object) -> Iterator[FileEntry]:
-    if isinstance(value, FileEntry):
-        yield value
-    elif isinstance(value, Model):
-        for field in type(value).model_fields:
-            yield from _file_entries(getattr(value, field))
-    elif isinstance(value, tuple | list):
-        for item in value:
-            yield from _file_entries(item)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,7 +61,7 @@ def publish(reader: StreamReader, target: str, progress: ProgressFn = no_progres
             file=reader.source.name,
             fix="Bake it with --stream-version 3.",
         )
-    files = list(_files(reader))
+    files = reader.files
     place = _open(target)
     with _Written(target):
         missing = [file for file in files if place.size(file.path) != file.bytes]
@@ -82,20 +81,6 @@ def publish(reader: StreamReader, target: str, progress: ProgressFn = no_progres
                 raise
         place.put(MANIFEST_NAME, reader.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES), REVALIDATED)
     return Published(len(missing), sum(file.bytes for file in missing), len(files) - len(missing))
-
-
-def _files(reader: StreamReader) -> Iterator[FileEntry]:
-    """All files but the manifest, each once."""
-    index = reader.index
-    assert index is not None
-    seen: set[str] = set()
-    manifest = index.manifest
-    fixed = (*manifest.pages, *((manifest.audio,) if manifest.audio is not None else ()))
-    for number in range(-1, len(index)):
-        for file in fixed if number < 0 else index.ladder(number).files:
-            if file.path not in seen:
-                seen.add(file.path)
-                yield file
 
 
 class _Folder:

@@ -14,7 +14,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream.decode import GroupDecoder, open_decoder
 from studio.stream.group_index import GroupIndex, no_such_rendition
-from studio.stream.ladder_manifest import RenditionManifest, check_growth, parse_ladder
+from studio.stream.ladder_manifest import RenditionManifest, check_growth, fixed_files, parse_ladder
 from studio.stream.ladder_models import RenditionEntry
 from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_head, parse_manifest
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, GroupEntry
@@ -141,6 +141,18 @@ class StreamReader:
             grown = len(index) - len(self.index)
             self.index, self.manifest = index, index.view(rendition)
         return grown
+
+    @property
+    def files(self) -> tuple[FileEntry, ...]:
+        """All files of the stream but the manifest, of all renditions, each once; in version 3, reads all pages of the
+        index. Raises StudioError: a page is missing or damaged."""
+        if self.index is None:
+            found = {file.path: file for group in self.manifest.groups for file in group.files}
+        else:
+            found = {file.path: file for file in fixed_files(self.index.manifest)}
+            for number in range(len(self.index)):
+                found |= {file.path: file for file in self.index.ladder(number).files}
+        return tuple(found.values())
 
     @property
     def group_starts(self) -> tuple[int, ...]:

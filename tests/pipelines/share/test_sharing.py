@@ -20,8 +20,9 @@ from studio.cameras import Camera
 from studio.errors import Cancelled
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
+from tests.support.streams import bake_numbered
 
 TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
 
@@ -298,3 +299,16 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
         assert json.loads(done.stdout.splitlines()[-1])["code"] == "command.invalid_option"
     assert here("share", tmp_path / "none", "--out", tmp_path / "b").returncode == 1
     assert here("share", stream, "--out", stream).returncode == 1
+
+
+def test_a_stream_of_version_3_is_shared_with_all_its_renditions(tmp_path: Path) -> None:
+    settings = BakeSettings(stream_version=3, preset="ultrafast", ladder=(Rung(qp=10), Rung(qp=40)))
+    source = bake_numbered(tmp_path / "ladder", (2, 3), 12.0, settings=settings)
+    share_folder(str(source), tmp_path / "site")
+    assert content(tmp_path / "site" / "stream") == content(source)
+    single = share_single_file(str(source), tmp_path / "one.html")
+    embedded = {script["data-v3-file"] for script in Page(single.path).named("script") if "data-v3-file" in script}
+    assert embedded == set(content(source))
+    size = share_size(str(source))
+    assert size.stream_bytes == single.stream_bytes == sum(map(len, content(source).values()))
+    assert size.frames == 5
