@@ -97,7 +97,8 @@ export class Session {
     const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
     const choice = {
-      rule: rates.length > 1 ? new RateRule(rates) : null,
+      // Files in the page need no network: the best rendition, always.
+      rule: rates.length > 1 && files === null ? new RateRule(rates) : null,
       fps: manifest.fps,
       fits: (group: Group): boolean => Math.max(...pictureSize(group)) <= this.maxTexture,
     };
