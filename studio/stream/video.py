@@ -49,7 +49,7 @@ class _Codec:
         parameters: for QPs above 0; {qp} and {b} (B-frames between P-frames) are filled in.
         lossless: for QP 0; None if not supported.
         tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
-        b_frames: whether it takes {b}.
+        takes_b_frames: whether it takes {b}.
     """
 
     encoder: str
@@ -57,7 +57,7 @@ class _Codec:
     parameters: str
     lossless: str | None
     tag: str | None = None
-    b_frames: bool = False
+    takes_b_frames: bool = False
 
 
 # Psychovisual tuning (psy) helps pictures, not numbers. Scene cut detection would insert more I frames.
@@ -72,9 +72,9 @@ _X265_TILES = (
 _B_FRAMES = ":b-adapt=0:pbratio=1.3"
 _PLANES = _Codec("libx264", "x264-params", _X264, _X264)
 _TILES = {
-    "h264": _Codec("libx264", "x264-params", _X264_TILES, _X264_TILES, b_frames=True),
+    "h264": _Codec("libx264", "x264-params", _X264_TILES, _X264_TILES, takes_b_frames=True),
     "hevc": _Codec(
-        "libx265", "x265-params", f"qp={{qp}}:{_X265_TILES}", f"lossless=1:{_X265_TILES}", "hvc1", b_frames=True
+        "libx265", "x265-params", f"qp={{qp}}:{_X265_TILES}", f"lossless=1:{_X265_TILES}", "hvc1", takes_b_frames=True
     ),
     "av1": _Codec(
         "libsvtav1", "svtav1-params", "rc=0:aq-mode=0:qp={qp}:pred-struct=1:keyint=-1:lp=1:enable-tf=0", None
@@ -126,7 +126,7 @@ class PlaneEncoder:
         codec = _PLANES if tiles is None else _TILES[tiles]
         parameters = codec.lossless if qp == 0 else codec.parameters
         assert parameters is not None
-        assert b_frames == 0 or codec.b_frames
+        assert b_frames == 0 or codec.takes_b_frames
         if b_frames > 0:
             parameters += _B_FRAMES
         if tiles == "av1":
