@@ -24,7 +24,7 @@ FORMATS = {
     "ply": "a folder of numbered 3DGS PLY files, or one .ply file",
     "spz": "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY or less",
     "glb": "a folder of numbered GLB files with KHR_gaussian_splatting, or one .glb file",
-    "v3": "one .v3s file with the whole stream as it is, which all players here open",
+    "v3": "one .v3s file with the whole stream as it is, which all players except the browser open",
     "videogs": "a folder in the VideoGS layout, for the players of the paper's released code",
     "turntable": "an MP4 of a camera circling the performer",
     "camera-path": "an MP4 along the cameras in --path",
