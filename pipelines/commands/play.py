@@ -25,7 +25,7 @@ def register(commands: Any) -> None:
         "Damaged groups are skipped and reported, with exit code 1.",
         allow_abbrev=False,
     )
-    play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or an http(s):// URL")
+    play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
     play.add_argument("--headless", action="store_true", help="play without a window (required)")
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
     play.add_argument("--draw", action="store_true", help="also render each frame from the stream's suggested camera")
