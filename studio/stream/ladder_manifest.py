@@ -30,6 +30,7 @@ from studio.stream.manifest import (
     check_digest,
     no_such_frame,
     parse_head,
+    seal_with,
     unknown_profile,
     wrong_total,
 )
@@ -48,7 +49,6 @@ from studio.stream.source import BAKE_AGAIN
 PAGE_FORMAT: Final = "v3studio-stream-page"
 MAX_FREE_BYTES = 1 << 20
 MAX_FREE_DEPTH = 16
-_ZEROS = "0" * 64
 
 
 class LadderManifest(Model):
@@ -252,26 +252,8 @@ def fixed_files(manifest: LadderManifest) -> tuple[FileEntry, ...]:
 
 
 def seal_ladder(manifest: LadderManifest, group_bytes: int) -> tuple[LadderManifest, bytes]:
-    """Fill in `total_bytes` and `manifest_sha256`, which depend on the bytes of the manifest itself.
-
-    Args:
-        manifest: a draft.
-        group_bytes: `distinct_bytes` of all groups, also of those in pages.
-
-    Returns:
-        The manifest and the bytes to write.
-    """
-    files = group_bytes + sum(file.bytes for file in fixed_files(manifest))
-    total = files
-    while True:  # the size includes its own digits; it only grows, so this converges after a few rounds
-        draft = manifest.model_copy(update={"total_bytes": total, "manifest_sha256": _ZEROS})
-        data = draft.to_bytes()
-        if files + len(data) == total:
-            break
-        total = files + len(data)
-    digest = hashlib.sha256(data).hexdigest()
-    sealed = draft.model_copy(update={"manifest_sha256": digest})
-    return sealed, data.replace(_ZEROS.encode(), digest.encode(), 1)
+    """`seal_with`; `group_bytes` is `distinct_bytes` of all groups, also of those in pages."""
+    return seal_with(manifest, group_bytes + sum(file.bytes for file in fixed_files(manifest)))
 
 
 def parse_ladder(data: bytes, name: str) -> LadderManifest:

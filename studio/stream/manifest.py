@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
-from typing import Annotated, Final, Literal
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Final, Literal, Protocol, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -174,20 +174,37 @@ def no_such_frame(frame: int, frame_count: int) -> StudioError:
 
 
 def seal(manifest: Manifest) -> tuple[Manifest, bytes]:
+    """`seal_with` of a manifest that lists all files."""
+    return seal_with(manifest, sum(group.bytes for group in manifest.groups))
+
+
+class _Sealable(Protocol):
+    def model_copy(self, *, update: Mapping[str, Any]) -> Self: ...
+
+    def to_bytes(self) -> bytes: ...
+
+
+_AnyManifest = TypeVar("_AnyManifest", bound=_Sealable)
+
+
+def seal_with(manifest: _AnyManifest, file_bytes: int) -> tuple[_AnyManifest, bytes]:
     """Fill in `total_bytes` and `manifest_sha256`, which depend on the bytes of the manifest itself.
+
+    Args:
+        manifest: a draft.
+        file_bytes: of all other files of the stream.
 
     Returns:
         The manifest and the bytes to write.
     """
-    files = sum(group.bytes for group in manifest.groups)
     zeros = "0" * 64
-    total = files
+    total = file_bytes
     while True:  # the size includes its own digits; it only grows, so this converges after a few rounds
         draft = manifest.model_copy(update={"total_bytes": total, "manifest_sha256": zeros})
         data = draft.to_bytes()
-        if files + len(data) == total:
+        if file_bytes + len(data) == total:
             break
-        total = files + len(data)
+        total = file_bytes + len(data)
     digest = hashlib.sha256(data).hexdigest()
     sealed = draft.model_copy(update={"manifest_sha256": digest})
     return sealed, data.replace(zeros.encode(), digest.encode(), 1)
