@@ -17,6 +17,7 @@ import numpy as np
 from studio.errors import StudioError
 from studio.gaussians import SH_C0, Gaussians
 from studio.splat_files.checks import EXPORT_AGAIN, check_count, from_arrays, logits
+from studio.splat_files.smallest_three import quats_of_three
 
 if TYPE_CHECKING:
     from plyfile import PlyData, PlyElement
@@ -128,13 +129,7 @@ def _quats(words: np.ndarray) -> np.ndarray:
     largest = words >> np.uint32(30)
     stored = np.stack([(words >> np.uint32(shift) & np.uint32(1023)) / 1023 for shift in (20, 10, 0)], axis=-1)
     stored = (stored - 0.5) * 2**0.5
-    quats = np.empty((len(words), 4))
-    for index in range(4):
-        chosen = largest == index
-        others = [component for component in range(4) if component != index]
-        quats[np.ix_(chosen, others)] = stored[chosen]
-        quats[chosen, index] = np.sqrt(np.maximum(0, 1 - (stored[chosen] ** 2).sum(axis=1)))
-    return quats
+    return quats_of_three(stored, largest)
 
 
 def _types(element: PlyElement) -> dict[str, str]:

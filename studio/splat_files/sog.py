@@ -21,6 +21,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
 from studio.splat_files.checks import EXPORT_AGAIN, check_count, from_arrays, logits
+from studio.splat_files.smallest_three import quats_of_three
 from studio.splat_files.sog_files import META, ArchiveParts, FolderParts, Parts, read_pixels
 
 _VERSION = 2
@@ -181,13 +182,7 @@ def _quats(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
             name=name,
         )
     stored = (pixels[:, :3] / 255 * 2 - 1) / 2**0.5
-    quats = np.empty((len(pixels), 4))
-    for index in range(4):
-        chosen = largest == index
-        others = [component for component in range(4) if component != index]
-        quats[np.ix_(chosen, others)] = stored[chosen]
-        quats[chosen, index] = np.sqrt(np.maximum(0, 1 - (stored[chosen] ** 2).sum(axis=1)))
-    return quats
+    return quats_of_three(stored, largest)
 
 
 def _harmonics(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:

@@ -39,14 +39,29 @@ def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None
     path = folder / "manifest.json"
     values = json.loads(path.read_bytes())
     change(values)
+    write_signed(path, values, sum(group["bytes"] for group in values["groups"]))
+
+
+def write_signed(path: Path, values: dict[str, Any], file_bytes: int) -> None:
+    """Write a manifest with a fitting size and checksum; `file_bytes` is the size of all other files."""
     values["manifest_sha256"] = "0" * 64
-    files = sum(group["bytes"] for group in values["groups"])
     while True:
         data = json.dumps(values).encode()
-        if values["total_bytes"] == files + len(data):
+        if values.get("total_bytes") == file_bytes + len(data):
             break
-        values["total_bytes"] = files + len(data)
+        values["total_bytes"] = file_bytes + len(data)
     path.write_bytes(data.replace(b"0" * 64, hashlib.sha256(data).hexdigest().encode(), 1))
+
+
+def set_at(path: Sequence[Any], value: object) -> Callable[[dict[str, Any]], None]:
+    """A change for `edit_manifest`: set the value at a path of keys."""
+
+    def change(values: Any) -> None:
+        for key in path[:-1]:
+            values = values[key]
+        values[path[-1]] = value
+
+    return change
 
 
 def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:

@@ -119,15 +119,7 @@ def write_sealed(path: Path, values: dict[str, Any]) -> None:
             stack += item.values()
         elif isinstance(item, list):
             stack += item
-    values["manifest_sha256"] = "0" * 64
-    while True:
-        data = json.dumps(values).encode()
-        total = sum(sizes.values()) + len(data)
-        if values.get("total_bytes") == total:
-            break
-        values["total_bytes"] = total
-    digest = hashlib.sha256(data).hexdigest()
-    path.write_bytes(data.replace(b"0" * 64, digest.encode(), 1))
+    streams.write_signed(path, values, sum(sizes.values()))
 
 
 def put_file(folder: Path, entry: dict[str, Any], data: bytes) -> None:

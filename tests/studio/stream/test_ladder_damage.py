@@ -13,6 +13,7 @@ from studio.stream.ladder_manifest import parse_ladder
 from studio.stream.sidefile import deflate
 from tests.studio.stream.conftest import put_file, write_sealed
 from tests.support.errors import refuses
+from tests.support.streams import set_at
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -22,15 +23,6 @@ def stream(make_ladder, monkeypatch):
     """Three groups, two of them in a page."""
     monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
     return make_ladder((3, 2, 2), splats=80)
-
-
-def set_(path, value):
-    def change(values):
-        for key in path[:-1]:
-            values = values[key]
-        values[path[-1]] = value
-
-    return change
 
 
 def nested(depth):
@@ -54,44 +46,44 @@ GROUP = ("groups", 0)
 FIRST = (*GROUP, "renditions", 0)
 # change, then location and violated rule, or another code than manifest.invalid
 DAMAGE = {
-    "newer version": (set_(("version",), 4), "manifest.newer_version"),
-    "a profile that is none": (set_(("profile",), 7), "manifest.unknown_profile"),
-    "the other profile": (set_(("profile",), "planes"), ("scan", "literal_error")),
-    "renditions that disagree in frames": (set_((*FIRST, "frame_count"), 2), ("groups.0", "rendition_frames")),
+    "newer version": (set_at(("version",), 4), "manifest.newer_version"),
+    "a profile that is none": (set_at(("profile",), 7), "manifest.unknown_profile"),
+    "the other profile": (set_at(("profile",), "planes"), ("scan", "literal_error")),
+    "renditions that disagree in frames": (set_at((*FIRST, "frame_count"), 2), ("groups.0", "rendition_frames")),
     "renditions that disagree in their first frame": (
-        set_((*FIRST, "first_frame"), 1),
+        set_at((*FIRST, "first_frame"), 1),
         ("groups.0", "rendition_frames"),
     ),
     "a rendition missing": (lambda v: v["groups"][0]["renditions"].pop(), ("", "rendition_ids")),
     "renditions in another order": (lambda v: v["groups"][0]["renditions"].reverse(), ("", "rendition_ids")),
     "two renditions of one name": (same_ids, ("", "rendition_ids")),
-    "an id that is none": (set_(("renditions", 0, "id"), "../x"), ("renditions.0.id", "string_pattern_mismatch")),
-    "no renditions": (set_(("renditions",), []), ("renditions", "too_short")),
-    "more splats than promised": (set_(("renditions", 0, "splats"), 79), ("", "rendition_splats")),
-    "another SH degree": (set_(("renditions", 0, "sh_degree"), 0), ("", "sh_degree")),
+    "an id that is none": (set_at(("renditions", 0, "id"), "../x"), ("renditions.0.id", "string_pattern_mismatch")),
+    "no renditions": (set_at(("renditions",), []), ("renditions", "too_short")),
+    "more splats than promised": (set_at(("renditions", 0, "splats"), 79), ("", "rendition_splats")),
+    "another SH degree": (set_at(("renditions", 0, "sh_degree"), 0), ("", "sh_degree")),
     "a name that is not the content's": (swap_names, ("groups.0.renditions.0", "path_not_hash")),
-    "a path outside": (set_((*FIRST, "video", "path"), "../a.mp4"), ("groups.0.renditions.0.video", "unsafe_path")),
+    "a path outside": (set_at((*FIRST, "video", "path"), "../a.mp4"), ("groups.0.renditions.0.video", "unsafe_path")),
     "checks of no picture": (
-        set_((*FIRST, "video", "checks"), []),
+        set_at((*FIRST, "video", "checks"), []),
         ("groups.0.renditions.0.video.checks", "too_short"),
     ),
     "checks beyond the end": (
-        set_((*FIRST, "video", "checks", 1, "picture"), 3),
+        set_at((*FIRST, "video", "checks", 1, "picture"), 3),
         ("groups.0.renditions.0", "checks"),
     ),
     "a check of 33 bits": (
-        set_((*FIRST, "video", "checks", 0, "crc32"), 1 << 32),
+        set_at((*FIRST, "video", "checks", 0, "crc32"), 1 << 32),
         ("groups.0.renditions.0.video.checks.0.crc32", "less_than"),
     ),
-    "groups that begin late": (set_((*GROUP, "index"), 1), ("groups.0", "rendition_frames")),
-    "no group in the manifest": (set_(("groups",), []), ("groups", "too_short")),
-    "a page of a petabyte": (set_(("pages", 0, "bytes"), 10**15), ("pages.0.bytes", "less_than_equal")),
-    "a page without groups": (set_(("pages", 0, "frames"), []), ("pages.0.frames", "too_short")),
-    "frames that are not in the pages": (set_(("frame_count",), 8), ("", "frame_count")),
-    "metadata without end": (set_(("metadata", "x"), nested(17)), ("metadata", "free_form")),
-    "two megabytes of metadata": (set_(("metadata", "x"), "y" * (2 << 20)), ("metadata", "free_form")),
-    "settings without end": (set_(("settings", "x"), nested(100)), ("settings", "free_form")),
-    "sound without a codec": (set_(("audio",), {"path": "files/a.m4a"}), ("audio.bytes", "missing")),
+    "groups that begin late": (set_at((*GROUP, "index"), 1), ("groups.0", "rendition_frames")),
+    "no group in the manifest": (set_at(("groups",), []), ("groups", "too_short")),
+    "a page of a petabyte": (set_at(("pages", 0, "bytes"), 10**15), ("pages.0.bytes", "less_than_equal")),
+    "a page without groups": (set_at(("pages", 0, "frames"), []), ("pages.0.frames", "too_short")),
+    "frames that are not in the pages": (set_at(("frame_count",), 8), ("", "frame_count")),
+    "metadata without end": (set_at(("metadata", "x"), nested(17)), ("metadata", "free_form")),
+    "two megabytes of metadata": (set_at(("metadata", "x"), "y" * (2 << 20)), ("metadata", "free_form")),
+    "settings without end": (set_at(("settings", "x"), nested(100)), ("settings", "free_form")),
+    "sound without a codec": (set_at(("audio",), {"path": "files/a.m4a"}), ("audio.bytes", "missing")),
 }
 
 
@@ -119,14 +111,14 @@ def change_page(folder, change):
 PAGE_DAMAGE = {
     "other frames": (lambda v: v["groups"].pop(), "page_frames"),
     "another first group": (lambda v: v["groups"].reverse(), "group_order"),
-    "no groups": (set_(("groups",), []), "too_short"),
-    "another format": (set_(("format",), "x"), "literal_error"),
+    "no groups": (set_at(("groups",), []), "too_short"),
+    "another format": (set_at(("format",), "x"), "literal_error"),
     "a rendition missing": (lambda v: v["groups"][1]["renditions"].pop(), "rendition_ids"),
     "renditions that disagree in frames": (
-        set_(("groups", 1, "renditions", 1, "frame_count"), 3),
+        set_at(("groups", 1, "renditions", 1, "frame_count"), 3),
         "rendition_frames",
     ),
-    "another SH degree": (set_(("groups", 0, "renditions", 0, "sh_degree"), 2), "channels"),
+    "another SH degree": (set_at(("groups", 0, "renditions", 0, "sh_degree"), 2), "channels"),
 }
 
 

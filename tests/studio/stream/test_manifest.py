@@ -14,17 +14,7 @@ from studio.errors import StudioError
 from studio.stream import BakeSettings, GroupEntry, StreamReader, bake_group
 from studio.stream.manifest import parse_manifest, seal
 from tests.support.errors import refuses
-
-
-def set_(path, value):
-    """A change for `edit_manifest`: set the value at a path of keys."""
-
-    def change(values):
-        for key in path[:-1]:
-            values = values[key]
-        values[path[-1]] = value
-
-    return change
+from tests.support.streams import set_at
 
 
 def swap(values):
@@ -38,64 +28,67 @@ def drop_component(values):
 PLANE = ("groups", 0, "components", 3, "planes", 0)
 # change, then location and violated rule, or another code than manifest.invalid
 DAMAGE = {
-    "newer version": (set_(("version",), 4), "manifest.newer_version"),
-    "version that is no number": (set_(("version",), "1"), ("version", "literal_error")),
-    "other format": (set_(("format",), "something"), "manifest.wrong_format"),
-    "other profile": (set_(("profile",), "gaussian"), "manifest.unknown_profile"),
-    "profile of other groups": (set_(("profile",), "motion"), ("scan", "literal_error")),
-    "path outside": (set_((*PLANE, "path"), "../secret.mp4"), ("groups.0.components.3.planes.0", "unsafe_path")),
-    "absolute path": (set_((*PLANE, "path"), "/etc/passwd"), ("groups.0.components.3.planes.0", "unsafe_path")),
+    "newer version": (set_at(("version",), 4), "manifest.newer_version"),
+    "version that is no number": (set_at(("version",), "1"), ("version", "literal_error")),
+    "other format": (set_at(("format",), "something"), "manifest.wrong_format"),
+    "other profile": (set_at(("profile",), "gaussian"), "manifest.unknown_profile"),
+    "profile of other groups": (set_at(("profile",), "motion"), ("scan", "literal_error")),
+    "path outside": (set_at((*PLANE, "path"), "../secret.mp4"), ("groups.0.components.3.planes.0", "unsafe_path")),
+    "absolute path": (set_at((*PLANE, "path"), "/etc/passwd"), ("groups.0.components.3.planes.0", "unsafe_path")),
     "hidden path outside": (
-        set_((*PLANE, "path"), "group_000/../../secret.mp4"),
+        set_at((*PLANE, "path"), "group_000/../../secret.mp4"),
         ("groups.0.components.3.planes.0", "unsafe_path"),
     ),
-    "backslash path": (set_((*PLANE, "path"), "..\\secret.mp4"), ("groups.0.components.3.planes.0", "unsafe_path")),
+    "backslash path": (set_at((*PLANE, "path"), "..\\secret.mp4"), ("groups.0.components.3.planes.0", "unsafe_path")),
     "path with a line break": (
-        set_((*PLANE, "path"), "group_000/opacity.mp4\n"),
+        set_at((*PLANE, "path"), "group_000/opacity.mp4\n"),
         ("groups.0.components.3.planes.0", "unsafe_path"),
     ),
-    "path used twice": (set_((*PLANE, "path"), "group_000/opacity.mp4"), ("", "duplicate_path")),
-    "manifest as a plane": (set_((*PLANE, "path"), "manifest.json"), ("", "duplicate_path")),
-    "a billion splats": (set_(("groups", 0, "splats"), 10**9), ("groups.0.splats", "less_than_equal")),
-    "side that does not fit": (set_(("groups", 0, "side"), 8000), ("groups.0", "plane_side")),
-    "no splats": (set_(("groups", 0, "splats"), 0), ("groups.0.splats", "greater_than_equal")),
-    "a billion frames": (set_(("frame_count",), 10**9), ("frame_count", "less_than_equal")),
-    "more frames than there are": (set_(("frame_count",), 8), ("", "frame_count")),
+    "path used twice": (set_at((*PLANE, "path"), "group_000/opacity.mp4"), ("", "duplicate_path")),
+    "manifest as a plane": (set_at((*PLANE, "path"), "manifest.json"), ("", "duplicate_path")),
+    "a billion splats": (set_at(("groups", 0, "splats"), 10**9), ("groups.0.splats", "less_than_equal")),
+    "side that does not fit": (set_at(("groups", 0, "side"), 8000), ("groups.0", "plane_side")),
+    "no splats": (set_at(("groups", 0, "splats"), 0), ("groups.0.splats", "greater_than_equal")),
+    "a billion frames": (set_at(("frame_count",), 10**9), ("frame_count", "less_than_equal")),
+    "more frames than there are": (set_at(("frame_count",), 8), ("", "frame_count")),
     "a billion frames in a group": (
-        set_(("groups", 0, "frame_count"), 10**9),
+        set_at(("groups", 0, "frame_count"), 10**9),
         ("groups.0.frame_count", "less_than_equal"),
     ),
-    "frames as text": (set_(("frame_count",), "7"), ("frame_count", "int_type")),
+    "frames as text": (set_at(("frame_count",), "7"), ("frame_count", "int_type")),
     "range that is not a number": (
-        set_(("groups", 0, "components", 3, "min"), float("nan")),
+        set_at(("groups", 0, "components", 3, "min"), float("nan")),
         ("groups.0.components.3.min", "finite_number"),
     ),
     "infinite range": (
-        set_(("groups", 0, "components", 3, "max"), float("inf")),
+        set_at(("groups", 0, "components", 3, "max"), float("inf")),
         ("groups.0.components.3.max", "finite_number"),
     ),
     "huge range": (
-        set_(("groups", 0, "components", 3, "max"), 1e300),
+        set_at(("groups", 0, "components", 3, "max"), 1e300),
         ("groups.0.components.3.max", "less_than_equal"),
     ),
-    "range the wrong way": (set_(("groups", 0, "components", 3, "min"), 1e6), ("groups.0.components.3", "range_order")),
-    "a rate of zero": (set_(("fps",), 0), ("fps", "greater_than")),
-    "a rate that is not a number": (set_(("fps",), float("nan")), ("fps", "finite_number")),
+    "range the wrong way": (
+        set_at(("groups", 0, "components", 3, "min"), 1e6),
+        ("groups.0.components.3", "range_order"),
+    ),
+    "a rate of zero": (set_at(("fps",), 0), ("fps", "greater_than")),
+    "a rate that is not a number": (set_at(("fps",), float("nan")), ("fps", "finite_number")),
     "file of a petabyte": (
-        set_((*PLANE, "bytes"), 10**15),
+        set_at((*PLANE, "bytes"), 10**15),
         ("groups.0.components.3.planes.0.bytes", "less_than_equal"),
     ),
-    "negative size": (set_((*PLANE, "bytes"), -5), ("groups.0.components.3.planes.0.bytes", "greater_than_equal")),
+    "negative size": (set_at((*PLANE, "bytes"), -5), ("groups.0.components.3.planes.0.bytes", "greater_than_equal")),
     "checksum that is none": (
-        set_((*PLANE, "sha256"), "xyz"),
+        set_at((*PLANE, "sha256"), "xyz"),
         ("groups.0.components.3.planes.0.sha256", "string_pattern_mismatch"),
     ),
-    "other part": (set_((*PLANE, "part"), "high"), ("groups.0", "parts")),
+    "other part": (set_at((*PLANE, "part"), "high"), ("groups.0", "parts")),
     "groups in the wrong order": (swap, ("", "group_order")),
     "a component missing": (drop_component, ("groups.0", "components")),
-    "no groups": (set_(("groups",), []), ("groups", "too_short")),
-    "groups as a number": (set_(("groups",), 3), ("groups", "tuple_type")),
-    "SH degree that does not fit": (set_(("sh_degree",), 1), ("", "sh_degree")),
+    "no groups": (set_at(("groups",), []), ("groups", "too_short")),
+    "groups as a number": (set_at(("groups",), 3), ("groups", "tuple_type")),
+    "SH degree that does not fit": (set_at(("sh_degree",), 1), ("", "sh_degree")),
 }
 
 
@@ -141,7 +134,7 @@ def test_damaged_manifest_is_refused(stream, edit_manifest, kind):
 
 def test_sentences_name_file_value_and_fix(stream, edit_manifest):
     path = stream / "manifest.json"
-    edit_manifest(stream, set_((*PLANE, "path"), "../secret.mp4"))
+    edit_manifest(stream, set_at((*PLANE, "path"), "../secret.mp4"))
     with pytest.raises(StudioError) as caught:
         StreamReader.open(stream)
     assert str(caught.value) == (
@@ -187,7 +180,7 @@ def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(stream, edit_manifes
     value = data.draw(
         st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.just([]), st.just({}))
     )
-    change = set_(keys, value)
+    change = set_at(keys, value)
     try:
         edit_manifest(stream, change) if signed else path.write_text(json.dumps(change(values) or values))
     except (TypeError, KeyError):

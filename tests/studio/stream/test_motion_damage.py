@@ -13,7 +13,7 @@ from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.sidefile import deflate
 from tests.support.errors import refuses
-from tests.support.streams import damage, replace_file
+from tests.support.streams import damage, replace_file, set_at
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -21,15 +21,6 @@ QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCh
 @pytest.fixture
 def stream(make_stream):
     return make_stream((4, 3), splats=80, settings=BakeSettings(qp=24, preset="ultrafast"))[0]
-
-
-def set_(path, value):
-    def change(values):
-        for key in path[:-1]:
-            values = values[key]
-        values[path[-1]] = value
-
-    return change
 
 
 def swap_entries(values):
@@ -48,37 +39,37 @@ def swap_groups(values):
 GROUP = ("groups", 0)
 # change, then location and violated rule, or another code than manifest.invalid
 DAMAGE = {
-    "newer version": (set_(("version",), 4), "manifest.newer_version"),
-    "older version": (set_(("version",), 1), ("version", "literal_error")),
-    "the other profile": (set_(("profile",), "planes"), ("scan", "literal_error")),
-    "other codec": (set_(("codec", "name"), "mjpeg"), ("codec.name", "literal_error")),
-    "path outside": (set_((*GROUP, "side", "path"), "../secret.bin"), ("groups.0.side", "unsafe_path")),
-    "one file twice": (set_((*GROUP, "side", "path"), "group_000/video.mp4"), ("", "duplicate_path")),
-    "a billion splats": (set_((*GROUP, "splats"), 10**9), ("groups.0.splats", "less_than_equal")),
-    "more splats than tiles hold": (set_((*GROUP, "splats"), 257), ("groups.0", "tile_side")),
-    "a billion frames": (set_((*GROUP, "frame_count"), 10**9), ("groups.0.frame_count", "less_than_equal")),
-    "a tile of another size": (set_((*GROUP, "tile"), 4096), ("groups.0", "tile_side")),
-    "too few tiles": (set_((*GROUP, "rows"), 1), ("groups.0", "tile_count")),
-    "a million columns": (set_((*GROUP, "columns"), 10**6), ("groups.0.columns", "less_than_equal")),
+    "newer version": (set_at(("version",), 4), "manifest.newer_version"),
+    "older version": (set_at(("version",), 1), ("version", "literal_error")),
+    "the other profile": (set_at(("profile",), "planes"), ("scan", "literal_error")),
+    "other codec": (set_at(("codec", "name"), "mjpeg"), ("codec.name", "literal_error")),
+    "path outside": (set_at((*GROUP, "side", "path"), "../secret.bin"), ("groups.0.side", "unsafe_path")),
+    "one file twice": (set_at((*GROUP, "side", "path"), "group_000/video.mp4"), ("", "duplicate_path")),
+    "a billion splats": (set_at((*GROUP, "splats"), 10**9), ("groups.0.splats", "less_than_equal")),
+    "more splats than tiles hold": (set_at((*GROUP, "splats"), 257), ("groups.0", "tile_side")),
+    "a billion frames": (set_at((*GROUP, "frame_count"), 10**9), ("groups.0.frame_count", "less_than_equal")),
+    "a tile of another size": (set_at((*GROUP, "tile"), 4096), ("groups.0", "tile_side")),
+    "too few tiles": (set_at((*GROUP, "rows"), 1), ("groups.0", "tile_count")),
+    "a million columns": (set_at((*GROUP, "columns"), 10**6), ("groups.0.columns", "less_than_equal")),
     "a petabyte once decompressed": (
-        set_((*GROUP, "side", "raw_bytes"), 10**15),
+        set_at((*GROUP, "side", "raw_bytes"), 10**15),
         ("groups.0.side.raw_bytes", "less_than_equal"),
     ),
-    "more blocks than splats": (set_((*GROUP, "blocks", "count"), 81), ("groups.0", "block_count")),
-    "no blocks": (set_((*GROUP, "blocks", "count"), 0), ("groups.0.blocks.count", "greater_than_equal")),
-    "40 bits": (set_((*GROUP, "positions", "bits"), 40), ("groups.0.positions.bits", "less_than_equal")),
-    "a step of nothing": (set_((*GROUP, "channels", 3, "step"), 0.0), ("groups.0.channels.3.step", "greater_than")),
+    "more blocks than splats": (set_at((*GROUP, "blocks", "count"), 81), ("groups.0", "block_count")),
+    "no blocks": (set_at((*GROUP, "blocks", "count"), 0), ("groups.0.blocks.count", "greater_than_equal")),
+    "40 bits": (set_at((*GROUP, "positions", "bits"), 40), ("groups.0.positions.bits", "less_than_equal")),
+    "a step of nothing": (set_at((*GROUP, "channels", 3, "step"), 0.0), ("groups.0.channels.3.step", "greater_than")),
     "a step that is no number": (
-        set_((*GROUP, "channels", 3, "step"), float("nan")),
+        set_at((*GROUP, "channels", 3, "step"), float("nan")),
         ("groups.0.channels.3.step", "finite_number"),
     ),
     "an offset without end": (
-        set_((*GROUP, "channels", 3, "offset"), float("inf")),
+        set_at((*GROUP, "channels", 3, "offset"), float("inf")),
         ("groups.0.channels.3.offset", "finite_number"),
     ),
-    "a channel of another name": (set_((*GROUP, "channels", 3, "name"), "mean_x"), ("groups.0", "channels")),
-    "a position far away": (set_((*GROUP, "positions", "step"), 1e9), ("groups.0", "position_range")),
-    "bytes that do not add up": (set_((*GROUP, "bytes"), 12), ("groups.0", "bytes_sum")),
+    "a channel of another name": (set_at((*GROUP, "channels", 3, "name"), "mean_x"), ("groups.0", "channels")),
+    "a position far away": (set_at((*GROUP, "positions", "step"), 1e9), ("groups.0", "position_range")),
+    "bytes that do not add up": (set_at((*GROUP, "bytes"), 12), ("groups.0", "bytes_sum")),
 }
 
 
@@ -191,7 +182,7 @@ def test_any_value_anywhere_in_the_manifest(stream, edit_manifest, data):
     )
     began, message = time.perf_counter(), None
     try:
-        edit_manifest(stream, set_(keys, value))
+        edit_manifest(stream, set_at(keys, value))
         with StreamReader.open(stream) as reader:
             assert len(list(reader.iterate())) == 7
     except StudioError as error:
@@ -220,7 +211,7 @@ def test_motion_without_bounds_is_refused(tmp_path, turning_bodies, edit_manifes
     """Motion that exceeds all bounds is detected when the group is opened."""
     baking = BakeSettings(preset="ultrafast")
     write_manifest(tmp_path, [bake_group(turning_bodies(3, 200), tmp_path, 0, 0, baking)], 25, baking)
-    edit_manifest(tmp_path, set_(("groups", 0, "blocks", "step"), 1e9))
+    edit_manifest(tmp_path, set_at(("groups", 0, "blocks", "step"), 1e9))
     file = tmp_path / "group_000" / "motion.bin"
     with StreamReader.open(tmp_path) as reader, refuses("stream.side_file_damaged", file=file) as caught:
         reader.gaussians(0)
