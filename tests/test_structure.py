@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib.metadata
 import re
 import subprocess
 import sys
@@ -11,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("v3studio", "gui", "pipelines", "v3web", "studio")  # each may import the ones after it
@@ -46,6 +49,24 @@ def tracked_files() -> list[Path]:
         check=True,
     )
     return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+def test_every_imported_package_is_declared() -> None:
+    """A package that is here by chance, as a dependency of another one, is missing on some other machine."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = [text for name, texts in project["optional-dependencies"].items() if name != "docs" for text in texts]
+    declared = {canonicalize_name(Requirement(text).name) for text in (*project["dependencies"], *extras)}
+    installed = importlib.metadata.packages_distributions() | {"open3d": ["open3d"]}  # scripts/install.py: open3d-cpu
+    files = [path for path in tracked_files() if path.suffix == ".py" and ROOT / "docs" not in path.parents]
+    own = {path.stem for path in files} | {part for path in files for part in path.relative_to(ROOT).parts[:-1]}
+    wrong = {
+        f"{path.relative_to(ROOT)}:{line} imports {module}"
+        for path in files
+        for line, name in imported_names(path)
+        if (module := name.split(".")[0]) not in own and module not in sys.stdlib_module_names
+        if declared.isdisjoint(canonicalize_name(each) for each in installed.get(module, [module]))
+    }
+    assert not wrong
 
 
 @pytest.mark.parametrize("package", PACKAGES)

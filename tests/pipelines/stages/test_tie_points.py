@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from pipelines.config import load_config
 from pipelines.runs.runner import run, status
@@ -23,7 +23,7 @@ def test_a_take_is_calibrated_from_tie_points(project: Path) -> None:
         }
         for number, position in enumerate(positions)
     }
-    (project / "capture" / "points.yaml").write_text(yaml.safe_dump({"points": points}))
+    (project / "capture" / "points.yaml").write_text(json.dumps({"points": points}))
     overrides = {
         "capture.rig": None,
         "calibrate.tie_points": "points.yaml",
