@@ -22,8 +22,10 @@ import pytest
 import uvicorn
 from starlette.applications import Starlette
 
-from pipelines.commands.serve import build_app, find_streams, listen
+from pipelines.share.listening import listen
 from pipelines.share.player_files import PlayerFiles
+from pipelines.share.served_streams import find_streams
+from pipelines.share.web_app import build_app
 from studio.playback import play_headless
 from studio.stream import BakeSettings
 from tests.support.errors import refuses
@@ -221,6 +223,7 @@ PLAYER = PlayerFiles(
     "<title>V3 Player</title><!-- v3:head --><!-- v3:player -->old<!-- /v3:player -->"
     '<script type="module" src="v3-player.js"></script>',
     b"export {};",
+    b"review();",
     b"licenses",
 )
 BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
