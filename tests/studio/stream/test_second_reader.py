@@ -1,5 +1,5 @@
-"""A second reader, written in JavaScript from docs/STREAM.md alone (tests/data/second_reader.mjs), agrees with the product's
-reader on every frame of what the product writes. libav decodes its videos."""
+"""A second reader, in JavaScript and written from docs/STREAM.md alone (tests/data/second_reader.mjs), agrees with the
+product's on every frame of what the product writes. libav decodes its videos."""
 
 import json
 import os
