@@ -27,6 +27,7 @@ export function figures(player: Player): [string, string][] {
   if (info !== null) {
     rows.push(["Stream", `${info.profile}, ${info.codec}, SH ${info.shDegree}, ${bytes(info.totalBytes / info.frameCount)}/frame`]);
     rows.push(["Player", `${player.path === null ? "–" : PATHS[player.path]}, ${player.rendererName}`]);
+    if (player.withoutWebGPU !== null) rows.push(["WebGPU", `not used: ${player.withoutWebGPU}`]);
     rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only; SHA-256 requires HTTPS"]);
   }
   return rows;
