@@ -1,6 +1,6 @@
 /** The WebGPU renderer: it dequantizes, projects, sorts and draws without returning to the page. */
 
-import { messageOf, StreamError } from "../stream/errors.ts";
+import { StreamError } from "../stream/errors.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import { MAX_VALUES, RadixSort } from "./radix_sort.ts";
@@ -426,9 +426,8 @@ export class WebGPURenderer implements Renderer {
   private async readReport(timed: boolean): Promise<void> {
     try {
       await this.report.mapAsync(GPUMapMode.READ);
-    } catch (error) {
-      this.lose(messageOf(error));
-      return;
+    } catch {
+      return; // the device is lost, and that is reported with the reason
     }
     const range = this.report.getMappedRange();
     this.visible = new Uint32Array(range, 8 * STAMPS, 1)[0];
