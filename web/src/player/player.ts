@@ -163,6 +163,7 @@ export class Player {
     this.info = this.group = null;
     this.shown = this.ready = this.requested = null;
     this.failed = false;
+    if (this.handle === 0) this.handle = requestAnimationFrame(this.tick);
     this.position = 0;
     this.leftOut.clear();
     this.fetchedGroups = [];
@@ -530,6 +531,7 @@ export class Player {
     } catch (error) {
       this.fail(messageOf(error));
       cancelAnimationFrame(this.handle);
+      this.handle = 0;
     }
     if (this.playing_) this.statistics.main.add(performance.now() - began + this.handlerTime);
     this.handlerTime = 0;
