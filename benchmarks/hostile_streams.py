@@ -206,7 +206,7 @@ def attack(page: Any, host: Host, files: Files, numbers: range) -> Iterator[tupl
     """Play mutations in a page of Playwright; yields number, kind and outcome: what the player said, "played", "shown"
     (one frame), or None if it hangs."""
     page.goto(host.address)
-    page.wait_for_function("customElements.get('v3-player')")
+    page.wait_for_function("!!customElements.get('v3-player')")
     page.evaluate(OPEN)
     for number in numbers:
         kind, host.stream = mutate(files, number)
@@ -261,14 +261,12 @@ def main() -> int:
                 first = first or peak
         page.evaluate("() => { gc(); }")
         heap = page.evaluate("() => performance.memory.usedJSHeapSize")
-        print(
-            f"{arguments.count} streams in {time.monotonic() - began:.0f} s, slowest {slowest[0]:.1f} s (mutation {slowest[1]})"
-        )
+        total = f"{arguments.count} streams in {time.monotonic() - began:.0f} s"
+        print(f"{total}, slowest {slowest[0]:.1f} s (mutation {slowest[1]})")
         for (kind, word), count in sorted(outcomes.items()):
             print(f"  {kind}: {count} {word}")
-        print(
-            f"page process: {first / 1e6:.0f} MB after 25, {peak / 1e6:.0f} MB at most; JavaScript heap {heap / 1e6:.1f} MB at the end"
-        )
+        memory = f"{first / 1e6:.0f} MB after 25, {peak / 1e6:.0f} MB at most"
+        print(f"page process: {memory}; JavaScript heap {heap / 1e6:.1f} MB at the end")
         print(f"{len(sentences)} different messages; the most frequent:")
         for text, count in sentences.most_common(12):
             print(f"  {count:4d}  {text}")
