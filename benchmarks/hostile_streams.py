@@ -50,7 +50,9 @@ PLAY = """async ([url, patience]) => {
   let outcome = null;
   const stop = new AbortController(), signal = stop.signal;
   player.addEventListener('v3-error', ({detail}) => { outcome ??= 'refused: ' + detail; }, {signal});
-  player.addEventListener('v3-looped', () => { outcome ??= 'played'; }, {signal});
+  let notice = null;
+  player.addEventListener('v3-notice', ({detail}) => { notice ??= 'without a group: ' + detail; }, {signal});
+  player.addEventListener('v3-looped', () => { outcome ??= notice ?? 'played'; }, {signal});
   player.setAttribute('src', url);
   player.play();
   player.setSpeed(4);
@@ -203,8 +205,8 @@ def hosted(player: Path) -> Iterator[Host]:
 
 
 def attack(page: Any, host: Host, files: Files, numbers: range) -> Iterator[tuple[int, str, str | None]]:
-    """Play mutations in a page of Playwright; yields number, kind and outcome: what the player said, "played", "shown"
-    (one frame), or None if it hangs."""
+    """Play mutations in a page of Playwright; yields number, kind and outcome: what the player said, "played",
+    "without a group: " and the notice, "shown" (one frame), or None if it hangs."""
     page.goto(host.address)
     page.wait_for_function("!!customElements.get('v3-player')")
     page.evaluate(OPEN)
@@ -243,30 +245,32 @@ def main() -> int:
     with hosted(player_folder()) as host, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=arguments.browser, args=FLAGS)
         page = browser.new_page()
-        began, slowest, peak, first = time.monotonic(), (0.0, -1), 0, 0
+        began, slowest, memory = time.monotonic(), (0.0, -1), list[str]()
         last = began
         numbers = range(arguments.first, arguments.first + arguments.count)
         for number, kind, outcome in attack(page, host, files, numbers):
             now = time.monotonic()
             slowest, last = max(slowest, (now - last, number)), now
             word = "hangs" if outcome is None else outcome.partition(":")[0]
-            if outcome is None or (word == "refused" and not 20 < len(outcome) < 700):
+            if outcome is None or (":" in outcome and not 20 < len(outcome) < 700):
                 failures += 1
                 print(f"mutation {number} ({kind}): {outcome}")
             outcomes[kind, word] += 1
-            if word == "refused":
-                sentences["".join("#" if c.isdigit() else c for c in outcome or "")[9:70]] += 1
-            if (number - arguments.first) % 25 == 24:
-                peak = max(peak, renderer_bytes(browser))
-                first = first or peak
+            if outcome is not None and ":" in outcome:
+                text = outcome.partition(": ")[2]
+                sentences["".join("#" if c.isdigit() else c for c in text)[:60]] += 1
+            done = number - arguments.first + 1
+            if done % 100 == 0:
+                page.evaluate("() => { gc(); }")
+                memory.append(f"{renderer_bytes(browser) / 1e6:.0f}")
         page.evaluate("() => { gc(); }")
         heap = page.evaluate("() => performance.memory.usedJSHeapSize")
         total = f"{arguments.count} streams in {time.monotonic() - began:.0f} s"
         print(f"{total}, slowest {slowest[0]:.1f} s (mutation {slowest[1]})")
         for (kind, word), count in sorted(outcomes.items()):
             print(f"  {kind}: {count} {word}")
-        memory = f"{first / 1e6:.0f} MB after 25, {peak / 1e6:.0f} MB at most"
-        print(f"page process: {memory}; JavaScript heap {heap / 1e6:.1f} MB at the end")
+        print(f"page processes after each 100 streams, MB: {', '.join(memory)}")
+        print(f"JavaScript heap at the end: {heap / 1e6:.1f} MB")
         print(f"{len(sentences)} different messages; the most frequent:")
         for text, count in sentences.most_common(12):
             print(f"  {count:4d}  {text}")
