@@ -38,7 +38,7 @@ def register(commands: Any) -> None:
         help="serve streams and the browser player",
         description="Serve a stream, the stream of a take, or all streams and takes in a folder, and the browser "
         "player: open the printed address in a browser to play it. Only files of streams are served, no other files of "
-        "a take. Press Ctrl-C to stop.",
+        "a take. A take that is being trained with --live is served from its first group on. Press Ctrl-C to stop.",
         allow_abbrev=False,
     )
     serve.add_argument("folder", metavar="DIR", help="folder of a stream or a take, or a folder of several")
@@ -75,9 +75,10 @@ def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.events.cancellation import EXIT_CANCELLED
     from pipelines.share.addresses import is_local, reachable_hosts
     from pipelines.share.listening import listen
-    from pipelines.share.served_streams import find_reviews, find_streams
+    from pipelines.share.served_streams import find_reviews, find_streams, wait_for_first_group
     from pipelines.share.web_app import Reviews, build_app
 
+    wait_for_first_group(arguments.folder)
     streams = find_streams(arguments.folder)
     reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if arguments.review else None
     hosts = reachable_hosts(arguments.host)

@@ -45,11 +45,8 @@ class TakeReview:
     """
 
     def __init__(self, take: Take) -> None:
-        from studio.stream import StreamReader
-
         self.take = take
-        with StreamReader.open(take.stream) as reader:
-            self.frame_count = reader.frame_count
+        self.frame_count = self._count()
         self._opening = threading.Lock()
 
     def data(self) -> ReviewData:
@@ -57,6 +54,7 @@ class TakeReview:
 
         Missing results are no error but a sentence in `problems`, without paths of this machine.
         """
+        self.frame_count = self._count()  # of a live stream, it grows
         problems = []
         evaluation: Evaluation | None = None
         try:
@@ -120,6 +118,12 @@ class TakeReview:
             for one in (change.mark, change.replaces)
         )
         return change_mark(self.take.marks, change.frame, new, old)
+
+    def _count(self) -> int:
+        from studio.stream import StreamReader
+
+        with StreamReader.open(self.take.stream) as reader:
+            return reader.frame_count
 
     @cached_property
     def _settings(self) -> TakeFootage:

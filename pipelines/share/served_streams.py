@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +12,8 @@ from studio.stream.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
     from pipelines.review import TakeReview
+
+_LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
 
 
 def find_streams(folder: str) -> dict[str, Path]:
@@ -63,3 +67,20 @@ def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
             option="--review",
         )
     return found
+
+
+def wait_for_first_group(folder: str) -> None:
+    """Returns when a take that is baked live (`bake.live`) has a stream; at once for anything else."""
+    from pipelines.config import load_config
+    from pipelines.takes.take import Take
+
+    root = Path(folder).expanduser()
+    if not (root / "take.json").is_file():
+        return
+    take = Take.open(root)
+    manifest = take.stream / MANIFEST_NAME
+    if manifest.is_file() or not take.config.is_file() or not load_config(take.config).bake.live:
+        return
+    print(f"{folder}: waiting for the first group to be trained and baked", file=sys.stderr)
+    while not manifest.is_file():
+        time.sleep(_LOOK_SECONDS)
