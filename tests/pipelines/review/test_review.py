@@ -22,9 +22,9 @@ from pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig, write_rig
 from studio.stream import BakeSettings
-from tests.pipelines.conftest import FRAMES, SETTINGS, write_capture
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered
+from tests.support.tiny_capture import FRAMES, SETTINGS, write_capture
 from tests.support.web_servers import ask, running
 
 PLAYER = PlayerFiles(
