@@ -120,11 +120,15 @@ static void coded_loss(CodedJob<T>& job, int threads) {
                 wide_store<T>(by_sigma + at, wide_load<T>(by_sigma + at) + counted * b.by_sigma);
             }
             if (temporal) {
-                const V size = change < zero ? -change : change, width = wide_load<T>(pattern[HUBER] + at);
-                const V sign = change > zero ? wide_all<T>(T(1)) : (change < zero ? wide_all<T>(T(-1)) : zero);
-                const V inside = change / (width > zero ? width : wide_all<T>(T(1)));
-                gradient += job.difference_weight * (size < width ? inside : sign);
-                const V value = size < width ? T(0.5) * size * inside * sign : size - T(0.5) * width;
+                const V size = change < zero ? -change : change;
+                V slope = change > zero ? wide_all<T>(T(1)) : (change < zero ? wide_all<T>(T(-1)) : zero);
+                V value = size;
+                if (job.huber > 0) {
+                    const V width = wide_load<T>(pattern[HUBER] + at), inside = change / width;
+                    value = size < width ? T(0.5) * change * inside : size - T(0.5) * width;
+                    slope = size < width ? inside : slope;
+                }
+                gradient += job.difference_weight * slope;
                 wide_store<T>(differences + at, wide_load<T>(differences + at) + counted * value);
             }
             if (job.gradient != nullptr) {

@@ -165,6 +165,11 @@ int main(int count, char** arguments) {
         check_kernels(vs::kernels_x86_64_v3);
         std::printf("x86-64-v3: no lost task, same bits\n");
     }
+    if (__builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl")) {
+        check_kernels(vs::kernels_x86_64_v4);
+        std::printf("x86-64-v4: no lost task, same bits\n");
+    }
 #endif
     return 0;
 }
