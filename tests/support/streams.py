@@ -17,8 +17,9 @@ from studio.stream import BakeSettings, bake_group, write_manifest
 def bake_numbered(
     folder: Path, lengths: Sequence[int], fps: float, splats: int = 40, settings: BakeSettings | None = None
 ) -> Path:
-    """A stream with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame."""
-    settings = settings or BakeSettings(profile="planes", qp=0)
+    """A stream with groups of these lengths, by default of version 2. Splat 0 of frame i is at x = i, which identifies
+    the frame."""
+    settings = settings or BakeSettings(profile="planes", qp=0, stream_version=2)
     entries, first = [], 0
     for group, length in enumerate(lengths):
         frames = []

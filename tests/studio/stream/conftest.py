@@ -46,12 +46,13 @@ def make_frames() -> MakeFrames:
 
 @pytest.fixture
 def make_stream(tmp_path: Path, make_frames: MakeFrames) -> Callable[..., tuple[Path, list[list[Gaussians]]]]:
-    """`make_stream(lengths, ...)`: a stream of groups of these lengths, its folder and the frames of each group."""
+    """`make_stream(lengths, ...)`: a stream of groups of these lengths, its folder and the frames of each group. It has
+    version 2, unless settings are given; `make_ladder` makes version 3."""
 
     def make(
         lengths: tuple[int, ...] = (4, 3), splats: int = 200, degree: int = 0, settings: BakeSettings | None = None
     ) -> tuple[Path, list[list[Gaussians]]]:
-        settings = settings or BakeSettings(profile="planes", qp=0)
+        settings = settings or BakeSettings(profile="planes", qp=0, stream_version=2)
         folder = tmp_path / "stream"
         groups = [make_frames(length, splats + 5 * g, degree, seed=g) for g, length in enumerate(lengths)]
         entries, first = [], 0

@@ -275,7 +275,7 @@ def test_same_input_gives_the_same_bytes(make_ladder):
 
 def test_settings_that_contradict_each_other():
     with pytest.raises(ValueError, match="stream_version 3"):
-        BakeSettings(ladder=(Rung(qp=20),))
+        BakeSettings(stream_version=2, ladder=(Rung(qp=20),))
     with pytest.raises(ValueError, match="a target"):
         BakeSettings(stream_version=3, ladder=(Rung(qp=20),), target_psnr=40)
     with pytest.raises(ValueError, match="the same"):
