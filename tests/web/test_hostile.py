@@ -6,7 +6,6 @@ V3STUDIO_HOSTILE_STREAMS sets how many are tried; the default is quick.
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import shutil
@@ -17,7 +16,7 @@ from typing import Any
 import pytest
 
 from studio.stream.sidefile import deflate
-from tests.support.streams import edit_manifest, replace_file
+from tests.support.streams import best_of, edit_manifest, group_files, replace_file
 
 pytestmark = pytest.mark.web
 
@@ -87,13 +86,13 @@ def mutate(rng: random.Random, folder: Path) -> str:
             (folder / "manifest.json").write_bytes(b"[" * rng.randint(1, 100_000))  # a checksum cannot be added
     elif kind == "side content":
         group = rng.randrange(2)
-        raw = zlib.decompress((folder / f"group_00{group}" / "motion.bin").read_bytes(), wbits=-15)
+        raw = zlib.decompress(group_files(folder, group)[0].read_bytes(), wbits=-15)
         changed = mutate_bytes(rng, raw)
         replace_file(folder, group, "side", deflate([changed]), len(changed))
     else:
         group, key = rng.randrange(2), "side" if kind == "side file" else "video"
-        path = json.loads((folder / "manifest.json").read_bytes())["groups"][group][key]["path"]
-        replace_file(folder, group, key, mutate_bytes(rng, (folder / path).read_bytes()))
+        file = group_files(folder, group)[("side", "video").index(key)]
+        replace_file(folder, group, key, mutate_bytes(rng, file.read_bytes()))
     return kind
 
 
@@ -122,7 +121,7 @@ TRY = """async url => {
 
 @pytest.mark.parametrize("batch", range(-(-COUNT // BATCH)))
 def test_mutated_streams(site, baked, open_page, batch):
-    original = baked()
+    originals = baked(stream_version=2), baked()
     (site.folder / "host.html").write_text(
         "<!doctype html><v3-player hidden></v3-player><script type='module' src='v3-player.js'></script>"
     )
@@ -131,7 +130,7 @@ def test_mutated_streams(site, baked, open_page, batch):
     seen: dict[str, int] = {}
     for number in range(BATCH * batch, min(BATCH * (batch + 1), COUNT)):
         folder = site.folder / f"s{number}"
-        shutil.copytree(original, folder)
+        shutil.copytree(originals[number % 2], folder)
         kind = mutate(random.Random(number), folder)
         outcome = page.evaluate(TRY, f"s{number}/")
         assert outcome is not None, f"stream {number} ({kind}) hangs"
@@ -155,7 +154,7 @@ def test_a_bomb_is_not_unpacked(site, baked, open_page):
 
 def test_a_path_out_of_the_stream_is_refused(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
-    edit_manifest(site.stream, lambda values: values["groups"][0]["side"].update(path="../secret.bin"))
+    edit_manifest(site.stream, lambda values: best_of(values["groups"][0])["side"].update(path="../secret.bin"))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
     assert "groups.0.side.path" in page.seen("error")[0]
@@ -165,7 +164,7 @@ def test_a_path_out_of_the_stream_is_refused(site, baked, open_page):
 def test_a_manifest_that_was_edited_is_refused(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
     path = site.stream / "manifest.json"
-    path.write_bytes(path.read_bytes().replace(b'"fps": 25', b'"fps": 24'))
+    path.write_bytes(path.read_bytes().replace(b'"fps":25', b'"fps":24'))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
     assert "does not match its own SHA-256" in page.seen("error")[0]

@@ -1,7 +1,5 @@
 """Fixtures: small moving splat sets and baked streams."""
 
-import hashlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -93,41 +91,6 @@ def make_ladder(tmp_path: Path) -> Callable[..., Path]:
         return folder
 
     return make
-
-
-@pytest.fixture
-def edit_ladder() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
-    """`edit_ladder(folder, change)`: change the manifest of version 3, then update its size and checksum."""
-
-    def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-        path = folder / "manifest.json"
-        values = json.loads(path.read_bytes())
-        change(values)
-        write_sealed(path, values)
-
-    return edit
-
-
-def write_sealed(path: Path, values: dict[str, Any]) -> None:
-    """Write a manifest of version 3 with `total_bytes` and checksum that fit, as far as its values allow it."""
-    sizes: dict[str, int] = {}
-    stack: list[Any] = [values]
-    while stack:
-        item = stack.pop()
-        if isinstance(item, dict):
-            if isinstance(item.get("path"), str) and isinstance(item.get("bytes"), int):
-                sizes[item["path"]] = item["bytes"]
-            stack += item.values()
-        elif isinstance(item, list):
-            stack += item
-    streams.write_signed(path, values, sum(sizes.values()))
-
-
-def put_file(folder: Path, entry: dict[str, Any], data: bytes) -> None:
-    """Store other content for a file of a stream of version 3, under its own name, and update its entry."""
-    digest = hashlib.sha256(data).hexdigest()
-    entry.update(path=f"files/{digest[:32]}.{entry['path'].rsplit('.', 1)[1]}", bytes=len(data), sha256=digest)
-    (folder / entry["path"]).write_bytes(data)
 
 
 @pytest.fixture

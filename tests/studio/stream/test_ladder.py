@@ -189,13 +189,13 @@ def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path, turning_bodie
     assert b"colr" not in two
 
 
-def test_a_decoder_that_is_not_exact_is_found(make_ladder, edit_ladder):
+def test_a_decoder_that_is_not_exact_is_found(make_ladder, edit_manifest):
     folder = make_ladder((4,))
 
     def other(values):
         values["groups"][0]["renditions"][0]["video"]["checks"][1]["crc32"] ^= 1
 
-    edit_ladder(folder, other)
+    edit_manifest(folder, other)
     with StreamReader.open(folder) as reader:
         reader.gaussians(1)
         with refuses("stream.wrong_luma", picture=2):
