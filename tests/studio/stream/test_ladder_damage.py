@@ -81,7 +81,7 @@ DAMAGE = {
     "frames that are not in the pages": (set_at(("frame_count",), 8), ("", "frame_count")),
     "metadata without end": (set_at(("metadata", "x"), nested(17)), ("metadata", "free_form")),
     "two megabytes of metadata": (set_at(("metadata", "x"), "y" * (2 << 20)), ("metadata", "free_form")),
-    "settings without end": (set_at(("settings", "x"), nested(100)), ("settings", "free_form")),
+    "settings without end": (set_at(("settings", "x"), nested(40)), ("settings", "free_form")),
     "sound without a codec": (set_at(("audio",), {"path": "files/a.m4a"}), ("audio.bytes", "missing")),
 }
 
