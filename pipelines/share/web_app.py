@@ -29,7 +29,7 @@ HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
 """Files in the folder files/ of a stream of version 3, which never change under their names."""
 
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
-_KEEP = "public, max-age=31536000, immutable"  # the names of the player's files change with their content
+_KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
         ) -> Response:
             response = super().file_response(full_path, stat_result, scope, status_code)
             named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
-            response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if named else "no-cache"
+            response.headers["Cache-Control"] = _KEEP if named else "no-cache"
             response.headers["X-Content-Type-Options"] = "nosniff"
             response.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
             if isinstance(response, FileResponse):
