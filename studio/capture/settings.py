@@ -61,6 +61,17 @@ class FileSettings(Settings):
     evaluation_mattes: Annotated[str, Affects("evaluation")] = ""
     """Pattern of ground-truth mattes, if the capture has them. Used for evaluation only, never for training."""
 
+    audio: Annotated[str | None, Affects("sound")] = None
+    """Sound of the performance: an audio file (WAV or anything else that FFmpeg reads) relative to root, or the name of
+    a camera whose video has sound. null: none. It is cut to the take, and becomes part of streams of version 3 and of
+    exported movies."""
+
+    audio_offset: Annotated[
+        float, Unbounded("an offset beyond the take is refused when the sound is cut"), Affects("sound")
+    ] = 0.0
+    """Time in seconds from the footage's first frame (not that of the take, so that start does not change it) to the
+    beginning of the sound. Positive: the sound starts later; negative: its beginning is cut off."""
+
 
 class DifferenceSettings(Settings):
     """Mattes from the difference between the footage and a known background."""
