@@ -124,7 +124,7 @@ def command(*arguments: object) -> list[str]:
 def v3studio(*arguments: object, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """Run the command line in a separate process, as a user or the window would."""
     return subprocess.run(
-        command(*arguments), capture_output=True, text=True, cwd=cwd, timeout=120, env=environment(), check=False
+        command(*arguments), capture_output=True, text=True, cwd=cwd, timeout=900, env=environment(), check=False
     )
 
 

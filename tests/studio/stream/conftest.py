@@ -10,8 +10,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.gaussians import Gaussians
 from studio.audio import SoundFile, cut_sound
+from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
 from tests.support import sounds, streams
 
