@@ -155,6 +155,10 @@ class StreamSound:
                 raise ValueError("a sample is not finite")
             yield start, piece
 
+    def copy(self) -> StreamSound:
+        """Another decoder of the same file, to read at two places in turn without seeking."""
+        return StreamSound(self._data, self.entry, self._name)
+
     def close(self) -> None:
         """Release the decoder."""
         with self._lock:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import wave
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import av
 import numpy as np
+
+from studio.errors import StudioError
+from tests.support.waiting import wait_until
 
 CLICK = 0.002
 """Duration of a click in seconds: a burst of 2 kHz."""
@@ -82,3 +85,44 @@ class ArrayPcm:
         if high > low:
             out[low - first : high - first] = self._data[low:high]
         return out
+
+
+class FakeOutput:
+    """An output device that plays when a test pulls; its clock is the number of samples that were heard.
+
+    Attributes:
+        played: what was heard so far.
+        latency: samples between a request and when they are heard.
+        refuse: raise instead of starting.
+    """
+
+    RATE = 48_000
+
+    def __init__(self, latency: int = 0, refuse: bool = False) -> None:
+        self.played: list[np.ndarray] = []
+        self.latency, self.refuse = latency, refuse
+        self.time = 0.0
+        self.fill: Callable[[np.ndarray, float], None] | None = None
+        self.channels = 0
+
+    def start(self, sample_rate: int, channels: int, fill: Callable[[np.ndarray, float], None]) -> None:
+        if self.refuse:
+            raise StudioError("sound.unavailable", "no audio output device")
+        assert sample_rate == self.RATE
+        self.channels, self.fill = channels, fill
+
+    def stop(self) -> None:
+        self.fill = None
+
+    def now(self) -> float:
+        return self.time
+
+    def pull(self, seconds: float) -> np.ndarray:
+        """Play for some time; returns the samples that the player gave meanwhile."""
+        wait_until("opened", lambda: self.fill is not None)
+        assert self.fill is not None
+        taken = np.empty((round(seconds * self.RATE), self.channels), np.float32)
+        self.fill(taken, self.time + self.latency / self.RATE)
+        self.time += seconds
+        self.played.append(taken)
+        return taken
