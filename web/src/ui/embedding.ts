@@ -8,7 +8,7 @@ import { parseView } from "./link.ts";
 import type { V3PlayerElement } from "./element.ts";
 
 const VERSION = 1;
-const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "notice", "error"];
+const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "sound", "notice", "error"];
 
 function readView(value: unknown): View | null {
   if (typeof value === "string") return parseView(value);
@@ -35,6 +35,7 @@ export function listen(element: V3PlayerElement): void {
     else if (command === "pause") element.pause();
     else if (command === "seek" && typeof value === "number" && Number.isFinite(value)) element.seek(value);
     else if (command === "setSpeed" && typeof value === "number" && Number.isFinite(value)) element.setSpeed(value);
+    else if (command === "setMuted" && typeof value === "boolean") element.setMuted(value);
     else if (command === "setView") {
       const view = readView(value);
       if (view !== null) element.setView(view);

@@ -47,9 +47,8 @@ def device() -> Device:
 @pytest.fixture
 def player(stream: Path, device: Device) -> Iterator[PlayerPresenter]:
     time = [0.0]
-    player = PlayerPresenter(
-        lambda gaussians, camera, color: np.zeros((8, 8, 3), np.uint8), lambda: time[0], lambda: device
-    )
+    picture = np.zeros((8, 8, 3), np.uint8)
+    player = PlayerPresenter(lambda gaussians, camera, color: picture, lambda: time[0], lambda: device)
     assert player.open(stream)
     wait_until("loaded", lambda: player.audio is not None and player.audio.waveform is not None)
     player.poll()
@@ -71,7 +70,7 @@ def test_the_transport_follows_the_sound(player: PlayerPresenter, device: Device
     device.frames(player, 3)
     assert transport.frame == 1, "looped"
     transport.set_loop(False)
-    device.frames(player, 9.5)
+    device.frames(player, 9)
     assert transport.frame == FRAMES - 1
     assert not transport.playing
 
