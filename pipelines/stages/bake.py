@@ -89,14 +89,14 @@ class BakeStage:
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Groups that are baked with current settings and inputs."""
-        groups = self._parts(context)
+        groups = self.parts(context)
         return sum(self._place(context, group) is not None for group in groups), len(groups), "groups"
 
     def run(self, context: Context, reporter: StageReporter) -> BakeSummary:
         """Bake the groups that are missing, then replace the stream."""
         from studio.stream import baked_group, write_manifest
 
-        groups = self._parts(context)
+        groups = self.parts(context)
         new = self._folder(context)
         new.mkdir(parents=True, exist_ok=True)
         settings = context.config.bake
@@ -122,7 +122,7 @@ class BakeStage:
         for path in new.iterdir():
             if path.name not in (wanted if settings.stream_version == 2 else {"files"}):
                 remove(path)
-        metadata = self._metadata(context).to_json()
+        metadata = self._metadata(context, entries).to_json()
         audio = self._sound(context, new, reporter)
         manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, metadata, audio=audio)
         if settings.stream_version == 3 and (context.take.stream / "manifest.json").is_file():
@@ -140,8 +140,44 @@ class BakeStage:
             bytes_per_frame=round(manifest.bytes_per_frame),
         )
 
-    def _parts(self, context: Context) -> tuple[Part, ...]:
+    def parts(self, context: Context) -> tuple[Part, ...]:
+        """The stream's groups, in order."""
         return parts_of(context.groups, context.config.bake.first_group_size)
+
+    def bake_part(self, context: Context, group: Part, reporter: StageReporter) -> BakedGroup:
+        """A valid baked group, baked now if there is none; for version 3.
+
+        Raises:
+            StudioError: it cannot be baked.
+            Cancelled: from `reporter`.
+        """
+        from studio.stream import baked_group
+
+        if self._place(context, group) is None:
+            self._bake(context, group, reporter, 0.0, 1.0)
+        return baked_group(read_model(self._note(context, group), BakedGroupNote).entry)
+
+    def publish(self, context: Context, entries: Sequence[BakedGroup], live: bool) -> None:
+        """Version 3: give the stream the files of these groups, then a manifest of them.
+
+        Args:
+            entries: the first groups of the stream, from `bake_part`.
+            live: whether others follow.
+
+        Raises:
+            StudioError: the stream cannot be written.
+        """
+        from studio.stream import write_manifest
+
+        stream, new = context.take.stream, self._folder(context)
+        for path, size in {file.path: file.bytes for entry in entries for file in entry.files}.items():
+            target = stream / path
+            if not target.is_file() or target.stat().st_size != size:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with atomic_path(target) as temporary:
+                    link_or_copy(str(new / path), str(temporary))
+        fps, settings = context.footage.calibrated.fps, context.config.bake
+        write_manifest(stream, entries, fps, settings, self._metadata(context, entries).to_json(), live=live)
 
     def _folder(self, context: Context) -> Path:
         return context.take.work(self.name) / "stream"
@@ -267,14 +303,19 @@ class BakeStage:
                 )
         return audio
 
-    def _metadata(self, context: Context) -> StreamMetadata:
-        """Deterministic, so that identical takes bake to identical bytes."""
+    def _metadata(self, context: Context, entries: Sequence[BakedGroup]) -> StreamMetadata:
+        """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
+        camera: nothing tells where the front is, and held-out cameras are chosen for other reasons."""
         from studio.stream import StreamMetadata
+        from studio.stream.suggested_view import suggested_view
 
         footage = context.footage.calibrated
-        camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
+        boxes = [entry.bounding_box for entry in entries]
+        low = np.min([box.min for box in boxes], axis=0).tolist()
+        high = np.max([box.max for box in boxes], axis=0).tolist()
+        camera = suggested_view(footage.rig[footage.train_cameras[0]], low, high, footage.rig.up)
         x, y, z = footage.rig.up.tolist()
-        return StreamMetadata(footage.rig[camera], context.config.capture.background, (x, y, z))
+        return StreamMetadata(camera, context.config.capture.background, (x, y, z))
 
     def _put_in_place(self, context: Context, new: Path) -> None:
         """Swap folders. If killed between the renames, the complete new stream is still in the work folder."""

@@ -127,7 +127,7 @@ def test_the_frame_shown_follows_the_device(stream, output, clock, until):
         clock.forward(1)  # 20 ms
         until(lambda: shown(player) == 9)
         player.set_rate(1.0)
-        heard(output, player.sound, 2 / FPS)
+        heard(output, player.sound, 0.5 / FPS)
         until(lambda: player.finished)
 
 

@@ -3,13 +3,13 @@
  * due. The main thread only uploads and draws.
  */
 
-import { depthAxis, OrbitCamera, type Pinhole, pinholeOf, type View } from "../draw/camera.ts";
+import { depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View } from "../draw/camera.ts";
 import type { Renderer } from "../draw/renderer.ts";
 import { WebGL2Renderer } from "../draw/webgl2.ts";
 import { messageOf } from "../stream/errors.ts";
 import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
-import type { DecodePath, DepthAxis, FromWorker, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
+import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { Resolution } from "./resolution.ts";
 import { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
@@ -25,6 +25,8 @@ const TELL = 500;
 const SETTLE = 200;
 /** Phones have up to four times as many pixels as a viewer can resolve. */
 const MAX_PIXEL_RATIO = 2;
+/** No view has this axis: the next view is sorted for. */
+const UNSORTED: DepthAxis = [0, 0, 0, 0];
 
 export interface PlayerEvents {
   /** The manifest has been read; the first picture is loading. */
@@ -36,6 +38,8 @@ export interface PlayerEvents {
   /** Another frame is shown. */
   frame: { readonly frame: number; readonly seconds: number };
   seeked: { readonly frame: number };
+  /** The canvas was drawn; it can be copied in the handler. */
+  drawn: { readonly frame: number };
   /** The end was reached without looping. */
   ended: undefined;
   looped: undefined;
@@ -98,11 +102,14 @@ export class Player {
   /** Frame and splats on the canvas. */
   private shown: { frame: number; count: number; group: number } | null = null;
   private ready: Picture | null = null;
-  private requested: { frame: number; at: number; seek: boolean; lap: number } | null = null;
+  private requested: { frame: number; at: number; seek: boolean; lap: number; axis: DepthAxis } | null = null;
   /** Frames to subtract from the clock when `ready` is shown: the stream's length if playback has looped. */
   private readyLap = 0;
+  /** Axis along which `ready` was sorted. */
+  private readyAxis: DepthAxis = UNSORTED;
   private waiting = false;
-  private sortedAxis: readonly number[] = [0, 0, 0, 0];
+  /** Axis along which the frame on the canvas was sorted, or is being sorted. */
+  private sortedAxis: DepthAxis = UNSORTED;
   private sorting = false;
   /** Number of the last sort request. */
   private sortRequest = 0;
@@ -165,9 +172,10 @@ export class Player {
 
   /** Opens a stream by the URL of its folder or its manifest, or from files that the page itself holds. */
   open(address: string, files: EmbeddedFiles | null = null): void {
-    this.info = null;
+    this.info = this.group = null;
     this.shown = this.ready = this.requested = null;
     this.failed = false;
+    if (this.handle === 0) this.handle = requestAnimationFrame(this.tick);
     this.position = 0;
     this.leftOut.clear();
     this.fetchedGroups = [];
@@ -238,9 +246,11 @@ export class Player {
 
   /** Number of splats on the canvas, and of the whole frame. */
   get splats(): { drawn: number; all: number } {
-    const group = this.shown?.group;
-    return { drawn: this.shown?.count ?? 0, all: group === undefined ? 0 : (this.info?.groups[group]?.splats ?? 0) };
+    return { drawn: this.shown?.count ?? 0, all: this.group?.splats ?? 0 };
   }
+
+  /** What the frame on the canvas is from: its group, in the rendition that was chosen for it. */
+  group: Pick<GroupSetup, "rendition" | "bytes" | "frames" | "splats" | "shDegree"> | null = null;
 
   get rendererName(): string {
     return this.renderer.name;
@@ -287,9 +297,9 @@ export class Player {
     return this.camera.view;
   }
 
-  set view(view: View) {
+  set view(view: PartialView) {
     this.fixed = null;
-    this.camera.view = view;
+    this.camera.view = { ...this.camera.view, ...view };
     this.dirty = true;
   }
 
@@ -319,7 +329,7 @@ export class Player {
     await sorted;
     const pixels = this.renderer.snapshot(pinhole, background);
     this.fixed = before;
-    this.sortedAxis = [0, 0, 0, 0];
+    this.sortedAxis = UNSORTED;
     this.dirty = true;
     return new ImageData(pixels, camera.width, camera.height);
   }
@@ -420,8 +430,7 @@ export class Player {
   private request(frame: number, seek: boolean, lap = 0): void {
     // Sorted for the current camera: at most one frame old when it is drawn.
     const axis = depthAxis(this.pinhole());
-    this.sortedAxis = axis;
-    this.requested = { frame, at: performance.now(), seek, lap };
+    this.requested = { frame, at: performance.now(), seek, lap, axis };
     this.post({ type: "present", frame, axis, seek });
   }
 
@@ -438,25 +447,30 @@ export class Player {
     this.statistics.dequantize.add(dequantize);
     this.statistics.sort.add(sort);
     if (requested.seek) {
-      this.show(picture, performance.now());
+      this.show(picture, performance.now(), requested.axis);
       this.emit("seeked", { frame: picture.frame });
     } else {
       this.ready = picture;
       this.readyLap = requested.lap;
+      this.readyAxis = requested.axis;
     }
   }
 
   /** Setups that came with pictures that have not been shown yet: one or two. */
   private readonly setups = new Map<number, NonNullable<Picture["setup"]>>();
 
-  private show(picture: Picture, now: number): void {
+  private show(picture: Picture, now: number, axis: DepthAxis): void {
     const began = performance.now();
     const setup = this.setups.get(picture.group);
     if (setup !== undefined) {
       this.renderer.setGroup(setup);
+      const { rendition, bytes, frames, splats, shDegree } = setup;
+      this.group = { rendition, bytes, frames, splats, shDegree };
       this.setups.clear();
     }
     this.renderer.setPicture(picture);
+    this.sortedAxis = axis;
+    this.sorting = false;
     this.statistics.upload.add(performance.now() - began);
     const first = this.shown === null;
     this.shown = { frame: picture.frame, count: picture.count, group: picture.group };
@@ -539,6 +553,7 @@ export class Player {
     } catch (error) {
       this.fail(messageOf(error));
       cancelAnimationFrame(this.handle);
+      this.handle = 0;
     }
     if (this.playing_) this.statistics.main.add(performance.now() - began + this.handlerTime);
     this.handlerTime = 0;
@@ -566,7 +581,7 @@ export class Player {
         this.ready = null;
         this.position -= lap;
         if (lap > 0) this.sound.halt(); // it starts over with the frames
-        this.show(picture, now);
+        this.show(picture, now, this.readyAxis);
         if (lap > 0) this.emit("looped", undefined);
       } else if (due && this.requested !== null && performance.now() - this.requested.at > GRACE) {
         // The frame is late; the clock and the sound wait for it.
@@ -617,9 +632,11 @@ export class Player {
     this.emit("ended", undefined);
   }
 
-  /** Requests a new sort of the frame on the canvas if the camera has moved. */
+  /** Requests a new sort of the frame on the canvas if the camera has moved since it was sorted. */
   private follow(): void {
-    if (!this.dirty || this.sorting || this.shown === null || this.requested !== null) return;
+    if (this.sorting || this.shown === null || this.requested?.seek === true) return;
+    // While frames follow one another quickly, each comes sorted for a recent view.
+    if (this.playing_ && this.requested !== null) return;
     const axis = depthAxis(this.pinhole());
     const turned = Math.hypot(axis[0] - this.sortedAxis[0], axis[1] - this.sortedAxis[1], axis[2] - this.sortedAxis[2]);
     const moved = Math.abs(axis[3] - this.sortedAxis[3]);
@@ -630,7 +647,7 @@ export class Player {
 
   private requestSort(axis: DepthAxis): void {
     this.sorting = true;
-    this.post({ type: "sort", request: ++this.sortRequest, axis });
+    this.post({ type: "sort", request: ++this.sortRequest, frame: this.shown?.frame ?? -1, axis });
   }
 
   private pinhole(): Pinhole {
@@ -681,6 +698,8 @@ export class Player {
     if (this.renderer.gpuMilliseconds !== null) this.statistics.gpu.add(this.renderer.gpuMilliseconds);
     this.dirty = false;
     this.drawBegan = now;
+    // In the same task, while the canvas still holds what was drawn.
+    this.emit("drawn", { frame: this.shown.frame });
     const view = this.camera.view;
     const key = JSON.stringify(view);
     if (key !== this.viewTold) {

@@ -42,6 +42,12 @@ interface Prepared {
   readonly pictures: PictureSource;
 }
 
+interface Decoded {
+  readonly frame: number;
+  readonly positions: Float32Array<ArrayBuffer>;
+  readonly pixels: Uint32Array | null;
+}
+
 type Post = (message: FromWorker, transfer?: Transferable[]) => void;
 
 export class Session {
@@ -66,8 +72,11 @@ export class Session {
   private running = false;
   /** Cancels waiting for the frame in progress, because another one was requested. */
   private interrupt: (() => void) | null = null;
-  /** The last decoded frame; its positions are kept for sorting again. */
-  private shown: { frame: number; group: number; positions: Float32Array<ArrayBuffer>; pixels: Uint32Array | null } | null = null;
+  /**
+   * The last two decoded frames, the newest first: their positions are kept for sorting again. The page requests a frame
+   * ahead, so the one on the screen can be either.
+   */
+  private readonly decoded: Decoded[] = [];
   private setupSent = -1;
 
   constructor(post: Post, channel: VideoChannel, path: DecodePath | "auto", maxTexture: number, loop: boolean) {
@@ -117,6 +126,7 @@ export class Session {
       frameCount: manifest.frameCount,
       shDegree: manifest.shDegree,
       totalBytes: manifest.totalBytes,
+      renditions: Math.max(1, manifest.renditions.length),
       groups: manifest.spans.map(({ firstFrame, frameCount }, index) => ({
         firstFrame,
         frameCount,
@@ -178,12 +188,16 @@ export class Session {
     if (!this.running) void this.run();
   }
 
-  /** Sorts the last decoded frame. */
-  sort(request: number, axis: DepthAxis): void {
-    const { shown } = this;
-    if (shown === null) return;
-    const [order, count, milliseconds] = this.sorted(shown.positions, shown.pixels, axis);
-    this.post({ type: "order", request, frame: shown.frame, order, count, sort: milliseconds }, [order.buffer]);
+  /** Sorts one of the last two decoded frames. */
+  sort(request: number, frame: number, axis: DepthAxis): void {
+    const found = this.decoded.find((one) => one.frame === frame);
+    if (found === undefined) {
+      const none = new Uint32Array(0);
+      this.post({ type: "order", request, frame: -1, order: none, count: 0, sort: 0 }, [none.buffer]);
+      return;
+    }
+    const [order, count, milliseconds] = this.sorted(found.positions, found.pixels, axis);
+    this.post({ type: "order", request, frame, order, count, sort: milliseconds }, [order.buffer]);
   }
 
   private async run(): Promise<void> {
@@ -248,15 +262,15 @@ export class Session {
   ): void {
     const { group, tables } = prepared;
     const began = performance.now();
-    let positions = this.shown?.positions;
-    if (positions?.length !== 3 * group.splats) positions = new Float32Array(3 * group.splats);
+    const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
+    const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
     const blocks = tables?.blocks(within) ?? null;
     if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
     else planePositions(group, luma, positions);
     const dequantize = performance.now() - began;
     const pixels = tables?.pixels ?? null;
     const [order, count, sort] = this.sorted(positions, pixels, axis);
-    this.shown = { frame, group: group.index, positions, pixels };
+    this.decoded.unshift({ frame, positions, pixels });
     const setup = this.setupSent === group.index ? null : this.setup(prepared);
     this.setupSent = group.index;
     const escapes = tables?.escapes(within) ?? null;
@@ -307,7 +321,14 @@ export class Session {
   }
 
   private setup({ group, tables }: Prepared): GroupSetup {
-    const common = { group: group.index, splats: group.splats, shDegree: group.shDegree };
+    const common = {
+      group: group.index,
+      rendition: group.rendition,
+      bytes: group.bytes,
+      frames: group.frameCount,
+      splats: group.splats,
+      shDegree: group.shDegree,
+    };
     if (group.profile === "planes")
       return {
         ...common,
