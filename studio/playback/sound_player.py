@@ -20,6 +20,7 @@ _AHEAD = 0.5  # seconds that are decoded ahead of what the device has asked for
 _BLOCK = 0.1  # seconds that are decoded at once
 _IDLE = 1.0  # seconds after which a device that plays nothing is released
 _LOST = 1.0  # seconds without a request after which a device counts as lost
+_FOREVER = 1 << 62  # samples
 _KEPT = 64  # requests that are remembered, more than a device has in its buffers
 
 
@@ -232,9 +233,9 @@ class SoundPlayer:
                 self._next = first + count
 
     @property
-    def _end(self) -> float:
+    def _end(self) -> int:
         """Sample after the last one; a few more than the frames take, so that the clock passes their end."""
-        return math.inf if self._loop else math.ceil(self._seconds * self._sound.sample_rate) + 16
+        return _FOREVER if self._loop else math.ceil(self._seconds * self._sound.sample_rate) + 16
 
     def _read(self, first: int, count: int) -> np.ndarray:
         """Samples that count on through loops."""
