@@ -108,7 +108,6 @@ def bake(
         entries.append(bake_group(body(frames, splats + 40 * index, degree, index), folder, index, first, settings))
         first += frames
     view = {"suggested_camera": camera(0).to_dict(), "up": [0.0, -1.0, 0.0], "background": [0.0, 0.0, 0.0]}
-    more = {**view, "title": "Test figure", **(metadata or {})}
     audio = None
     if clicks is not None:
         wav = SoundFile(write_wav(folder.with_suffix(".wav"), click_sound(first / FPS, clicks)))

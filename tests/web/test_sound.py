@@ -89,7 +89,8 @@ def test_a_browser_that_waits_for_the_viewer(sounding, open_page):
     refuse = """() => {
       const play = HTMLMediaElement.prototype.play;
       HTMLMediaElement.prototype.play = function () {
-        return this.muted || window.allowed ? play.call(this) : Promise.reject(new DOMException('no', 'NotAllowedError'));
+        if (this.muted || window.allowed) return play.call(this);
+        return Promise.reject(new DOMException('no', 'NotAllowedError'));
       };
     }"""
     page = open_page(setup=lambda handle: handle.add_init_script(f"({refuse})()"))
