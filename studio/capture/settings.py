@@ -154,7 +154,8 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation")] = Field(
         default=None, gt=0, lt=10_000
     )
-    """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images."""
+    """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images. The take's is this
+    divided by step."""
 
     color_matrix: Annotated[
         Literal["auto", "bt601", "bt709"],
@@ -192,7 +193,7 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     """Frame to stop before (exclusive), as numbered in the files. null: the end."""
 
     step: Annotated[int, Affects("evaluation")] = Field(default=1, ge=1)
-    """Use every step-th frame."""
+    """Use every step-th frame, and show each of them step times as long."""
 
     offsets: Annotated[
         dict[str, int],

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 PATIENCE = 120_000  # milliseconds; the machine may be busy
-TYPES = {".html": "text/html", ".js": "text/javascript", ".json": "application/json", ".mp4": "video/mp4"}
+TYPES = {".html": "text/html", ".js": "text/javascript", ".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}
 
 
 class Site:
@@ -124,7 +124,7 @@ _PREPARE = """() => {
   const element = document.querySelector('v3-player');
   if (element === null) return;  // a page that leads to players
   window.seen = {};
-  const names = ['ready', 'opened', 'play', 'pause', 'time', 'view', 'waiting', 'ended', 'looped', 'notice', 'error'];
+  const names = ['ready', 'opened', 'play', 'pause', 'time', 'view', 'waiting', 'ended', 'looped', 'sound', 'notice', 'error'];
   for (const name of names)
     element.addEventListener('v3-' + name, ({detail}) => { (window.seen[name] ??= []).push(detail); });
   window.text = pixels => {
