@@ -19,7 +19,7 @@ import workerSource from "worker-source";
 
 /** Relative change of the view that triggers another sort. */
 const SORT_AGAIN = 1e-3;
-/** Milliseconds to wait for a frame before the clock stops, and before the stall is reported. */
+/** Milliseconds to wait for a frame before the clock stops, and before the stall is reported and the sound stops, too. */
 const GRACE = 120;
 const TELL = 500;
 /** Milliseconds without a change after which the picture is drawn at full resolution. */
@@ -657,7 +657,7 @@ export class Player {
         if (lap > 0) this.sound.halt(); // it starts over with the frames
         this.show(picture, now, this.readyAxis);
         if (lap > 0) this.emit("looped", undefined);
-      } else if (due && this.requested !== null && performance.now() - this.requested.at > GRACE) {
+      } else if (due && this.requested !== null && performance.now() - this.requested.at > (heard === null ? GRACE : TELL)) {
         // The frame is late; the clock and the sound wait for it.
         this.sound.halt();
         this.position = Math.max(before, next + lap);
