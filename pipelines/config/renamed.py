@@ -45,7 +45,8 @@ ADDED: JsonObject = {
     "capture.audio": None,
     "capture.audio_offset": 0.0,
 }
-"""Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior."""
+"""Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior. This
+need not be the default, as for `bake.stream_version`."""
 
 REPORT_KEYS = {
     "explained": "match_inlier_ratio",

@@ -10,9 +10,9 @@ from studio.stream import StreamReader, write_manifest
 from studio.stream.publish import publish
 from studio.stream.settings import BakeSettings
 from studio.stream.write_archive import write_archive
-from tests.studio.stream.conftest import put_file, write_sealed
 from tests.support.errors import refuses
 from tests.support.sounds import click_times
+from tests.support.streams import put_file, write_sealed
 
 CLICKS = [0.2, 0.7, 1.1]
 
@@ -109,4 +109,6 @@ def test_streams_without_sound(stream, make_stream, tmp_path):
         (folder / "files").mkdir()
         (folder / audio.path).write_bytes((tmp_path / "sounding" / audio.path).read_bytes())
         with refuses("bake.no_sound_in_version_2", setting="bake.stream_version"):
-            write_manifest(folder, reader.manifest.groups, 25, BakeSettings(profile="planes"), audio=audio)
+            write_manifest(
+                folder, reader.manifest.groups, 25, BakeSettings(profile="planes", stream_version=2), audio=audio
+            )
