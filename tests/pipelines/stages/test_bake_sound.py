@@ -66,5 +66,5 @@ def test_only_the_sound_is_baked_again(here, take):
 
 
 def test_a_stream_of_version_2_has_no_sound(here, take):
-    result = done(here("bake", take, "--capture.audio", wav(take), "--json"))
+    result = done(here("bake", take, "--stream-version", "2", "--capture.audio", wav(take), "--json"))
     assert "bake.no_sound_in_version_2" in result.stdout
