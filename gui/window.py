@@ -255,6 +255,9 @@ class MainWindow:
             changed |= self.player.refresh()
         self._read_evaluation()
         self._show_waveform()
+        if self.marks.refresh():  # somebody marked a frame in a browser
+            self.marks_changed()
+            changed = True
         if self.exports.poll():
             changed = True
             if self.exports.result:
