@@ -42,8 +42,8 @@ from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
-from pipelines.stages.bake import DrawnContribution, parts_of
 from pipelines.stages.base import Context
+from pipelines.stages.contribution import DrawnContribution
 from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
@@ -140,8 +140,8 @@ class Views:
     def contribution(self, group: int) -> ContributionFn:
         """What each splat of a group adds to the training cameras' pictures; drawn when first asked for."""
         if group not in self.contributions:
-            parts = {part.trained.index: part for part in parts_of(self.context.groups, None)}
-            self.contributions[group] = functools.cache(DrawnContribution(self.context, parts[group]).__call__)
+            indices = self.context.groups[group].indices
+            self.contributions[group] = functools.cache(DrawnContribution(self.context, group, indices).__call__)
         return self.contributions[group]
 
     def lowest(self, frames: dict[int, Gaussians]) -> float:

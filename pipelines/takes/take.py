@@ -194,6 +194,14 @@ class Take:
         """Motion network of frame `index`, kept until the next frame is trained (train.motion_warm_start)."""
         return self.train_group(group) / f"motion_{index:06d}.safetensors"
 
+    def splat_offsets(self, group: int, rung: str) -> Path:
+        """What fine-tuning added to the splats that a rung keeps; `rung`: "splats50-sh0-1000"."""
+        return self.train_group(group) / f"offsets_{rung}.safetensors"
+
+    def splat_offsets_checkpoint(self, group: int, rung: str) -> Path:
+        """Checkpoint of that fine-tuning; deleted when it is finished."""
+        return self.train_group(group) / f"offsets_{rung}.checkpoint"
+
     @property
     def stream(self) -> Path:
         """stream/: either complete or absent."""

@@ -6,7 +6,7 @@ from studio.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from studio.stream.bake import bake_group, group_folder_name, write_manifest
-    from studio.stream.bake_ladder import ContributionFn
+    from studio.stream.bake_ladder import ContributionFn, FinetunedFn
     from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
     from studio.stream.ladder_models import BakedGroup, GroupLadder, RenditionEntry, baked_group
     from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
@@ -26,6 +26,7 @@ __all__ = [
     "BakedGroup",
     "ContributionFn",
     "DecodedFrame",
+    "FinetunedFn",
     "FolderSource",
     "GroupDecoder",
     "GroupEntry",
