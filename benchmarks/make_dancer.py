@@ -21,10 +21,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import open3d as o3d
-import yaml
 
 from studio.camera_files.rig_json import write_rig_json
 from studio.cameras import Camera, Rig
+from studio.yaml_text import dump_yaml, parse_yaml
 
 CAMERAS = 16
 HELD_OUT = ("cam05", "cam11")
@@ -185,7 +185,7 @@ def main() -> None:
             cv2.imwrite(str(path), np.round(255 * image).astype(np.uint8))
         print(f"frame {frame + 1} of {arguments.frames}", flush=True)
     quickstart = Path(__file__).parent.parent / "sample_configs" / "quickstart.yaml"
-    settings = yaml.safe_load(quickstart.read_text())
+    settings = parse_yaml(quickstart.read_text())
     settings["capture"] = {
         "root": ".",
         "images": "images/{camera}/{frame:06d}.png",
@@ -195,7 +195,7 @@ def main() -> None:
         "fps": FPS,
     }
     settings["train"]["group_size"] = arguments.frames
-    (folder / "dancer.yaml").write_text(yaml.safe_dump(settings, sort_keys=False))
+    (folder / "dancer.yaml").write_text(dump_yaml(settings))
 
 
 if __name__ == "__main__":

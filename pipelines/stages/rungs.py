@@ -126,7 +126,8 @@ class RungTraining:
             [training_views(context, reporter, group.frames[at], reading) for at in positions],
             kept,
             frames[0].sh_degree if rung.sh_degree is None else min(rung.sh_degree, frames[0].sh_degree),
-            context.config.train,
+            # fewer splats overfit less
+            context.config.train.replace(dropout=context.config.train.dropout * rung.splats),
             rung.finetune_iterations,
             seed=derived_seed(context.config.run.seed, "rung", group.index, name_of(rung)),
             progress=progress,

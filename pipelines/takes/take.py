@@ -8,6 +8,7 @@ Layout::
     calibrate/points.ply                        sparse points, if the cameras were calibrated from footage
     initialize/group_000/mesh.ply, points.ply   visual hull and initial points of a group's keyframe; report.json
     train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
+    train/group_000/offsets_*.safetensors       fine-tuning of splats that a rung of the ladder keeps
     stream/                                     the stream and nothing else
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any

@@ -87,6 +87,22 @@ def test_fewer_splats_need_to_know_what_they_contribute(tmp_path, turning_bodies
     assert files_of(tmp_path) == set()
 
 
+def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path, turning_bodies):
+    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20), Rung(qp=10, splats=0.5, sh_degree=0)))
+    frames = turning_bodies(2, 80)
+    with refuses("bake.no_finetuning", group=0):
+        bake_group(frames, tmp_path, 0, 0, settings)
+    asked = []
+
+    def finetuned(rung):
+        asked.append(rung.id)
+        return [frame[torch.arange(30)].with_sh_degree(0) for frame in frames]
+
+    entry = bake_group(frames, tmp_path, 0, 0, settings, finetuned=finetuned)
+    assert asked == ["qp10-splats50-sh0"]
+    assert [(one.splats, one.pruning) for one in entry.renditions] == [(80, "none"), (30, "fine-tuned")]
+
+
 def test_psnr_is_that_of_the_given_function(tmp_path, turning_bodies):
     settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20), Rung(qp=40)))
     asked = []
