@@ -147,6 +147,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         metavar="STAGE",
         help=f"stop after this stage: {', '.join(STAGE_HELP)}",
     )
+    _add_live(run)
     run.set_defaults(command=_run, stage=None)
     for name, text in STAGE_HELP.items():
         stage = _stage_parser(commands, name, text)
@@ -154,6 +155,8 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         if name == "bake":
             _add_targets(stage)
             _add_stream_options(stage)
+        if name == "train":
+            _add_live(stage)
         stage.set_defaults(command=_run, stage=name, until=None)
 
     status = commands.add_parser(
@@ -291,6 +294,25 @@ def _add_stream_options(stage: argparse.ArgumentParser) -> None:
         const="cut",
         nargs=0,
         help="like --ladder, but rungs with fewer splats are only cut: quicker and needs no images, but worse",
+    )
+
+
+class _Live(argparse.Action):
+    """Sets `bake.live`."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Called by argparse."""
+        namespace.set = [*namespace.set, "bake.stream_version=3", "bake.live=true"]
+
+
+def _add_live(stage: argparse.ArgumentParser) -> None:
+    stage.add_argument(
+        "--live",
+        action=_Live,
+        nargs=0,
+        help="bake and publish each group as soon as it is trained (bake.live); `v3studio serve` shows them meanwhile",
     )
 
 

@@ -11,6 +11,8 @@ passive_openmp()  # before torch is imported
 
 import torch  # noqa: E402
 
+from tests.support.tiny_capture import v3studio, write_project  # noqa: E402
+
 
 @pytest.fixture(autouse=True, scope="session")
 def _few_threads() -> None:
@@ -62,3 +64,13 @@ def pytest_runtest_makereport(item: pytest.Item) -> object:
         report.outcome = "failed"
         report.longrepr = f"skipped in CI: {report.longrepr}"
     return report
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project with the finished take `take/`, made without interruption. Copy it before changing it."""
+    folder = tmp_path_factory.mktemp("finished")
+    write_project(folder)
+    done = v3studio("run", folder / "ball.yaml", "--take", folder / "take")
+    assert done.returncode == 0, done.stderr
+    return folder

@@ -11,6 +11,7 @@ import os
 import re
 import socket
 import sys
+import time
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -32,6 +33,7 @@ HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
 """Files in the folder files/ of a stream of version 3, which never change under their names."""
 
 _SHUTDOWN_SECONDS = 1  # for pending responses after Ctrl-C
+_LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
 _KEEP = "public, max-age=31536000, immutable"  # the names of the player's files change with their content
 
@@ -49,7 +51,7 @@ def register(commands: Any) -> None:
         help="serve streams and the browser player",
         description="Serve a stream, the stream of a take, or all streams and takes in a folder, and the browser "
         "player: open the printed address in a browser to play it. Only files of streams are served, no other files of "
-        "a take. Press Ctrl-C to stop.",
+        "a take. A take that is being trained with --live is served from its first group on. Press Ctrl-C to stop.",
         allow_abbrev=False,
     )
     serve.add_argument("folder", metavar="DIR", help="folder of a stream or a take, or a folder of several")
@@ -283,6 +285,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
+    _wait_for_first_group(arguments.folder)
     streams = find_streams(arguments.folder)
     from pipelines.events.cancellation import EXIT_CANCELLED
     from pipelines.share.addresses import is_local, reachable_hosts
@@ -313,6 +316,23 @@ def _serve(arguments: argparse.Namespace) -> int:
         with contextlib.suppress(KeyboardInterrupt):
             server.run(sockets=[sock])
         return EXIT_CANCELLED if server.should_exit else 0
+
+
+def _wait_for_first_group(folder: str) -> None:
+    """Returns when a take that is baked live (`bake.live`) has a stream; at once for anything else."""
+    from pipelines.config import load_config
+    from pipelines.takes.take import Take
+
+    root = Path(folder).expanduser()
+    if not (root / "take.json").is_file():
+        return
+    take = Take.open(root)
+    manifest = take.stream / MANIFEST
+    if manifest.is_file() or not take.config.is_file() or not load_config(take.config).bake.live:
+        return
+    print(f"{folder}: waiting for the first group to be trained and baked", file=sys.stderr)
+    while not manifest.is_file():
+        time.sleep(_LOOK_SECONDS)
 
 
 def _certificate(arguments: argparse.Namespace, hosts: list[str]) -> Certificate | None:

@@ -6,9 +6,9 @@ grouping, evaluation and the run itself.
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from studio.calibration.settings import CalibrateSettings
 from studio.capture.settings import CaptureSettings
@@ -40,6 +40,21 @@ class GroupSettings(Settings):
 # Fields of the last base come first.
 class TrainStageSettings(TrainSettings, GroupSettings):
     """Training a group: a keyframe, then motion and fine-tuning, frame by frame."""
+
+
+class BakeStageSettings(BakeSettings):
+    """Baking the trained groups, after training or meanwhile."""
+
+    live: Annotated[bool, Affects()] = False
+    """Bake each group as soon as it is trained, while others train, and publish the groups in order: `v3studio serve`
+    shows the take from its first group on, and players follow. The finished stream is the same. Requires stream_version
+    3."""
+
+    @model_validator(mode="after")
+    def _live_needs_version_3(self) -> Self:
+        if self.live and self.stream_version == 2:
+            raise Conflict("live requires stream_version 3", "Set stream_version to 3.", "live", "stream_version")
+        return self
 
 
 class EvaluateSettings(Settings):
@@ -100,6 +115,6 @@ class Config(Settings):
     calibrate: CalibrateSettings = CalibrateSettings()
     initialize: InitializeSettings = InitializeSettings()
     train: TrainStageSettings = TrainStageSettings()
-    bake: BakeSettings = BakeSettings()
+    bake: BakeStageSettings = BakeStageSettings()
     evaluate: EvaluateSettings = EvaluateSettings()
     run: RunSettings = RunSettings()

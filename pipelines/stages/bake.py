@@ -87,14 +87,14 @@ class BakeStage:
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Groups that are baked with current settings and inputs."""
-        groups = self._parts(context)
+        groups = self.parts(context)
         return sum(self._place(context, group) is not None for group in groups), len(groups), "groups"
 
     def run(self, context: Context, reporter: StageReporter) -> BakeSummary:
         """Bake the groups that are missing, then replace the stream."""
         from studio.stream import baked_group, write_manifest
 
-        groups = self._parts(context)
+        groups = self.parts(context)
         new = self._folder(context)
         new.mkdir(parents=True, exist_ok=True)
         settings = context.config.bake
@@ -137,8 +137,44 @@ class BakeStage:
             bytes_per_frame=round(manifest.bytes_per_frame),
         )
 
-    def _parts(self, context: Context) -> tuple[Part, ...]:
+    def parts(self, context: Context) -> tuple[Part, ...]:
+        """The stream's groups, in order."""
         return parts_of(context.groups, context.config.bake.first_group_size)
+
+    def bake_part(self, context: Context, group: Part, reporter: StageReporter) -> BakedGroup:
+        """A valid baked group, baked now if there is none; for version 3.
+
+        Raises:
+            StudioError: it cannot be baked.
+            Cancelled: from `reporter`.
+        """
+        from studio.stream import baked_group
+
+        if self._place(context, group) is None:
+            self._bake(context, group, reporter, 0.0, 1.0)
+        return baked_group(read_model(self._note(context, group), BakedGroupNote).entry)
+
+    def publish(self, context: Context, entries: Sequence[BakedGroup], live: bool) -> None:
+        """Version 3: give the stream the files of these groups, then a manifest of them.
+
+        Args:
+            entries: the first groups of the stream, from `bake_part`.
+            live: whether others follow.
+
+        Raises:
+            StudioError: the stream cannot be written.
+        """
+        from studio.stream import write_manifest
+
+        stream, new = context.take.stream, self._folder(context)
+        for path, size in {file.path: file.bytes for entry in entries for file in entry.files}.items():
+            target = stream / path
+            if not target.is_file() or target.stat().st_size != size:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with atomic_path(target) as temporary:
+                    link_or_copy(str(new / path), str(temporary))
+        fps, settings = context.footage.calibrated.fps, context.config.bake
+        write_manifest(stream, entries, fps, settings, self._metadata(context).to_json(), live=live)
 
     def _folder(self, context: Context) -> Path:
         return context.take.work(self.name) / "stream"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
+from pipelines.stages.live_bake import LiveBake
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
 from pipelines.stages.summaries import TrainSummary
 from pipelines.stages.train_clock import TrainClock
@@ -71,15 +73,18 @@ class TrainStage:
         reporter.start_clock()
         at_once = groups_at_once(context)
         threads = threads_by_group(len(groups), at_once, context.threads)
-        work = GroupWork(context, reporter, TrainClock(groups, finished, context.config.train))
-        jobs = {}
-        for group in groups:
-            if finished[group.index] < len(group.frames):
-                reporter.log(
-                    f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already trained"
-                )
-                jobs[group.index] = partial(work.train, group, finished[group.index], self._keys(context, group))
-        run_groups(jobs, at_once, threads, work.stop)
+        with LiveBake(context, reporter, finished) if context.config.bake.live else nullcontext() as live:
+            clock = TrainClock(groups, finished, context.config.train)
+            work = GroupWork(context, reporter, clock, *(() if live is None else (live.written,)))
+            jobs = {}
+            for group in groups:
+                if finished[group.index] < len(group.frames):
+                    reporter.log(
+                        f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already "
+                        "trained"
+                    )
+                    jobs[group.index] = partial(work.train, group, finished[group.index], self._keys(context, group))
+            run_groups(jobs, at_once, threads, work.stop)
         splats = []
         for group in groups:
             self._drop_leftovers(context, group)

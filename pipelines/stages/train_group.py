@@ -39,13 +39,20 @@ class GroupWork:
     Args:
         context, reporter: of the stage.
         clock: progress of all groups together.
+        written: called with the index of a group and the number of its finished frames, after each frame.
 
     Attributes:
         stop: set it to cancel all groups; they raise Cancelled.
     """
 
-    def __init__(self, context: Context, reporter: StageReporter, clock: TrainClock) -> None:
-        self.context, self.reporter, self.clock = context, reporter, clock
+    def __init__(
+        self,
+        context: Context,
+        reporter: StageReporter,
+        clock: TrainClock,
+        written: Callable[[int, int], None] = lambda group, frames: None,
+    ) -> None:
+        self.context, self.reporter, self.clock, self._written = context, reporter, clock, written
         self.settings: TrainSettings = context.config.train
         self.stop = Cancellation()
         self._lock = threading.Lock()  # guards the clock, the labels and the time of the last preview
@@ -85,6 +92,7 @@ class GroupWork:
                     self._labels.pop(group.index, None)
                 timings.append(round(seconds, 3))
                 self._write(group, position, gaussians, keys[position], timings)
+                self._written(group.index, position + 1)
                 self._tell(group, position, gaussians, seconds)
                 previous, before = gaussians, previous
 

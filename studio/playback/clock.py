@@ -68,12 +68,23 @@ class Clock:
                 self._anchor(max(self._anchor_tick, float(tick)))
                 self._waiting = False
 
+    def extend(self, frame_count: int) -> None:
+        """The stream has this many frames now. Call `hold` first if the clock is at its end."""
+        with self._lock:
+            self._frame_count = frame_count
+
     def nothing_will_come(self) -> None:
         """Stop waiting and go to the end."""
         with self._lock:
             if self._waiting:
                 self._anchor(float(self._frame_count))
                 self._waiting = False
+
+    @property
+    def frame_count(self) -> int:
+        """Frames in the stream, as far as the clock knows."""
+        with self._lock:
+            return self._frame_count
 
     @property
     def waiting(self) -> bool:

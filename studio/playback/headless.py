@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.playback.follow import Follower
 from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
 from studio.playback.player import Player
 from studio.playback.shared import Shared
@@ -29,7 +31,7 @@ def play_headless(
     progress: ProgressFn = no_progress,
     adaptive: bool | None = None,
 ) -> PlaybackReport:
-    """Play a stream to its end with the threads of the player.
+    """Play a stream to its end with the threads of the player. A live stream is followed until it is complete.
 
     Args:
         stream: an open reader (left open), or the folder, URL or source of a stream.
@@ -59,7 +61,8 @@ def play_headless(
                 f"frame_limit is {frame_limit}; it must be at least 1",
                 value=frame_limit,
             )
-        stop = reader.frame_count if frame_limit is None else min(reader.frame_count, start_frame + frame_limit)
+        end = sys.maxsize if reader.live else reader.frame_count
+        stop = end if frame_limit is None else min(end, start_frame + frame_limit)
 
         def show(item: PlayedFrame) -> FrameStats:
             stats = item.stats
@@ -88,19 +91,24 @@ def _play_all(
 ) -> PlaybackReport:
     shared = Shared(reader, adaptive)
     began = time.perf_counter()
+    follower = Follower(reader, shared.grown, shared.lost)
     run = Run(shared, start, loop=False, due=None)
     stats: list[FrameStats] = []
     try:
         while (item := run.ready.get()) is not None and item.frame < stop:
             stats.append(show(item))
-            progress(item.frame + 1 - start, stop - start)
+            progress(item.frame + 1 - start, min(stop, reader.frame_count) - start)
             if item.frame == stop - 1:
                 break
         if item is None and run.error is not None:
             raise_for_user(run.error)
+        if item is None and shared.replaced is not None:
+            raise shared.replaced
         seconds = time.perf_counter() - began
     finally:
         run.stop()
+        shared.grown()
+        follower.close()
         run.join()
         with shared.decode_lock:
             shared.close_decoder()
@@ -125,7 +133,7 @@ def _play_by_clock(
             if item is not None and item.tick != last and item.frame < stop:
                 last = item.tick
                 stats.append(show(item))
-                progress(item.frame + 1 - start, stop - start)
+                progress(item.frame + 1 - start, min(stop, reader.frame_count) - start)
             if player.finished or not player.playing or (item is not None and item.frame >= stop - 1):
                 break
             time.sleep(min(0.25 / reader.fps, 0.01))

@@ -22,6 +22,7 @@ from studio.playback.bounded_queue import BoundedQueue
 from studio.playback.shared import Shared, Span
 from studio.playback.statistics import FrameStats, SkippedGroup
 from studio.stream import DecodedFrame, GroupEntry, SourceUnavailable
+from studio.stream.ladder_manifest import RenditionManifest
 
 MOST_GROUPS = 64
 FETCHED_GROUPS = 1  # in the queue; one more is being decoded and another fetched, so up to three are in memory
@@ -75,7 +76,7 @@ class Run:
     Args:
         shared: reader and caches.
         start_tick: the first frame to deliver.
-        loop: continue with frame 0 after the last frame.
+        loop: continue with frame 0 after the last frame. Without it, at the end of a live stream, wait for more.
         due: returns the tick to display now; frames are dropped if a later one is already due. None: every frame is
             delivered, no matter how slow the consumer is.
         number: number of the run, see `PlayedFrame.run`.
@@ -174,16 +175,23 @@ class Run:
 
     def _groups(self) -> Iterator[tuple[int, Span]]:
         """(tick of the first frame, group) from the start frame."""
-        count, starts = self._manifest.frame_count, self._shared.reader.group_starts
-        ends = (*starts[1:], count)
+        reader = self._shared.reader
+        starts, count = reader.group_starts, reader.frame_count
         lap, frame = divmod(self._start, count)
         first = bisect_right(starts, frame) - 1
         while True:
+            ends = (*starts[1:], count)
             for number in range(first, len(starts)):
                 yield lap * count + starts[number], Span(number, starts[number], ends[number] - starts[number])
-            if not self._loop:
+            if self._loop:
+                lap, first = lap + 1, 0
+                continue
+            first = len(starts)
+            if not self._shared.wait_for_more(first, lambda: self._fetched.over):
                 return
-            lap, first = lap + 1, 0
+            manifest = reader.manifest
+            if isinstance(manifest, RenditionManifest):
+                starts, count = manifest.starts, manifest.frame_count
 
     def _buffered(self, tick: int) -> float:
         """Seconds of frames before `tick` that are not yet shown."""
@@ -279,15 +287,18 @@ class Run:
             raise
         return True
 
+    def _frame(self, tick: int) -> int:
+        """Index of the frame of a tick. While a stream is live and the count of frames grows, there are no loops."""
+        return tick % self._manifest.frame_count if self._loop else tick
+
     def _dequantize(self) -> None:
-        count = self._manifest.frame_count
         while (decoded := self._decoded.get()) is not None:
             following = self._decoded.peek()
             if following is not None and self._late(following.tick):
                 self.count_dropped(1)
                 self._shared.played(decoded.group, dropped=1)
                 continue
-            group, frame = decoded.group, decoded.tick % count
+            group, frame = decoded.group, self._frame(decoded.tick)
             began = time.perf_counter()
             try:
                 gaussians = decoded.frame.gaussians()
@@ -307,7 +318,7 @@ class Run:
             self.count_dropped(dropped)
             self._shared.played(group, 1 - min(dropped, 1), min(dropped, 1))
         if not self._delivered and not self.ready.over and self.error is None and self._shared.skipped:
-            frame = self._start % count
+            frame = self._frame(self._start)
             left_out = [item for item in self._shared.skipped if item.first_frame + item.frame_count > frame]
             raise nothing_playable(f"no frame at or after frame {frame} can be played", left_out[0])
 

@@ -10,6 +10,7 @@ from types import TracebackType
 
 from studio.errors import StudioError
 from studio.playback.clock import Clock
+from studio.playback.follow import Follower
 from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
 from studio.playback.shared import Shared
 from studio.playback.statistics import SkippedGroup
@@ -23,6 +24,9 @@ class Player:
     The clock starts when the first frame after opening or seeking is ready. Frames that are decoded too late are
     dropped, and the newest due frame is shown. The clock only waits for slow fetches (a slow network, a server
     restart). Frames are never out of order.
+
+    A live stream is followed: at the end of what there is of it, the clock waits for the next group, and looping begins
+    when it is complete. If another stream takes its place, `frame` raises `stream.live_changed` at the end.
 
     Damaged groups are skipped: the previous frame remains on screen for their duration, then playback continues. See
     `skipped`.
@@ -61,9 +65,12 @@ class Player:
         self._runs = 0
         self._retired: list[Run] = []
         self._closed = False
+        self._loop = loop
         try:
-            self._clock = Clock(self.reader.fps, self.reader.frame_count, loop, _checked_rate(rate), now)
+            looping = loop and not self.reader.live
+            self._clock = Clock(self.reader.fps, self.reader.frame_count, looping, _checked_rate(rate), now)
             self._run = self._begin(start_frame)
+            self._follower = Follower(self.reader, self._shared.grown, self._shared.lost)
         except BaseException:
             if self._owned:
                 self.reader.close()
@@ -110,12 +117,18 @@ class Player:
         """Change the playback speed. Raises StudioError unless 0 < rate <= 100."""
         self._clock.rate = _checked_rate(rate)
 
+    def seek_live(self) -> None:
+        """Go to the newest group of a live stream."""
+        self.seek(self.reader.group_starts[-1])
+
     def set_loop(self, loop: bool) -> None:
-        """Change whether playback starts over at the end."""
+        """Change whether playback starts over at the end, or, of a live stream, when it is complete."""
         with self._lock:
-            if loop != self._clock.loop:
+            self._loop = loop
+            looping = loop and not self.reader.live
+            if looping != self._clock.loop:
                 position = self.position
-                self._clock.loop = loop
+                self._clock.loop = looping
                 self.seek(position)
 
     # State
@@ -127,6 +140,7 @@ class Player:
             StudioError: no further frame can be played, or the server is unreachable; playback has stopped.
         """
         with self._lock:
+            self._follow()
             run = self._run
             starved_at = run.starved_at
             if starved_at is not None and self._clock.due() >= starved_at:
@@ -145,8 +159,24 @@ class Player:
                 self._clock.playing = False
                 raise_for_user(run.error)
             if self.finished:
-                self._clock.playing = False
+                if self._shared.replaced is not None:
+                    self._clock.playing = False
+                    raise self._shared.replaced
+                if self._loop and self._clock.playing:  # it was live, and is complete now
+                    self._clock.loop = True
+                    self.seek(0)
+                else:
+                    self._clock.playing = False
             return self._current
+
+    def _follow(self) -> None:
+        """At the end of what there is of a live stream, the clock waits for the next group."""
+        count = self.reader.frame_count
+        known = self._clock.frame_count
+        if (self.reader.live or count != known) and self._clock.at_end and self._shared.replaced is None:
+            self._clock.hold(known)
+        if count != known:
+            self._clock.extend(count)
 
     @property
     def playing(self) -> bool:
@@ -161,7 +191,12 @@ class Player:
     @property
     def loop(self) -> bool:
         """Whether playback starts over at the end."""
-        return self._clock.loop
+        return self._loop
+
+    @property
+    def live(self) -> bool:
+        """Whether the stream still grows; at its end, playback waits for the next group."""
+        return self.reader.live
 
     @property
     def rate(self) -> float:
@@ -198,8 +233,10 @@ class Player:
             runs = [*self._retired, self._run]
             for run in runs:
                 run.stop()
+            self._shared.grown()
         if self._owned:
             self.reader.end_reads()
+        self._follower.close()
         for run in runs:
             run.join()
         with self._shared.decode_lock:

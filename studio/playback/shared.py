@@ -5,14 +5,16 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from studio.errors import Message
+from studio.errors import Message, StudioError
 from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import SkippedGroup
 from studio.stream import GroupDecoder, GroupEntry, StreamReader, fetch_group
 
 _CACHED_GROUPS = 6  # so that scrubbing does not fetch them again
+_LOOK_AGAIN = 0.2  # seconds between two looks at whether a run is over that waits for new groups
 _RETRY_AFTER = 10.0  # seconds after which a damaged group is tried again: it may have been repaired or uploaded
 
 
@@ -52,6 +54,30 @@ class Shared:
         self._files: OrderedDict[tuple[int, str], dict[str, bytes]] = OrderedDict()
         self._skipped: dict[int, tuple[SkippedGroup, float]] = {}
         self._lock = threading.Lock()
+        self._grown = threading.Condition()
+        self.replaced: StudioError | None = None
+
+    def lost(self, error: StudioError) -> None:
+        """The live stream was replaced by another one."""
+        self.replaced = error
+        self.grown()
+
+    def grown(self) -> None:
+        """The reader has found more groups of a live stream, or the stream is complete."""
+        with self._grown:
+            self._grown.notify_all()
+
+    def wait_for_more(self, groups: int, over: Callable[[], bool]) -> bool:
+        """Wait until a live stream has more than so many groups; False if it is complete or was replaced by another
+        one, or if `over` returns True."""
+        with self._grown:
+            while not over():
+                if len(self.reader.group_starts) > groups:
+                    return True
+                if not self.reader.live or self.replaced is not None:
+                    return False
+                self._grown.wait(_LOOK_AGAIN)
+        return False
 
     def choose(self, number: int, buffered: float) -> GroupEntry:
         """Group `number` in the rendition to play it in.

@@ -49,13 +49,17 @@ class _Partial:
 
     Args:
         window: first byte and number of bytes if only a part of the file is wanted.
+        known: ETag of a version that is known, and not wanted again.
     """
 
-    def __init__(self, window: tuple[int, int] | None = None) -> None:
+    def __init__(self, window: tuple[int, int] | None = None, known: str | None = None) -> None:
         self.data = bytearray()
         self.validator: str | None = None
         self.window = window
         self.size = 0  # of the whole file, from Content-Range
+        self.known = known
+        self.tag: str | None = None
+        self.same = False  # the server answered that the file is the known one
 
     @property
     def begin(self) -> int:
@@ -124,6 +128,7 @@ class HttpSource:
         self._patience = patience
         self._first_patience = min(first_patience, patience)
         self._answered = False
+        self._known: dict[str, str | None] = {}  # ETags of files that `read_changed` has read
         self._closed = threading.Event()
         self._live: set[urllib3.BaseHTTPResponse] = set()
         self._live_lock = threading.Lock()
@@ -149,6 +154,16 @@ class HttpSource:
         url = urlunsplit(self._base._replace(path=f"{self._base.path}/{path}"))
         partial = _Partial()
         self._read(url, f"{self.name}/{path}", partial, limit)
+        return bytes(partial.data)
+
+    def read_changed(self, path: str, limit: int) -> bytes | None:
+        """As `read`, but asks for the file only if it has changed since the last call (If-None-Match); None if not."""
+        url = urlunsplit(self._base._replace(path=f"{self._base.path}/{path}"))
+        partial = _Partial(known=self._known.get(path))
+        self._read(url, f"{self.name}/{path}", partial, limit)
+        if partial.same:
+            return None
+        self._known[path] = partial.tag
         return bytes(partial.data)
 
     def read_part(self, offset: int, count: int) -> tuple[bytes, int]:
@@ -207,6 +222,8 @@ class HttpSource:
             headers["Range"] = partial.wanted
             if partial.validator is not None:
                 headers["If-Range"] = partial.validator
+        elif partial.known is not None:
+            headers["If-None-Match"] = partial.known
         try:
             response = self._pool.request("GET", url, headers=headers, preload_content=False)
         except urllib3.exceptions.HTTPError as error:
@@ -226,7 +243,11 @@ class HttpSource:
                 response.close()  # late bytes must not become the answer to the next request
 
     def _receive(self, response: urllib3.BaseHTTPResponse, name: str, partial: _Partial, limit: int) -> None:
+        if response.status == 304 and partial.known is not None:
+            partial.same = True
+            return
         _check_answer(response, name, partial)
+        partial.tag = response.headers.get("ETag")
         length = response.headers.get("Content-Length", "")
         expected = len(partial.data) + int(length) if length.isascii() and length.isdigit() else None
         if expected is not None and expected > limit:

@@ -131,7 +131,10 @@ class StreamReader:
         """
         if self.index is None or not self.index.manifest.live:
             return 0
-        data = self.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
+        read = getattr(self.source, "read_changed", self.source.read)
+        data = read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
+        if data is None:
+            return 0
         name = f"{self.source.name}/{MANIFEST_NAME}"
         old, new = self.index.manifest, parse_ladder(data, name)
         check_growth(old, new, name)

@@ -23,8 +23,9 @@ class SourceUnavailable(StudioError):
 class Source(Protocol):
     """Reads the files of one stream by their path relative to it. Thread safe.
 
-    Two members are optional: `parallel`, the number of files to read at once (1 if missing), and `close()`, which
-    aborts reads in progress.
+    Three members are optional: `parallel`, the number of files to read at once (1 if missing), `close()`, which aborts
+    reads in progress, and `read_changed(path, limit)`, which returns None if the file is the same as when it last read
+    it.
     """
 
     @property

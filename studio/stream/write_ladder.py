@@ -20,6 +20,7 @@ from studio.stream.ladder_manifest import (
     LadderManifest,
     compact,
     distinct_bytes,
+    parse_ladder,
     seal_ladder,
 )
 from studio.stream.ladder_models import FILES, MAX_PAGE_GROUPS, GroupLadder, PageEntry, RenditionEntry
@@ -78,9 +79,9 @@ def write_ladder(
         raise StudioError(
             "bake.manifest_invalid", f"the manifest is invalid ({first_finding(error)})", file=path
         ) from None
-    before = _files_before(path)
+    before, kept = _files_before(path), _live_pages(path)
     replace_manifest(path, data)
-    _remove_unused(directory, before, {file.path for group in groups for file in group.files}, manifest)
+    _remove_unused(directory, before, {file.path for group in groups for file in group.files} | kept, manifest)
     return index.view(None)
 
 
@@ -161,6 +162,20 @@ def _files_before(path: Path) -> set[str]:
         if parse_head(data, str(path)).get("version") == 3:
             return set()  # its files are in the folder of hashed files
         return {file.path for group in parse_manifest(data, str(path)).groups for file in group.files}
+    except (OSError, StudioError):
+        return set()
+
+
+def _live_pages(path: Path) -> set[str]:
+    """Pages of the live manifest that is replaced: players that follow may still need them, until they read the new
+    one."""
+    try:
+        with path.open("rb") as handle:
+            data = handle.read(MAX_MANIFEST_BYTES)
+        if parse_head(data, str(path)).get("version") != 3:
+            return set()
+        old = parse_ladder(data, str(path))
+        return {page.path for page in old.pages} if old.live else set()
     except (OSError, StudioError):
         return set()
 

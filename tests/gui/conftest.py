@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,7 +18,9 @@ import torch
 
 from studio.gaussians import SH_C0, Gaussians
 from studio.stream import BakeSettings, bake_group, write_manifest
+from tests.support.tiny_capture import write_project
 from tests.support.waiting import POLL, wait_until
+from tests.support.warm_python import warm_python
 
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
@@ -57,37 +57,18 @@ def stream_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def tiny_capture() -> Any:
-    """The module of the pipeline tests that makes a capture of a ball, small enough to run in seconds."""
-    spec = importlib.util.spec_from_file_location(
-        "tiny_capture", Path(__file__).parents[1] / "pipelines" / "conftest.py"
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="session")
 def footage_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `capture/` and `ball.yaml`. Read-only."""
     folder = tmp_path_factory.mktemp("footage")
-    tiny_capture().write_capture(folder / "capture")
-    (folder / "ball.yaml").write_text(tiny_capture().SETTINGS)
+    write_project(folder)
     return folder
 
 
 @pytest.fixture(scope="session")
-def finished_project(footage_project: Path) -> Path:
+def finished_project(finished: Path) -> Path:
     """The same with a finished take in `take/`. Read-only; use `take_copy` to change it."""
-    tiny = tiny_capture()
-    command = tiny.command("run", footage_project / "ball.yaml", "--take", footage_project / "take")
-    done = subprocess.run(
-        command, capture_output=True, text=True, cwd=tiny.ROOT, timeout=900, env=tiny.environment(), check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return footage_project
+    return finished
 
 
 @pytest.fixture
@@ -152,12 +133,8 @@ class RunningWindow:
         self.environment.pop("WAYLAND_DISPLAY", None)
         self.stderr = log.with_suffix(".stderr")
         with self.stderr.open("wb") as errors:
-            self.process = subprocess.Popen(
-                [sys.executable, *program, "--log-state", str(log), *arguments],
-                env=self.environment,
-                stdout=errors,
-                stderr=errors,
-            )
+            command = (*program, "--log-state", log, *arguments)
+            self.process = warm_python().popen(command, env=self.environment, output=errors)
 
     def states(self) -> list[dict[str, Any]]:
         """All state lines so far."""

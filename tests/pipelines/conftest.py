@@ -1,111 +1,23 @@
-"""A capture small enough to go through the whole pipeline in seconds: a moving textured ball."""
+"""Runs of the pipeline on the tiny capture."""
 
 from __future__ import annotations
 
-import json
-import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
-import numpy as np
 import pytest
 
-WIDTH, HEIGHT, FRAMES = 64, 48, 5
-RADIUS = 0.55
-CAMERAS = tuple(f"cam{number}" for number in range(6))
-ROOT = Path(__file__).parents[2]
-
-SETTINGS = """
-capture:
-  root: capture
-  images: images/{camera}/{frame:03d}.png
-  rig: cameras.json
-  masks: alpha
-  held_out: [cam4]
-  fps: 25
-initialize: {points: 400, resolution: 32}
-train:
-  group_size: 3
-  keyframe_iterations: 25
-  densify_from: 5
-  densify_until: 15
-  densify_every: 5
-  densify_max_splats: 600
-  opacity_reset_every: 1000
-  prune_finetune_iterations: 5
-  max_splats: 400
-  motion_iterations: 10
-  finetune_iterations: 20
-  hash_levels: 4
-  hash_log2_size: 8
-evaluate: {report_frames: 2}
-run: {threads: 1, preview_seconds: 0}
-"""
-
-
-def look_at(eye: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """World-to-camera R, t with OpenCV axes (z forward, y down), world z up."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    return rotation, -rotation @ eye
-
-
-def ball(K: np.ndarray, R: np.ndarray, t: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """(H, W, 4) uint8 RGBA: the ray-cast ball, colored by its surface coordinates."""
-    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
-    rays = np.stack([(columns - K[0, 2]) / K[0, 0], (rows - K[1, 2]) / K[1, 1], np.ones_like(rows)], -1) @ R
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    eye = -R.T @ t
-    along = rays @ (center - eye)
-    inside = RADIUS**2 - (np.linalg.norm(center - eye) ** 2 - along**2)
-    hit = inside > 0
-    surface = (eye + rays * (along - np.sqrt(np.maximum(inside, 0)))[..., None] - center) / RADIUS
-    color = 0.5 + 0.4 * np.sin(surface * [4.0, 5.0, 6.0] + [0.0, 1.0, 2.0])
-    image = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
-    image[hit, :3] = color[hit] * 255
-    image[hit, 3] = 255
-    return image
-
-
-def write_capture(root: Path, frames: int = FRAMES) -> None:
-    """images/camN/FFF.png with alpha, and cameras.json."""
-    K = np.array([[70.0, 0, WIDTH / 2], [0, 70.0, HEIGHT / 2], [0, 0, 1]])
-    rig = []
-    for number, name in enumerate(CAMERAS):
-        angle = 2 * np.pi * number / len(CAMERAS)
-        R, t = look_at(np.array([3 * np.cos(angle), 3 * np.sin(angle), 0.8]), np.zeros(3))
-        rig.append({"name": name, "width": WIDTH, "height": HEIGHT, "K": K.tolist(), "R": R.tolist(), "t": t.tolist()})
-        folder = root / "images" / name
-        folder.mkdir(parents=True)
-        for frame in range(frames):
-            image = ball(K, R, t, np.array([0.03 * frame, 0.02 * frame, 0.0]))
-            assert cv2.imwrite(str(folder / f"{frame:03d}.png"), cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA))
-    (root / "cameras.json").write_text(json.dumps({"cameras": rig}))
+from tests.support.tiny_capture import SETTINGS, environment, v3studio, write_capture, write_project
+from tests.support.warm_python import WarmProcess, warm_python
 
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
     """A folder with `capture/` and `ball.yaml`."""
-    write_capture(tmp_path / "capture")
-    (tmp_path / "ball.yaml").write_text(SETTINGS)
+    write_project(tmp_path)
     return tmp_path
-
-
-@pytest.fixture(scope="session")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A project with the finished take `take/`, made without interruption. Copy it before changing it."""
-    folder = tmp_path_factory.mktemp("finished")
-    write_capture(folder / "capture")
-    (folder / "ball.yaml").write_text(SETTINGS)
-    done = v3studio("run", folder / "ball.yaml", "--take", folder / "take")
-    assert done.returncode == 0, done.stderr
-    return folder
 
 
 @pytest.fixture(scope="session")
@@ -117,32 +29,13 @@ def long_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "ball.yaml"
 
 
-def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "pipelines.cli", *map(str, arguments)]
-
-
-def v3studio(*arguments: object, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """Run the command line in a separate process, as a user or the window would."""
-    return subprocess.run(
-        command(*arguments), capture_output=True, text=True, cwd=cwd, timeout=120, env=environment(), check=False
-    )
-
-
-def environment() -> dict[str, str]:
-    """Environment with the checkout on the path, wherever the command starts."""
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    return {**os.environ, "PYTHONPATH": path, "COLUMNS": "200"}
-
-
 @pytest.fixture
-def start() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def start() -> Iterator[Callable[..., WarmProcess]]:
     """Start the command line without waiting for it."""
-    started: list[subprocess.Popen[str]] = []
+    started: list[WarmProcess] = []
 
-    def go(*arguments: object) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, env=environment()
-        )
+    def go(*arguments: object) -> WarmProcess:
+        process = warm_python().popen(("-m", "pipelines.cli", *arguments), text=True, env=environment())
         started.append(process)
         return process
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.events import RunFinished, StageFinished, parse_event
+from tests.support.warm_python import warm_python
 
 ROOT = Path(__file__).parents[2]
 
@@ -58,14 +58,17 @@ WORDS = ("Warning: no newline", "C library: buffered", "child process", "Python 
 
 def noisy(code: str, *arguments: object) -> subprocess.CompletedProcess[bytes]:
     """The command line with libraries that print."""
-    return subprocess.run(
-        [sys.executable, "-c", f"{NOISE}{code}\nsys.exit(cli.main())", *map(str, arguments)],
-        capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, cwd=ROOT, timeout=120, check=False,
-    )  # fmt: skip
+    return warm_python().run(("-c", program(code), *arguments), cwd=ROOT)
+
+
+def program(code: str) -> str:
+    return f"{NOISE}{code}\nsys.exit(cli.main())"
 
 
 def test_a_run_whose_stage_prints_gives_events_only(take_of: Callable[[], Path]) -> None:
-    done = noisy(NOISY_STAGE, "bake", take_of(), "--force", "--json")
+    # a new process: the libraries are loaded after the command has claimed standard output
+    command = [sys.executable, "-c", program(NOISY_STAGE), "bake", take_of(), "--force", "--json"]
+    done = subprocess.run(command, capture_output=True, cwd=ROOT, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     events = [parse_event(line) for line in done.stdout.decode().splitlines()]
     assert any(isinstance(event, StageFinished) for event in events)

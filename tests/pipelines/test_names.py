@@ -15,24 +15,20 @@ import pytest
 
 from pipelines.events import RunFinished, RunStarted, parse_event
 from studio.yaml_text import dump_yaml, parse_yaml
+from tests.support.warm_python import warm_python
 
 NAMES = {"cam0": "cam 0", "cam1": "caméra 1", "cam2": "影2", "cam4": "Kamera ñ #4"}
 TAKE = "prise é 影 #1 50%"
 
 
 @pytest.fixture(scope="module")
-def run_in(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., subprocess.CompletedProcess[bytes]]:
+def run_in() -> Callable[..., subprocess.CompletedProcess[bytes]]:
     """The command line with a given locale."""
-    import sys
-
     root = Path(__file__).parents[2]
 
     def run(locale: str, *arguments: object, cwd: Path = root) -> subprocess.CompletedProcess[bytes]:
-        return subprocess.run(
-            [sys.executable, "-m", "pipelines.cli", *map(str, arguments)],
-            capture_output=True, cwd=cwd, timeout=120, check=False,
-            env={**os.environ, "PYTHONPATH": str(root), "LC_ALL": locale, "LANG": locale, "COLUMNS": "200"},
-        )  # fmt: skip
+        environment = {**os.environ, "LC_ALL": locale, "LANG": locale, "COLUMNS": "200"}
+        return warm_python(locale).run(("-m", "pipelines.cli", *arguments), cwd=cwd, env=environment)
 
     return run
 

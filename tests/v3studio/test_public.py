@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import v3studio
+from tests.support.warm_python import warm_python
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
@@ -51,9 +52,7 @@ def test_it_is_typed() -> None:
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
 def test_examples_run(script: Path, tmp_path: Path) -> None:
     """Each example checks its result with an assert."""
-    done = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False
-    )
+    done = warm_python().run((script,), cwd=tmp_path, text=True, timeout=280)
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout
 

@@ -420,3 +420,22 @@ def test_no_stream_at_the_address(server):
         StreamReader.open(server.url)
     with refuses("source.unsupported_url", file="ftp://somewhere/x"):
         StreamReader.open("ftp://somewhere/x")
+
+
+def test_a_file_that_is_the_same_is_not_sent_again(server, source):
+    def conditional(handler, data):
+        tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
+        if handler.headers.get("If-None-Match") != tag:
+            return handler.answer(data)
+        handler.send_response(304)
+        return handler.end_headers()
+
+    server.faults["/s/file"] = conditional
+    assert source.read_changed("file", 10**6) == CONTENT
+    assert source.read_changed("file", 10**6) is None
+    server.files["/s/file"] = b"other"
+    assert source.read_changed("file", 10**6) == b"other"
+    server.etag = False
+    server.files["/s/file"] = b"third"
+    assert source.read_changed("file", 10**6) == b"third"
+    assert source.read_changed("file", 10**6) == b"third"

@@ -1,0 +1,128 @@
+"""Live baking: groups are published in order while others are trained, and the stream never takes them back."""
+
+import json
+import shutil
+
+import pytest
+
+from pipelines.config import load_config
+from pipelines.config.config import BakeStageSettings
+from pipelines.events import Warned
+from pipelines.stages.bake import BakeStage
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.live_bake import LiveBake
+from pipelines.takes.take import Take
+from studio.errors import Cancelled, StudioError
+from studio.stream import StreamReader
+from tests.support.settings import refuses_setting
+from tests.support.waiting import wait_until
+
+FAST = [("bake.live", True), ("bake.stream_version", 3), ("bake.preset", "ultrafast")]
+
+
+@pytest.fixture
+def take(finished, tmp_path):
+    """A trained take with groups of 3 and 2 frames, without a stream."""
+    shutil.copytree(finished, tmp_path / "project")
+    shutil.rmtree(tmp_path / "project" / "take" / "stream")
+    return Take.open(tmp_path / "project" / "take")
+
+
+def groups_of(take):
+    """Frames of each published group, and whether others follow; None before the first."""
+    try:
+        manifest = json.loads((take.stream / "manifest.json").read_bytes())
+    except FileNotFoundError:
+        return None
+    return [group["frame_count"] for group in manifest["groups"]], manifest["live"]
+
+
+@pytest.fixture
+def published(monkeypatch, take):
+    """What has been published so far, as `groups_of` tells it."""
+    found = []
+    publish = BakeStage.publish
+
+    def watched(*arguments):
+        publish(*arguments)
+        found.append(groups_of(take))
+
+    monkeypatch.setattr(BakeStage, "publish", watched)
+    return found
+
+
+def live(take, finished, events=None, **settings):
+    config = load_config(take.config, [*FAST, *((f"bake.{name}", value) for name, value in settings.items())])
+    context = Context(take, config, emit=(events if events is not None else []).append)
+    return LiveBake(context, StageReporter("train", context), finished)
+
+
+def interrupted(baking, when):
+    """Cancel training in this state."""
+    baking.__enter__()
+    wait_until("baked", when)
+    baking.__exit__(Cancelled, Cancelled(), None)
+
+
+def test_groups_are_published_as_they_are_finished(take, published):
+    with live(take, {0: 1, 1: 2}, first_group_size=1) as baking:
+        wait_until("published", lambda: groups_of(take) == ([1], True))
+        with StreamReader.open(take.stream) as reader:
+            first = reader.gaussians(0).means
+            baking.written(0, 2)  # not all of the next group
+            baking.written(0, 3)
+            wait_until("published", lambda: groups_of(take) == ([1, 2, 2], False))
+            assert reader.refresh() >= 1
+            assert (reader.gaussians(0).means == first).all()
+            assert reader.frame_count in (3, 5)
+    assert published == [([1], True), ([1, 2], True), ([1, 2, 2], False)]
+    with StreamReader.open(take.stream) as reader:
+        reader.verify()
+
+
+def test_after_an_interruption_it_does_not_shrink(take, published):
+    interrupted(live(take, {0: 3, 1: 0}), lambda: groups_of(take) == ([3], True))
+    work = take.work("bake")
+    (work / "group_000.json").unlink()  # as if killed: it is baked again
+    interrupted(live(take, {0: 3, 1: 0}), (work / "group_000.json").is_file)
+    assert published == [([3], True)]
+    with live(take, {0: 3, 1: 2}):
+        pass
+    with live(take, {0: 3, 1: 2}):  # nothing is new
+        assert groups_of(take) == ([3, 2], False)
+    assert published == [([3], True), ([3, 2], False), ([3, 2], False)]
+
+
+def test_other_settings_start_a_new_stream(take, published):
+    with live(take, {0: 3, 1: 2}):
+        pass
+    interrupted(live(take, {0: 3, 1: 0}, qp=34), lambda: groups_of(take) == ([3], True))
+    with StreamReader.open(take.stream) as reader:
+        reader.verify()
+        assert reader.renditions[0].qp == 34
+
+
+def test_training_outlives_a_failure(take, published, monkeypatch):
+    def fails(*arguments):
+        raise StudioError("bake.write_failed", "the disk is full")
+
+    monkeypatch.setattr(BakeStage, "publish", fails)
+    events = []
+    with live(take, {0: 3, 1: 2}, events):
+        pass
+    assert [event.code for event in events if isinstance(event, Warned)] == ["bake.live_failed"]
+
+
+def test_training_with_live_gives_the_stream_of_a_bake(here, take, published):
+    shutil.rmtree(take.root / "train" / "group_001")
+    result = here("train", take.root, "--live", "--bake.preset", "ultrafast")
+    assert result.returncode == 0, result.stderr
+    assert published == [([3], True), ([3, 2], False)]
+    before = {path.name: path.read_bytes() for path in take.stream.rglob("*") if path.is_file()}
+    assert here("bake", take.root, "--bake.live", "false").returncode == 0
+    assert {path.name: path.read_bytes() for path in take.stream.rglob("*") if path.is_file()} == before
+
+
+def test_it_needs_version_3():
+    with refuses_setting("live", "stream_version"):
+        BakeStageSettings(live=True, stream_version=2)

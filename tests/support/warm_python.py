@@ -1,0 +1,285 @@
+"""Python programs started from a process that has imported the heavy libraries already.
+
+Importing PyTorch and its company takes three seconds of CPU time, and the tests start more than a hundred programs.
+A `WarmPython` imports them once and forks for each program. What a program is given (arguments, folder, environment,
+pipes) and what can be done to it (signals, kill -9, waiting) is as with `subprocess`. Two things differ: modules of the
+project are imported before the program starts, and environment variables that Python, the C library or OpenMP read as
+they start (LC_ALL, PYTHONUTF8) have the values of the `WarmPython`. Tests of imports and of start-up
+therefore use `subprocess`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import gc
+import io
+import json
+import os
+import pkgutil
+import runpy
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+_ROOT = Path(__file__).parents[2]
+_LIBRARIES = ("torch.optim", "cv2", "av", "open3d", "pymeshlab", "matplotlib.figure", "scipy.optimize", "rich.console")
+_PACKAGES = ("studio", "pipelines", "gui")
+
+
+class WarmProcess:
+    """A started program; the part of `subprocess.Popen` that the tests use.
+
+    Attributes:
+        pid: of the program.
+        stdout, stderr: the read ends of its pipes; None if it was given a file.
+        returncode: exit status, negative for a signal; None until `poll`, `wait` or `communicate` sees the end.
+    """
+
+    def __init__(self, args: Sequence[str], pid: int, status: int, stdout: IO[Any] | None, stderr: IO[Any] | None):
+        self.args, self.pid, self._status = list(args), pid, status
+        self.stdout, self.stderr = stdout, stderr
+        self.returncode: int | None = None
+
+    def wait(self, timeout: float | None = None) -> int:
+        """The exit status; raises subprocess.TimeoutExpired."""
+        if self.returncode is None:
+            if not select.select([self._status], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(self.args, timeout or 0)
+            told = os.read(self._status, 16)
+            os.close(self._status)
+            assert told, "the warm process has ended"
+            self.returncode = int(told)
+        return self.returncode
+
+    def poll(self) -> int | None:
+        """The exit status, or None while it runs."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.wait(0)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal unless the program has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+    def communicate(self, timeout: float | None = None) -> tuple[Any, Any]:
+        """Read both pipes to their ends and wait; raises subprocess.TimeoutExpired."""
+        read: dict[int, Any] = {}
+        pipes = [pipe for pipe in (self.stdout, self.stderr) if pipe is not None and not pipe.closed]
+        threads = [
+            threading.Thread(target=lambda p=pipe: read.update({id(p): p.read()}), daemon=True) for pipe in pipes
+        ]
+        for thread in threads:
+            thread.start()
+        self.wait(timeout)
+        for thread in threads:
+            thread.join(timeout)
+            if thread.is_alive():  # a process that the program left behind holds the pipe
+                raise subprocess.TimeoutExpired(self.args, timeout or 0)
+        for pipe in pipes:
+            pipe.close()
+        return read.get(id(self.stdout)), read.get(id(self.stderr))
+
+    def __enter__(self) -> WarmProcess:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for pipe in (self.stdout, self.stderr):
+            if pipe is not None:
+                pipe.close()
+        self.wait()
+
+
+class WarmPython:
+    """The process that forks. It ends with the process that made it."""
+
+    def __init__(self, env: Mapping[str, str] | None = None) -> None:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        environment = {**(os.environ if env is None else env), "PYTHONPATH": str(_ROOT)}
+        self._server = subprocess.Popen(
+            [sys.executable, "-m", "tests.support.warm_python", str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            cwd=_ROOT,
+            env=environment,
+        )
+        theirs.close()
+        self._socket = ours
+        self._lock = threading.Lock()
+
+    def popen(
+        self,
+        arguments: Sequence[object],
+        *,
+        cwd: Path | str = _ROOT,
+        env: Mapping[str, str] | None = None,
+        text: bool = False,
+        output: IO[bytes] | None = None,
+    ) -> WarmProcess:
+        """Start a program.
+
+        Args:
+            arguments: what follows `python`: -m MODULE ..., -c CODE ..., or FILE ....
+            env: the whole environment; default: that of this process, now.
+            text: the pipes give str (UTF-8) instead of bytes.
+            output: takes standard output and error instead of pipes.
+        """
+        args = [str(argument) for argument in arguments]
+        status_read, status_write = os.pipe()
+        ends = [] if output else [os.pipe(), os.pipe()]
+        given = [output.fileno()] * 2 if output else [write for _, write in ends]
+        where = json.dumps({"args": args, "cwd": str(cwd), "env": dict(os.environ if env is None else env)}).encode()
+        with self._lock:
+            socket.send_fds(self._socket, [where], [*given, status_write])
+            pid = int(self._socket.recv(32))
+        for descriptor in (*(write for _, write in ends), status_write):
+            os.close(descriptor)
+        pipes: list[Any] = [None, None]
+        for index, (read, _) in enumerate(ends):
+            pipes[index] = open(read, encoding="utf-8") if text else open(read, "rb")  # noqa: SIM115
+        return WarmProcess(args, pid, status_read, *pipes)
+
+    def run(
+        self,
+        arguments: Sequence[object],
+        *,
+        cwd: Path | str = _ROOT,
+        env: Mapping[str, str] | None = None,
+        text: bool = False,
+        timeout: float = 120,
+    ) -> subprocess.CompletedProcess[Any]:
+        """Run a program to its end, as subprocess.run with captured output."""
+        process = self.popen(arguments, cwd=cwd, env=env, text=text)
+        try:
+            stdout, stderr = process.communicate(timeout)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        return subprocess.CompletedProcess(process.args, process.wait(), stdout, stderr)
+
+    def close(self) -> None:
+        """End the process; programs that still run go on."""
+        self._socket.close()
+        self._server.wait(30)
+
+
+@functools.cache
+def warm_python(locale: str | None = None) -> WarmPython:
+    """The warm Python of this test process; one per locale (LC_ALL and LANG)."""
+    return WarmPython({**os.environ, "LC_ALL": locale, "LANG": locale} if locale else None)
+
+
+def _serve(connection: socket.socket) -> list[str]:
+    """Fork for each request. Returns in the forked processes, with the arguments of their program."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    wake, woken = socket.socketpair()
+    for end in (wake, woken):
+        end.setblocking(False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(woken.fileno())
+    running: dict[int, int] = {}
+    while True:
+        ready = select.select([connection, wake], [], [])[0]
+        if wake in ready:
+            with contextlib.suppress(BlockingIOError):
+                wake.recv(4096)
+            while running:
+                pid, state = os.waitpid(-1, os.WNOHANG)
+                if not pid:
+                    break
+                status = running.pop(pid)
+                with contextlib.suppress(BrokenPipeError):  # nobody waits for it any more
+                    os.write(status, str(os.waitstatus_to_exitcode(state)).encode())
+                os.close(status)
+        if connection in ready:
+            data, descriptors, _, _ = socket.recv_fds(connection, 1 << 20, 3)
+            if not data:
+                os._exit(0)
+            request = json.loads(data)
+            stdout, stderr, status = descriptors
+            pid = os.fork()
+            if pid == 0:
+                signal.set_wakeup_fd(-1)
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+                for end in (connection, wake, woken):
+                    end.close()
+                for descriptor in (status, *running.values()):
+                    os.close(descriptor)
+                _become(request["cwd"], request["env"], stdout, stderr)
+                return request["args"]
+            running[pid] = status
+            os.close(stdout)
+            os.close(stderr)
+            connection.send(str(pid).encode())
+
+
+def _become(folder: str, environment: dict[str, str], stdout: int, stderr: int) -> None:
+    """Take on a program's folder, environment and output."""
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    for number, descriptor in enumerate((nothing, stdout, stderr)):
+        os.dup2(descriptor, number)
+    for descriptor in {nothing, stdout, stderr}:
+        os.close(descriptor)
+    for name, descriptor in (("stdout", 1), ("stderr", 2)):
+        old = getattr(sys, name)
+        raw = open(descriptor, "wb", buffering=-1, closefd=False)  # noqa: SIM115
+        made = io.TextIOWrapper(raw, encoding=old.encoding, errors=old.errors, line_buffering=name == "stderr")
+        setattr(sys, name, made)
+        setattr(sys, f"__{name}__", made)
+
+
+def _run(arguments: list[str]) -> None:
+    """Run a program as Python would."""
+    first, *rest = arguments
+    if first == "-m":
+        module, *rest = rest
+        sys.argv = [module, *rest]
+        sys.modules.pop(module, None)  # or runpy warns
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    elif first == "-c":
+        code, *rest = rest
+        sys.argv = ["-c", *rest]
+        sys.path.insert(0, "")
+        exec(compile(code, "<string>", "exec"), {"__name__": "__main__", "__builtins__": __builtins__})
+    else:
+        sys.argv = [first, *rest]
+        sys.path.insert(0, str(Path(first).parent))
+        runpy.run_path(first, run_name="__main__")
+
+
+if __name__ == "__main__":
+    from importlib import import_module
+
+    from studio.environment import passive_openmp
+
+    passive_openmp()
+    for _name in _LIBRARIES:
+        import_module(_name)
+    for _package in map(import_module, _PACKAGES):
+        for _module in pkgutil.walk_packages(_package.__path__, f"{_package.__name__}."):
+            import_module(_module.name)
+    gc.collect()
+    gc.freeze()  # otherwise the first collection in each program copies all these pages
+    with socket.socket(fileno=int(sys.argv[1])) as _connection:
+        _arguments = _serve(_connection)
+    if "OMP_NUM_THREADS" in os.environ:  # OpenMP read it when it was loaded
+        import torch
+
+        torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
+    _run(_arguments)
