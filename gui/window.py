@@ -253,6 +253,9 @@ class MainWindow:
         if self.workspace.take_results():
             changed |= self.player.refresh()
         self._read_evaluation()
+        if self.marks.refresh():  # somebody marked a frame in a browser
+            self.marks_changed()
+            changed = True
         if self.exports.poll():
             changed = True
             if self.exports.result:

@@ -116,6 +116,10 @@ class Footage:
         source = self._source(camera)
         return source.width, source.height
 
+    def has_lens_distortion(self, camera: str) -> bool:
+        """Whether the stored frames have lens distortion, which `image` removes. False without calibration."""
+        return not self._warp(camera).source.is_pinhole
+
     def frames_of(self, camera: str) -> tuple[int, ...]:
         """All frame numbers of one camera, including those that other cameras lack."""
         return tuple(self._source(camera).frames)
