@@ -15,7 +15,7 @@ from pipelines.share.results import PageText, Shared
 from pipelines.share.stream_files import stream_to_share
 from pipelines.takes.atomic_files import disk_errors, remove
 from pipelines.version import program_version
-from studio.atomic_files import PARTIAL
+from studio.atomic_files import leftovers, remove_leftovers, temporary_path
 from studio.bounded_text import parse_json
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
@@ -137,8 +137,13 @@ def _recorded(path: Path) -> set[str] | None:
 @contextmanager
 def _replaced(out: Path) -> Iterator[Path]:
     """A temporary folder beside `out` that takes its place when the block succeeds, and is deleted otherwise."""
-    new = out.with_name(f".{out.name}.{os.getpid()}{PARTIAL}")
-    old = out.with_name(f".{out.name}.{os.getpid()}.old{PARTIAL}")
+    new, old = temporary_path(out), temporary_path(out, ".old")
+    for path in leftovers(out.parent, out, ".old"):
+        if os.path.lexists(out):
+            remove(path)
+        else:  # killed between the renames: it is the earlier share
+            os.rename(path, out)
+    remove_leftovers(out.parent, out)
     remove(new)
     new.mkdir(parents=True)
     try:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from studio.atomic_files import write_bytes
-from studio.errors import Cancelled, StudioError
+from studio.atomic_files import remove_leftovers, write_bytes
+from studio.errors import Cancelled, StudioError, reason_of
 from studio.progress import ProgressFn, no_progress
+from studio.stream.ladder_models import FILES
 from studio.stream.manifest import MANIFEST_NAME
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry
 from studio.stream.reader import StreamReader, checked_file
@@ -86,6 +87,8 @@ def publish(reader: StreamReader, target: str, progress: ProgressFn = no_progres
 class _Folder:
     def __init__(self, root: Path) -> None:
         self._root = root
+        for folder in (root, root / FILES):
+            remove_leftovers(folder)
 
     def size(self, path: str) -> int | None:
         file = self._root / path
@@ -160,7 +163,7 @@ class _Written:
 def _failed(target: str, error: Exception) -> StudioError:
     return StudioError(
         "publish.failed",
-        f"the target cannot be written ({error or type(error).__name__})",
+        f"the target cannot be written ({reason_of(error)})",
         file=target,
         fix="Check the address, the permissions and the network, then publish again: what is there is kept.",
     )
