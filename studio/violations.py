@@ -39,7 +39,8 @@ def violation(problem: Mapping[str, Any]) -> str:
         return _WORDS[kind]
     if kind in _BOUNDS:
         key, words = _BOUNDS[kind]
-        return f"must be {words} {details[key]}"
+        bound = details[key]
+        return f"must be {words} {int(bound) if bound == int(bound) else bound}"
     if kind in ("too_short", "too_long"):
         key, words = ("min_length", "at least") if kind == "too_short" else ("max_length", "at most")
         count = details[key]

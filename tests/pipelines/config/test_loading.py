@@ -118,7 +118,7 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
             "train: {max_splats: many}",
             "train.max_splats",
             "many",
-            "train.max_splats = 'many' must be a whole number. The default is 60000.",
+            "train.max_splats = 'many' must be a whole number. The default is 100000.",
         ),
         (
             "train: {background: green}",
