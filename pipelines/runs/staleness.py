@@ -12,7 +12,7 @@ from pydantic import JsonValue
 from pipelines.config.renamed import ADDED
 from pipelines.stages.base import Context, Stage
 from pipelines.stages.params import Params
-from pipelines.takes.atomic_files import Result, digest_of, digest_of_files, remove, write_model
+from pipelines.takes.atomic_files import Result, digest_of, digest_of_file, digest_of_files, remove, write_model
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
 from studio.errors import StudioError
 from studio.json_types import JsonData
@@ -72,6 +72,7 @@ def write_record(stage: Stage, context: Context, seconds: float, summary: Result
         stage=stage.name,
         params=cast(dict[str, JsonValue], current_params(stage, context)),  # the same values in pydantic's words
         result=digest_of_files(root, files),
+        digests={path.relative_to(root).as_posix(): digest_of_file(path) for path in files},
         files={path.relative_to(root).as_posix(): path.stat().st_size for path in files},
         written={path.relative_to(root).as_posix(): path.stat().st_mtime_ns for path in files},
         seconds=round(seconds, 3),
