@@ -9,7 +9,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, Rung, bake_group, write_manifest
+from studio.stream import BakeSettings, Rung, bake_group, write_ladder, write_manifest
 from tests.support import streams
 
 MakeFrames = Callable[..., list[Gaussians]]
@@ -74,8 +74,10 @@ LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0))
 
 
 @pytest.fixture
-def make_ladder(tmp_path: Path) -> Callable[..., Path]:
-    """`make_ladder(lengths, ...)`: a stream of version 3 with groups of these lengths and three renditions."""
+def make_ladder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
+    """`make_ladder(lengths, ...)`: a stream of version 3 with groups of these lengths and three renditions, all in the
+    manifest unless `write_ladder.INLINE_BYTES` is changed."""
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1 << 20)
 
     def make(
         lengths: tuple[int, ...] = (4, 3), splats: int = 120, degree: int = 1, name: str = "stream", **settings: Any
