@@ -26,6 +26,7 @@ REVALIDATED = "no-cache"
 TYPES = {
     ".json": "application/json",
     ".mp4": "video/mp4",
+    ".m4a": "audio/mp4",
     ".bin": "application/octet-stream",
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript",
