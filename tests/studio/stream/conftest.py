@@ -71,7 +71,7 @@ def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
     return streams.edit_manifest
 
 
-LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0))
+LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
 
 
 @pytest.fixture
