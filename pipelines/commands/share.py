@@ -96,7 +96,7 @@ def _share(arguments: argparse.Namespace) -> int:
 
 def iframe(address: str) -> str:
     """HTML that embeds a shared page in another page."""
-    allowed = "fullscreen; clipboard-write; gamepad"
+    allowed = "fullscreen; clipboard-write; gamepad; xr-spatial-tracking"
     return f'<iframe src="{escape(address)}" allow="{allowed}" width="640" height="480" style="border: 0"></iframe>'
 
 
