@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pipelines.review import TakeReview
     from pipelines.share.player_files import PlayerFiles
 
-TYPES = {".json": "application/json", ".mp4": "video/mp4"}
+TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}
 """Content types by suffix; others are application/octet-stream."""
 
 HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")

@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.ladder_models import (
+    AUDIO_TOLERANCE,
     MAX_RENDITIONS,
     AudioEntry,
     FileEntry,
@@ -28,6 +29,7 @@ from studio.stream.manifest import (
     Codec,
     Manifest,
     check_digest,
+    check_planes_codec,
     no_such_frame,
     parse_head,
     seal_with,
@@ -107,6 +109,12 @@ class LadderManifest(Model):
             raise InconsistentError(
                 "frame_count", f"frame_count is {self.frame_count}, the groups have {sum(counts)} frames"
             )
+        seconds = self.frame_count / self.fps
+        if self.audio is not None and self.audio.seconds > seconds + AUDIO_TOLERANCE:
+            raise InconsistentError(
+                "audio_length",
+                f"the sound ends at {self.audio.seconds:.3f} s, the frames at {seconds:.3f} s",
+            )
         return self
 
     @property
@@ -131,8 +139,7 @@ class PlanesLadderManifest(LadderManifest):
 
     @model_validator(mode="after")
     def _check_codec(self) -> PlanesLadderManifest:
-        if self.codec.name != "h264":
-            raise InconsistentError("codec", f"profile planes requires codec h264, not {self.codec.name}")
+        check_planes_codec(self.codec)
         return self
 
 

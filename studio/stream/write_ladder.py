@@ -23,14 +23,15 @@ from studio.stream.ladder_manifest import (
     parse_ladder,
     seal_ladder,
 )
-from studio.stream.ladder_models import FILES, MAX_PAGE_GROUPS, GroupLadder, PageEntry, RenditionEntry
+from studio.stream.ladder_models import FILES, MAX_PAGE_GROUPS, AudioEntry, GroupLadder, PageEntry, RenditionEntry
 from studio.stream.manifest import MANIFEST_NAME, Codec, Manifest, parse_head, parse_manifest
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, invalid
 from studio.stream.settings import BakeSettings
 from studio.stream.source import FolderSource
 
-INLINE_BYTES = 64 << 10
-"""Groups in the manifest itself take about this many bytes at most: what a player must have before the first group."""
+INLINE_BYTES = 12 << 10
+"""Groups in the manifest itself take this many bytes at most, unless the first is larger: what a player must have
+before the first group. A manifest of 14 kB is what a server sends in the first round trip (ten segments, RFC 6928)."""
 
 PAGE_BYTES = 256 << 10
 """The same for a page, which a player must have after seeking."""
@@ -43,6 +44,7 @@ def write_ladder(
     settings: BakeSettings,
     metadata: JsonObject,
     live: bool,
+    audio: AudioEntry | None = None,
 ) -> Manifest:
     """Write pages, then the manifest, then remove unused files. Arguments as for `bake.write_manifest`.
 
@@ -66,6 +68,7 @@ def write_ladder(
             renditions=_renditions(groups, fps),
             groups=tuple(groups[:inline]),
             pages=pages,
+            audio=audio,
             settings=settings.to_dict(),
             metadata=metadata,
             total_bytes=1,

@@ -12,13 +12,14 @@ import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { Resolution } from "./resolution.ts";
+import { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
 import { VideoReader } from "./video_reader.ts";
 import workerSource from "worker-source";
 
 /** Relative change of the view that triggers another sort. */
 const SORT_AGAIN = 1e-3;
-/** Milliseconds to wait for a frame before the clock stops, and before the stall is reported. */
+/** Milliseconds to wait for a frame before the clock stops, and before the stall is reported and the sound stops, too. */
 const GRACE = 120;
 const TELL = 500;
 /** Milliseconds without a change after which the picture is drawn at full resolution. */
@@ -46,6 +47,8 @@ export interface PlayerEvents {
   waiting: boolean;
   view: View;
   fetched: { readonly groups: readonly number[] };
+  /** Sound was loaded, muted, or blocked by the browser; see `Player.sound`. */
+  sound: undefined;
   /** A message for the viewer; playback continues. */
   notice: string;
   /** Nothing can be played. */
@@ -70,6 +73,14 @@ export class Player {
   canvas: HTMLCanvasElement;
   /** Why WebGPU is not used; null if it is, or was not asked for. */
   withoutWebGPU: string | null = null;
+  readonly sound = new Sound({
+    changed: () => {
+      this.emit("sound", undefined);
+    },
+    notice: (message) => {
+      this.emit("notice", message);
+    },
+  });
   info: StreamInfo | null = null;
   path: DecodePath | null = null;
   bandwidth = 0;
@@ -147,6 +158,7 @@ export class Player {
     document.addEventListener("visibilitychange", () => {
       // Hidden pages get no animation frames; the clock must not advance in the meantime.
       this.lastTick = this.drawBegan = this.lastShownAt = null;
+      this.sound.halt();
       this.resolution.forget();
     }, { signal });
     this.resizing = new ResizeObserver(() => {
@@ -163,6 +175,46 @@ export class Player {
       this.restore();
     }, { signal: this.stop.signal });
     return new WebGL2Renderer(this.canvas);
+  }
+
+  /** The renderer of the page while an immersive session has its own. */
+  private outside: Renderer | null = null;
+  /** The center of the viewer's head in an immersive session. */
+  private head: Pinhole | null = null;
+
+  /** Draws no more to the page: an immersive session draws, with its own renderer, and advances the clock. */
+  enterImmersion(renderer: Renderer): void {
+    cancelAnimationFrame(this.handle);
+    this.outside = this.renderer;
+    this.change(renderer);
+  }
+
+  /** Advances the clock to `now`, and sorts for the center of the head; the session draws. */
+  advanceImmersion(now: number, head: Pinhole): void {
+    this.head = head;
+    this.advance(now);
+    this.follow();
+  }
+
+  /** Draws to the page again. */
+  leaveImmersion(): void {
+    this.head = null;
+    this.renderer?.dispose();
+    const renderer = this.outside;
+    this.outside = null;
+    if (renderer === null || this.stop.signal.aborted) return;
+    this.change(renderer);
+    this.dirty = true;
+    this.handle = requestAnimationFrame(this.tick);
+  }
+
+  /** Uses another renderer, to which everything must be sent again. */
+  private change(renderer: Renderer): void {
+    this.renderer = renderer;
+    this.lastTick = this.drawBegan = this.lastShownAt = null;
+    if (this.info === null) return;
+    renderer.prepare(this.info.profile, this.info.shDegree);
+    this.restore();
   }
 
   /** Starts with WebGPU, or with WebGL2 if that is not possible. */
@@ -187,7 +239,7 @@ export class Player {
   private leaveWebGPU(why: string, used: boolean): void {
     if (this.stop.signal.aborted) return;
     this.withoutWebGPU = why;
-    const before = this.renderer;
+    const before = this.outside ?? this.renderer;
     before?.dispose();
     if (used) {
       const canvas = this.canvas.cloneNode() as HTMLCanvasElement;
@@ -196,16 +248,14 @@ export class Player {
       this.resizing.observe(canvas);
       this.canvas = canvas;
     }
-    this.drawBegan = null;
     try {
-      this.renderer = this.webgl2();
+      const renderer = this.webgl2();
+      if (this.outside !== null) this.outside = renderer;
+      else if (before !== null) this.change(renderer);
+      else this.renderer = renderer;
     } catch (error) {
       this.fail(before === null ? messageOf(error) : `The graphics driver has stopped working: ${why}. Reload the page.`);
-      return;
     }
-    if (before === null || this.info === null) return;
-    this.renderer.prepare(this.info.profile, this.info.shDegree);
-    this.restore();
   }
 
   on<K extends keyof PlayerEvents>(event: K, handler: Handler<PlayerEvents[K]>): void {
@@ -227,6 +277,7 @@ export class Player {
     this.position = 0;
     this.leftOut.clear();
     this.fetchedGroups = [];
+    this.sound.clear();
     const url = new URL(address, document.baseURI).href;
     const open = (): void => {
       if (this.renderer === null) return; // there is none, which was reported
@@ -248,12 +299,15 @@ export class Player {
     if (info !== null && !this.loop_ && this.nextPlayable(info) === null) this.seekFrame(0);
     this.playing_ = true;
     this.lastTick = null;
+    // Within the viewer's input, if it is one: some browsers start sound only then.
+    if (info !== null && this.shown !== null && this.requested?.seek !== true) this.sound.follow(this.position / info.fps, this.speed_);
     this.emit("play", undefined);
   }
 
   pause(): void {
     if (!this.playing_) return;
     this.playing_ = false;
+    this.sound.halt();
     if (this.shown !== null && this.requested?.seek !== true) this.position = this.shown.frame;
     this.emit("pause", undefined);
   }
@@ -315,6 +369,7 @@ export class Player {
     const target = this.playable(inside);
     if (target === null) return;
     this.position = target;
+    this.sound.halt();
     if (this.ready !== null) this.recycle(this.ready);
     this.ready = null;
     this.request(target, true);
@@ -396,6 +451,7 @@ export class Player {
     this.resizing.disconnect();
     this.worker.terminate();
     this.videos.dispose();
+    this.sound.dispose();
     this.renderer?.dispose();
     this.handlers.clear();
   }
@@ -407,6 +463,7 @@ export class Player {
   private fail(message: string): void {
     this.failed = true;
     this.playing_ = false;
+    this.sound.halt();
     this.emit("failed", message);
   }
 
@@ -452,6 +509,9 @@ export class Player {
       case "path":
         this.path = message.path;
         break;
+      case "sound":
+        this.sound.load(message.file, message.start, message.length);
+        break;
       default:
         this.videos.receive(message);
     }
@@ -470,7 +530,7 @@ export class Player {
 
   private request(frame: number, seek: boolean, lap = 0): void {
     // Sorted for the current camera: at most one frame old when it is drawn.
-    const axis = depthAxis(this.pinhole());
+    const axis = depthAxis(this.head ?? this.pinhole());
     this.requested = { frame, at: performance.now(), seek, lap, axis };
     this.post({ type: "present", frame, axis: this.renderer?.sorts === true ? null : axis, seek });
   }
@@ -620,7 +680,9 @@ export class Player {
     if (this.requested !== null && performance.now() - this.requested.at > TELL) this.setWaiting(true);
     if (!this.playing_ || this.shown === null || this.requested?.seek === true || info.frameCount === 1) return;
     const before = this.position;
-    this.position += (elapsed / 1000) * info.fps * this.speed_;
+    // The sound leads where there is some.
+    const heard = this.sound.follow(this.position / info.fps, this.speed_);
+    this.position = heard === null ? this.position + (elapsed / 1000) * info.fps * this.speed_ : heard * info.fps;
     const next = this.ready?.frame ?? this.requested?.frame ?? null;
     if (next !== null) {
       // Frame numbers continue past the end if the next frame is in the next loop.
@@ -630,10 +692,12 @@ export class Player {
         const picture = this.ready;
         this.ready = null;
         this.position -= lap;
+        if (lap > 0) this.sound.halt(); // it starts over with the frames
         this.show(picture, now, this.readyAxis);
         if (lap > 0) this.emit("looped", undefined);
-      } else if (due && this.requested !== null && performance.now() - this.requested.at > GRACE) {
-        // The frame is late; the clock waits for it.
+      } else if (due && this.requested !== null && performance.now() - this.requested.at > (heard === null ? GRACE : TELL)) {
+        // The frame is late; the clock and the sound wait for it.
+        this.sound.halt();
         this.position = Math.max(before, next + lap);
       }
     }
@@ -685,7 +749,7 @@ export class Player {
     if (this.renderer?.sorts === true || this.sorting || this.shown === null || this.requested?.seek === true) return;
     // While frames follow one another quickly, each comes sorted for a recent view.
     if (this.playing_ && this.requested !== null) return;
-    const axis = depthAxis(this.pinhole());
+    const axis = depthAxis(this.head ?? this.pinhole());
     const turned = Math.hypot(axis[0] - this.sortedAxis[0], axis[1] - this.sortedAxis[1], axis[2] - this.sortedAxis[2]);
     const moved = Math.abs(axis[3] - this.sortedAxis[3]);
     if (turned < SORT_AGAIN && moved < SORT_AGAIN * this.camera.distance) return;

@@ -17,6 +17,7 @@ import { Panel } from "./panel.ts";
 import css from "./style.css";
 import { type BackgroundName, BACKGROUNDS, isBackground, SPEEDS, TEMPLATE } from "./template.ts";
 import { Timeline } from "./timeline.ts";
+import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 
 /** Milliseconds without user input until the controls hide. */
 const IDLE = 3000;
@@ -32,6 +33,8 @@ export interface PlayerState {
   readonly frameCount: number;
   readonly speed: number;
   readonly loop: boolean;
+  /** Whether sound is off; null if the stream has none. */
+  readonly muted: boolean | null;
   readonly view: View | null;
 }
 
@@ -86,9 +89,14 @@ export class V3PlayerElement extends HTMLElement {
     this.setBackground(isBackground(background) ? background : "stream");
     this.applyAttributes();
     this.open();
+    for (const kind of ["vr", "ar"] as const)
+      void hasImmersion(kind).then((has) => {
+        for (const button of this.root.querySelectorAll<HTMLElement>(`[data-act="${kind}"]`)) button.hidden = !has;
+      });
   }
 
   disconnectedCallback(): void {
+    this.immersive?.end();
     this.intro?.stop();
     this.intro = null;
     this.lifetime?.abort();
@@ -149,6 +157,11 @@ export class V3PlayerElement extends HTMLElement {
     this.check("speed", String(this.player.speed));
   }
 
+  /** Turns the sound off or on. Browsers may refuse to turn it on before the viewer has touched the page. */
+  setMuted(muted: boolean): void {
+    if (this.player !== null) this.player.sound.muted = muted;
+  }
+
   get state(): PlayerState {
     const { player } = this;
     return {
@@ -160,6 +173,7 @@ export class V3PlayerElement extends HTMLElement {
       frameCount: player?.info?.frameCount ?? 0,
       speed: player?.speed ?? 1,
       loop: player?.loop ?? false,
+      muted: player?.info?.hasSound === true ? player.sound.muted : null,
       view: !player?.info ? null : player.view,
     };
   }
@@ -294,6 +308,9 @@ export class V3PlayerElement extends HTMLElement {
     player.on("looped", () => {
       this.tell("looped");
     });
+    player.on("sound", () => {
+      this.showSound(player);
+    });
     player.on("notice", (message) => {
       this.timeline?.updateBuffered();
       this.notice(message);
@@ -339,11 +356,13 @@ export class V3PlayerElement extends HTMLElement {
     if (act === "start" && (event as MouseEvent).detail === 0) this.play();
     if (act === "help") this.toggleHelp();
     if (act === "play") this.togglePlay();
+    if (act === "sound") this.toggleSound();
     if (act === "reset") this.motion?.reset();
     if (act === "settings") this.toggleSettings();
     if (act === "info") this.toggleInfo();
     if (act === "link") void this.copyLink();
     if (act === "full") void this.toggleFull();
+    if (act === "vr" || act === "ar") void this.toggleImmersion(act);
     if (act === "again") {
       this.part_<HTMLElement>(".failure").hidden = true;
       this.open();
@@ -404,6 +423,9 @@ export class V3PlayerElement extends HTMLElement {
       i: () => {
         this.toggleInfo();
       },
+      m: () => {
+        this.toggleSound();
+      },
       c: () => {
         if (this.hasAttribute("page")) void this.copyLink();
       },
@@ -441,10 +463,36 @@ export class V3PlayerElement extends HTMLElement {
     else this.classList.add("idle");
   }
 
+  /** By the viewer, whose input also allows sound. */
   private togglePlay(): void {
-    if (this.player?.playing === true) this.pause();
-    else this.play();
+    if (this.player?.playing === true) {
+      this.pause();
+      return;
+    }
+    if (this.player?.sound.blocked === true) this.player.sound.muted = false;
+    this.play();
   }
+
+  private toggleSound(): void {
+    const { player } = this;
+    if (player?.sound.present === true) player.sound.muted = !player.sound.muted;
+  }
+
+  private showSound(player: Player): void {
+    const { sound } = player;
+    const button = this.part_<HTMLElement>("[data-act='sound']");
+    button.hidden = !sound.present;
+    button.innerHTML = sound.muted ? ICONS.silent : ICONS.sound;
+    button.title = sound.muted ? "Turn sound on" : "Turn sound off";
+    button.setAttribute("aria-label", button.title);
+    if (sound.blocked && !this.toldOfSound) {
+      this.toldOfSound = true;
+      this.notice("The browser starts without sound. Turn it on with the button below.");
+    }
+    this.tell("sound", { muted: sound.muted, volume: sound.volume });
+  }
+
+  private toldOfSound = false;
 
   private showPlaying(playing: boolean): void {
     const button = this.part_<HTMLElement>(".bar [data-act='play']");
@@ -530,6 +578,38 @@ export class V3PlayerElement extends HTMLElement {
     this.part_(".bar [data-act='info']").setAttribute("aria-pressed", String(this.panel?.open ?? false));
   }
 
+  /** The session in a headset or on the camera's picture; null if there is none. Not part of the stable interface. */
+  immersive: Immersive | null = null;
+
+  private async toggleImmersion(kind: Immersion): Promise<void> {
+    if (this.immersive !== null) {
+      this.immersive.end();
+      return;
+    }
+    if (this.player === null || !this.isReady) return;
+    this.toggleSettings(false);
+    try {
+      this.immersive = await Immersive.start(kind, this.player, this, {
+        hint: (text) => {
+          this.notice(text);
+        },
+        ended: () => {
+          this.immersive = null;
+          this.showImmersion(kind, false);
+        },
+      });
+      this.showImmersion(kind, true);
+    } catch (error) {
+      this.notice(`${kind.toUpperCase()} is not available: ${messageOf(error)}.`);
+    }
+  }
+
+  private showImmersion(kind: Immersion, on: boolean): void {
+    this.classList.toggle("ar", on && kind === "ar");
+    for (const button of this.root.querySelectorAll(`[data-act="${kind}"]`)) button.setAttribute("aria-pressed", String(on));
+    this.awake();
+  }
+
   private async toggleFull(): Promise<void> {
     try {
       if (document.fullscreenElement === this) await document.exitFullscreen();
@@ -598,7 +678,7 @@ export class V3PlayerElement extends HTMLElement {
     clearTimeout(this.idleTimer);
     this.idleTimer = setTimeout(() => {
       const open = !this.part_<HTMLElement>(".settings").hidden;
-      if (this.player?.playing === true && !open) this.classList.add("idle");
+      if (this.player?.playing === true && !open && this.immersive === null) this.classList.add("idle");
     }, IDLE);
   }
 
