@@ -25,6 +25,9 @@ class Watch:
 
     Args:
         seconds: from entering, and from each `progress`, to the next.
+
+    Attributes:
+        late: whether that did not happen. The end of the connection may look like that of a complete answer.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -34,6 +37,7 @@ class Watch:
         self._lock = threading.Lock()
         self._done = threading.Event()
         self._ended = False
+        self.late = False
 
     def __enter__(self) -> Watch:
         _current.watch = self
@@ -67,6 +71,7 @@ class Watch:
         while (left := self._deadline - time.monotonic()) > 0:
             if self._done.wait(left):
                 return
+        self.late = True
         self.end()
 
 

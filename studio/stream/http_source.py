@@ -230,14 +230,16 @@ class HttpSource:
             try:
                 response = self._requested(url, name, headers, watch)
             except urllib3.exceptions.HTTPError as error:
-                raise _problem(name, error) from None
+                raise _late() if watch.late else _problem(name, error) from None
             self._answered = True
             complete = False
             try:
                 self._receive(response, name, partial, limit, watch)
+                if watch.late:
+                    raise _late()
                 complete = True
             except (urllib3.exceptions.HTTPError, OSError) as error:
-                raise _problem(name, error) from None
+                raise _late() if watch.late else _problem(name, error) from None
             finally:
                 if complete:
                     response.release_conn()
@@ -262,6 +264,8 @@ class HttpSource:
     def _receive(
         self, response: urllib3.BaseHTTPResponse, name: str, partial: _Partial, limit: int, watch: Watch
     ) -> None:
+        if watch.late:  # headers that end with the connection are no headers
+            raise _late()
         watch.progress()
         if response.status == 304 and partial.known is not None:
             partial.same = True
@@ -379,6 +383,10 @@ def _validator(response: urllib3.BaseHTTPResponse) -> str | None:
     if tag is not None and not tag.startswith("W/"):
         return tag
     return response.headers.get("Last-Modified")
+
+
+def _late() -> _Temporary:
+    return _Temporary("read_timeout", "the server stopped sending")
 
 
 def _problem(name: str, error: Exception) -> Exception:

@@ -19,9 +19,9 @@ def redirected(url: str, location: str, name: str) -> str:
         StudioError: `source.unsafe_redirect`: not to http(s), from https to http, or from a public host to this machine
             or a private network.
     """
-    target = urljoin(url, location)
     here = urlsplit(url)
     try:
+        target = urljoin(url, location)
         there = urlsplit(target)
         _ = there.port
     except ValueError:
