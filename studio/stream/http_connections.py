@@ -34,6 +34,7 @@ class Watch:
         self._seconds = seconds
         self._deadline = time.monotonic() + seconds
         self._handle: socket.socket | None = None
+        self._left: list[socket.socket] = []
         self._lock = threading.Lock()
         self._done = threading.Event()
         self._ended = False
@@ -47,6 +48,9 @@ class Watch:
     def __exit__(self, *_: object) -> None:
         self._done.set()
         _current.watch = None
+        with self._lock:
+            for handle in self._left:
+                handle.close()
 
     def progress(self) -> None:
         """Data has arrived."""
@@ -58,6 +62,11 @@ class Watch:
             self._handle = handle
         if self._ended:
             self.end()
+
+    def leaves(self, handle: socket.socket) -> None:
+        """The connection is closed, but its answer may still be read (Connection: close)."""
+        with self._lock:
+            self._left.append(handle)
 
     def end(self) -> None:
         """End it now; from any thread."""
@@ -95,9 +104,12 @@ class _Watched:
 
     def close(self) -> None:
         super().close()  # type: ignore[misc]
-        if self.handle is not None:
-            self.handle.close()
-            self.handle = None
+        handle, self.handle = self.handle, None
+        watch: Watch | None = getattr(_current, "watch", None)
+        if handle is not None and watch is not None:
+            watch.leaves(handle)
+        elif handle is not None:
+            handle.close()
 
     def _tell(self) -> None:
         watch: Watch | None = getattr(_current, "watch", None)

@@ -23,6 +23,7 @@ DRIPS = {
     "1xx": (b"", b"HTTP/1.1 100 Continue\r\n\r\n"),
     "chunk size": (CHUNKED, b"0"),
     "chunk extension": (CHUNKED + b"5;", b"x"),
+    "chunk size, then closed": (OK + b"Connection: close\r\nTransfer-Encoding: chunked\r\n\r\n", b"0"),
     "trailer": (CHUNKED + b"2\r\n{}\r\n0\r\nX: ", b"x"),
     "nothing": (b"", b""),
 }
