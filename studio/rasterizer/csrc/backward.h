@@ -7,8 +7,8 @@
 #include "attributes.h"
 #include "isa_namespace.h"
 #include "kernels.h"
-#include "project.h"
 #include "pixel_lanes.h"
+#include "project.h"
 #include "simd.h"
 #include "tiles.h"
 
@@ -57,7 +57,7 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Inter
     for (int y = 0; y < box.height; y++) {
         const std::int64_t row = std::int64_t(box.top + y) * camera.width + box.left;
         for (int x = 0; x < box.width; x++) {
-            const int i = (y / BLOCK_H<T>) * BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
+            const int i = (y / BLOCK_H<T>)*BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
             const std::int64_t here = row + x;
             BackwardPixel<T, USED>& pixel = pixels[i];
             T gr = 0, gg = 0, gb = 0;

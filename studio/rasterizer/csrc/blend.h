@@ -37,8 +37,7 @@ static void blend_tile(const Camera& camera, const TileBox& box, const Projected
             const Projected<T>& p = *batch.splats[k];
             const BlockSet<T> touched = batch.touched[k];
             const SplatInTile<T> shape = SplatInTile<T>::of(p, box);
-            const V r = L::all(p.color[0]), g = L::all(p.color[1]), b = L::all(p.color[2]),
-                    z = L::all(p.depth);
+            const V r = L::all(p.color[0]), g = L::all(p.color[1]), b = L::all(p.color[2]), z = L::all(p.depth);
             for (int w = 0; w < BlockSet<T>::WORDS; w++)
                 for (std::uint64_t remaining = touched.word[w] & active.word[w]; remaining != 0;
                      remaining &= remaining - 1) {
@@ -67,7 +66,7 @@ static void blend_tile(const Camera& camera, const TileBox& box, const Projected
     for (int y = 0; y < box.height; y++) {
         const std::int64_t row = std::int64_t(box.top + y) * camera.width + box.left;
         for (int x = 0; x < box.width; x++) {
-            const int i = (y / BLOCK_H<T>) * BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
+            const int i = (y / BLOCK_H<T>)*BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
             const T signed_t = pixels[i].transmittance[lane], transmittance = signed_t < 0 ? -signed_t : signed_t,
                     weight_sum = pixels[i].weight_sum[lane];
             T* rgb = out.image + 3 * (row + x);
