@@ -38,7 +38,7 @@ struct BackwardPixel<T, IMAGE_ALPHA_DEPTH> {
 
 template <typename T, GradientsOf USED>
 static void backward_tile(const Frame<T>& frame, const TileBox& box, const Intersection<T>* list, std::uint32_t count,
-                          const Gradients<T>& grad, T* slots, int tile) {
+                          const Gradients<T>& grad, T* slots, int tile, std::uint64_t* kept) {
     using L = PixelLanes<T>;
     using V = typename L::V;
     using M = typename L::M;
@@ -90,7 +90,7 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Inter
     Batch<T> batch;
     for (std::uint32_t n = 0; n < count;) {
         const std::uint32_t start = n;
-        n = batch.fill(projected, list, n, count, box, active);
+        n = batch.template fill<false>(projected, list, n, count, box, active, kept);
         // The slots of splats that touch no active pixel stay zero.
         for (std::uint32_t k = start; k < n; k++) {
             T* slot = slot_of(projected[list[k].splat]);

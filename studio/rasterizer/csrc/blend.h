@@ -1,6 +1,7 @@
 // Forward pass over one tile: alpha blending from front to back.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "isa_namespace.h"
@@ -16,10 +17,10 @@ struct ForwardPixel {
     PixelVec<T> transmittance, weight_sum, red, green, blue, depth;
 };
 
-// Blends a tile's intersections, sorted by depth, and writes its pixels.
+// Blends a tile's intersections, sorted by depth, and writes its pixels and the blocks that each touches.
 template <typename T>
 static void blend_tile(const Camera& camera, const TileBox& box, const Projected<T>* projected,
-                       const Intersection<T>* list, std::uint32_t count, const Outputs<T>& out) {
+                       const Intersection<T>* list, std::uint32_t count, const Outputs<T>& out, std::uint64_t* kept) {
     using L = PixelLanes<T>;
     using V = typename L::V;
     using M = typename L::M;
@@ -31,8 +32,9 @@ static void blend_tile(const Camera& camera, const TileBox& box, const Projected
     const V alpha_min_log2 = L::all(T(ALPHA_MIN_LOG2)), alpha_max = L::all(T(camera.alpha_max)),
             transmittance_min = L::all(T(TRANSMITTANCE_MIN));
     Batch<T> batch;
-    for (std::uint32_t n = 0; n < count && active.any();) {
-        n = batch.fill(projected, list, n, count, box, active);
+    std::uint32_t n = 0;
+    while (n < count && active.any()) {
+        n = batch.template fill<true>(projected, list, n, count, box, active, kept);
         for (int k = 0; k < batch.size; k++) {
             const Projected<T>& p = *batch.splats[k];
             const BlockSet<T> touched = batch.touched[k];
@@ -63,6 +65,8 @@ static void blend_tile(const Camera& camera, const TileBox& box, const Projected
                 }
         }
     }
+    for (std::size_t i = std::size_t(n) * BlockSet<T>::WORDS; i < std::size_t(count) * BlockSet<T>::WORDS; i++)
+        kept[i] = 0;  // behind finished pixels
     for (int y = 0; y < box.height; y++) {
         const std::int64_t row = std::int64_t(box.top + y) * camera.width + box.left;
         for (int x = 0; x < box.width; x++) {

@@ -52,15 +52,19 @@ struct Intersection {                                                           
     std::uint32_t splat;
 };
 
+struct Kernels;
+
 // What the backward pass needs from the forward pass.
 template <typename T>
 struct Frame {
     Camera camera;
+    const Kernels* kernels = nullptr;  // that made it; `touched` has their size of blocks
     std::int64_t count = 0;
     int tiles_x = 0, tiles_y = 0;
     std::uint64_t pairs = 0;  // number of (tile, splat) intersections
     Buffer<Projected<T>> projected;
     Buffer<Intersection<T>> intersections;  // sorted by depth within each tile
+    Buffer<std::uint64_t> touched;          // blocks of its tile that each intersection touches, as bits
     Buffer<std::uint32_t> starts;           // (tiles + 1,) first intersection of each tile
     Buffer<std::uint32_t> order;            // tiles, longest lists first
 };

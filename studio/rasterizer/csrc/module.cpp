@@ -117,6 +117,7 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
     expect(depth, pixels, "depth");
     expect(radii, std::size_t(splats.count), "radii");
     auto frame = std::make_unique<Frame<T>>();
+    frame->kernels = kernels;
     Camera& c = frame->camera;
     const double* p = camera.data();
     for (int i = 0; i < 9; i++) c.rotation[i] = p[i];
@@ -168,9 +169,9 @@ void backward(const Frame<T>& frame, In<T> means, In<T> quats, In<T> log_scales,
                                pointer(d_offsets, 2 * n, "d_offsets")};
     nb::gil_scoped_release release;
     if constexpr (sizeof(T) == 4)
-        kernels->backward_float(splats, grad, frame, checked_threads(threads));
+        frame.kernels->backward_float(splats, grad, frame, checked_threads(threads));
     else
-        kernels->backward_double(splats, grad, frame, checked_threads(threads));
+        frame.kernels->backward_double(splats, grad, frame, checked_threads(threads));
 }
 
 std::pair<double, double> loss(In<float> image, In<float> target, int width, int height, double dssim_weight,
