@@ -37,8 +37,10 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
         # QP 4 has escapes; the figure has few of them.
-        stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4)
-        planes = support.bake(Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0)
+        stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4, stream_version=2)
+        planes = support.bake(
+            Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0, stream_version=2
+        )
         for name, place in (("motion", stream), ("planes", planes)):
             python = support.PythonFrames(place)
             group = python.reader.manifest.groups[0]
