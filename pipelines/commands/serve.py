@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import errno
+import gzip
 import json
 import logging
 import os
@@ -21,6 +22,7 @@ from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
+    from starlette.responses import Response
 
     from pipelines.share.certificates import Certificate
     from pipelines.share.player_files import PlayerFiles
@@ -33,6 +35,7 @@ HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
 """Files in the folder files/ of a stream of version 3, which never change under their names."""
 
 _SHUTDOWN_SECONDS = 1  # for pending responses after Ctrl-C
+_PACKED = b'-gzip"'  # end of the ETag of a compressed response
 _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
 _KEEP = "public, max-age=31536000, immutable"  # the names of the player's files change with their content
@@ -129,6 +132,7 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None) -> St
     from starlette.types import Scope
 
     hashed = {} if player is None else player.hashed
+    packed = {name: gzip.compress(data, mtime=0) for name, data in hashed.items()}
     uncached = {"Cache-Control": "no-cache", "Vary": "Accept"}
 
     class StreamFiles(StaticFiles):
@@ -137,7 +141,12 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None) -> St
                 assert self.directory is not None
                 page = _page(player, f"../{_PLAYER_PATH}/", Path(self.directory))
                 return HTMLResponse(page, headers=uncached)
-            return await super().get_response(path, scope)
+            if not path.endswith(".json") or not _takes_gzip(scope):
+                return await super().get_response(path, scope)
+            # the manifest and the pages of the index: what a player must have before the first picture
+            plain = {**scope, "headers": [(name, value.replace(_PACKED, b'"')) for name, value in scope["headers"]]}
+            response = await super().get_response(path, plain)
+            return _packed(response) if isinstance(response, FileResponse) else response
 
         def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
             if any(part.startswith(".") for part in Path(path).parts):
@@ -171,8 +180,10 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None) -> St
         if name not in hashed:
             raise HTTPException(404)
         kind = "text/javascript" if name.endswith(".js") else "text/plain"
-        headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff"}
-        return Response(hashed[name], media_type=kind, headers=headers)
+        headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff", "Vary": "Accept-Encoding"}
+        if not _takes_gzip(request.scope):
+            return Response(hashed[name], media_type=kind, headers=headers)
+        return Response(packed[name], media_type=kind, headers={**headers, "Content-Encoding": "gzip"})
 
     cors = Middleware(
         CORSMiddleware,
@@ -185,6 +196,22 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None) -> St
     mounts = [Mount(path.rstrip("/"), StreamFiles(directory=folder)) for path, folder in streams.items()]
     files = Route(f"/{_PLAYER_PATH}/{{name}}", player_file)
     return Starlette(routes=[Route("/", index), files, *mounts], middleware=[cors])
+
+
+def _takes_gzip(scope: Any) -> bool:
+    """Whether the client takes compressed responses and asks for a whole file."""
+    headers = dict(scope["headers"])
+    return b"gzip" in headers.get(b"accept-encoding", b"") and b"range" not in headers
+
+
+def _packed(response: Any) -> Response:
+    """A whole file, compressed; its ETag says so, since the bytes are others."""
+    from starlette.responses import Response
+
+    headers = {name: value for name, value in response.headers.items() if name != "content-length"}
+    headers["etag"] = headers["etag"].removesuffix('"') + _PACKED.decode()
+    data = gzip.compress(Path(response.path).read_bytes(), 6, mtime=0)
+    return Response(data, headers={**headers, "Content-Encoding": "gzip", "Vary": "Accept-Encoding"})
 
 
 def _page(player: PlayerFiles, player_path: str, stream: Path) -> str:

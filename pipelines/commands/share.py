@@ -29,6 +29,14 @@ def register(commands: Any) -> None:
     share.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
     share.add_argument("--credits", metavar="TEXT", help='whom to name; example: "Jane Doe, Studio X"')
     share.add_argument("--license", metavar="TEXT", help='of the footage; example: "CC BY 4.0"')
+    share.add_argument("--description", metavar="TEXT", help="what is to be seen, for screen readers and link previews")
+    share.add_argument(
+        "--intro",
+        type=Path,
+        metavar="FILE",
+        help="camera path with which the page begins, until the viewer takes over: keyframes as for `v3studio export "
+        "--format camera-path`, or a rig.json",
+    )
     share.add_argument(
         "--address",
         metavar="URL",
@@ -42,8 +50,12 @@ def _share(arguments: argparse.Namespace) -> int:
     _check_address(arguments.address)
     from pipelines.commands.working import working
     from pipelines.share import PageText, share_folder, share_single_file
+    from pipelines.share.intro import read_intro
 
-    text = PageText(arguments.title, arguments.credits, arguments.license, arguments.address)
+    intro = None if arguments.intro is None else read_intro(arguments.intro)
+    text = PageText(
+        arguments.title, arguments.credits, arguments.license, arguments.address, arguments.description, intro
+    )
     write = share_single_file if arguments.single_file else share_folder
     with working("share", arguments.output if arguments.json else None) as progress:
         shared = write(arguments.source, arguments.out, text, progress)

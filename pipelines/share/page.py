@@ -13,6 +13,7 @@ from studio.errors import StudioError
 GENERATOR = "V3 Studio share 1"
 """Marks pages that `v3studio share` has written, with the version of what they consist of."""
 
+_INTRO = "v3-intro"
 _SCRIPT = '<script type="module" src="v3-player.js"></script>'
 _TITLE = "<title>V3 Player</title>"
 _HEAD = "<!-- v3:head -->"
@@ -33,7 +34,7 @@ def player_page(
         built: the player's index.html; its markers are replaced.
         script: element that starts the player, HTML.
         stream: address of the stream's manifest relative to the page, or "#id" of the element that holds its files.
-        text: title, credits and license; they are escaped here.
+        text: title, credits, license, description and intro; they are escaped here.
         poster: address of the picture to show until the first frame is drawn.
         head: further elements of the page's head, HTML.
 
@@ -45,7 +46,10 @@ def player_page(
             "share.unknown_player", "the built player is from another version of the program", fix="Run `make web`."
         )
     values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
-    values["data-license"] = text.license
+    values |= {"data-license": text.license, "data-description": text.description}
+    if text.intro is not None:
+        values["intro"] = f"#{_INTRO}"
+        script = f'<script type="application/json" id="{_INTRO}">{_in_json(text.intro)}</script>\n{script}'
     attributes = [f'{name}="{escape(value)}"' for name, value in values.items() if value]
     element = f"<v3-player {' '.join(attributes)} page autoplay loop></v3-player>"
     page = built.replace(_TITLE, f"<title>{escape(text.title or 'V3 Player')}</title>")
@@ -64,7 +68,8 @@ def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> l
     """
     base = None if text.address is None else text.address.rstrip("/") + "/"
     title = text.title or ""
-    description = " · ".join(part for part in ("Volumetric video", text.credits, text.license) if part)
+    what = text.description or "Volumetric video"
+    description = " · ".join(part for part in (what, text.credits, text.license) if part)
     tags = [
         f'<meta name="description" content="{escape(description)}">',
         _property("og:type", "website"),
@@ -82,6 +87,11 @@ def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> l
             '<meta name="twitter:card" content="summary_large_image">',
         ]
     return tags
+
+
+def _in_json(text: str) -> str:
+    """JSON in which nothing ends the script element around it."""
+    return text.replace("<", "\\u003c")
 
 
 def _property(name: str, value: str) -> str:

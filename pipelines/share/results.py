@@ -19,12 +19,16 @@ class PageText:
         license: of the footage, for example "CC BY 4.0"; None for the stream's own, "" for none.
         address: where the page will be, for example "https://example.org/walk/". Link previews need it: their
             pictures are only found by whole addresses. None if it is not known.
+        description: what is to be seen, for screen readers and link previews; None for the stream's own, "" for none.
+        intro: a camera path from `read_intro`, with which the page begins; None for none.
     """
 
     title: str | None = None
     credits: str | None = None
     license: str | None = None
     address: str | None = None
+    description: str | None = None
+    intro: str | None = None
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class StreamToShare:
         """`given`, completed by what the stream says of itself, and the name for a missing title."""
         own = {
             key: value.strip()
-            for key in ("title", "credits", "license")
+            for key in ("title", "credits", "license", "description")
             if isinstance(value := self.manifest.metadata.get(key), str)
         }
         return replace(
@@ -68,6 +68,7 @@ class StreamToShare:
             title=given.title or own.get("title") or self.name,
             credits=own.get("credits") if given.credits is None else given.credits,
             license=own.get("license") if given.license is None else given.license,
+            description=own.get("description") if given.description is None else given.description,
         )
 
 

@@ -115,7 +115,7 @@ class BakeStage:
         for path in new.iterdir():
             if path.name not in (wanted if settings.stream_version == 2 else {"files"}):
                 remove(path)
-        metadata = self._metadata(context).to_json()
+        metadata = self._metadata(context, entries).to_json()
         manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, metadata)
         if settings.stream_version == 3 and (context.take.stream / "manifest.json").is_file():
             self._update(context, new)
@@ -261,14 +261,19 @@ class BakeStage:
             for message in beyond_hardware(entry, float(context.footage.raw.fps), context.config.bake.codec):
                 reporter.warn(message)
 
-    def _metadata(self, context: Context) -> StreamMetadata:
-        """Deterministic, so that identical takes bake to identical bytes."""
+    def _metadata(self, context: Context, entries: Sequence[BakedGroup]) -> StreamMetadata:
+        """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
+        camera: nothing tells where the front is, and held-out cameras are chosen for other reasons."""
         from studio.stream import StreamMetadata
+        from studio.stream.suggested_view import suggested_view
 
         footage = context.footage.calibrated
-        camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
+        boxes = [entry.bounding_box for entry in entries]
+        low = np.min([box.min for box in boxes], axis=0).tolist()
+        high = np.max([box.max for box in boxes], axis=0).tolist()
+        camera = suggested_view(footage.rig[footage.train_cameras[0]], low, high, footage.rig.up)
         x, y, z = footage.rig.up.tolist()
-        return StreamMetadata(footage.rig[camera], context.config.capture.background, (x, y, z))
+        return StreamMetadata(camera, context.config.capture.background, (x, y, z))
 
     def _put_in_place(self, context: Context, new: Path) -> None:
         """Swap folders. If killed between the renames, the complete new stream is still in the work folder."""

@@ -14,6 +14,7 @@ from studio.stream.manifest_models import (
     MAX_GROUP_FRAMES,
     MAX_GROUPS,
     MAX_SPLATS,
+    Box,
     ComponentEntry,
     FileEntry,
     GroupEntry,
@@ -167,6 +168,11 @@ class GroupLadder(Model):
     def best(self) -> Rendition:
         """The first rendition."""
         return self.renditions[0]
+
+    @property
+    def bounding_box(self) -> Box:
+        """That of the best rendition."""
+        return self.best.bounding_box
 
     @property
     def splats(self) -> int:

@@ -127,8 +127,44 @@ def test_reduced_motion_does_not_play_by_itself(stream, open_page):
     page = open_page(**CALM)
     page.handle.wait_for_timeout(500)
     assert not page.state["playing"]
-    page.handle.locator("v3-player .start").click()
+    start = page.handle.locator("v3-player .start")
+    box = start.bounding_box()
+    page.handle.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.wait("player.state.playing")
+    assert not start.is_visible()
+
+
+def test_the_play_button_does_not_block_orbiting(stream, open_page):
+    page = open_page("?t=0", **CALM)
+    start = page.handle.locator("v3-player .start")
+    box = start.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.handle.mouse.move(x, y)
+    page.handle.mouse.down()
+    page.handle.mouse.move(x - 80, y, steps=4)
+    page.handle.mouse.up()
+    page.wait("player.state.view.azimuth < -20")
+    assert not page.state["playing"]
+    assert not start.is_visible()
+
+
+def test_a_paused_picture_is_sorted_for_the_view(stream, open_page):
+    """Also after playing, when the worker has decoded the next frame already."""
+    page = open_page("?t=0", **CALM)
+    page.call("play")
+    page.wait("(seen.time ?? []).length > 2")
+    page.call("pause")
+    page.evaluate(
+        """() => {
+          const {engine} = document.querySelector('v3-player');
+          const receive = engine.receive.bind(engine);
+          window.orders = [];
+          engine.receive = message => { if (message.type === 'order') orders.push(message.frame); receive(message); };
+        }"""
+    )
+    page.call("setView", {"azimuth": 150})
+    page.wait("window.orders.length > 0")
+    assert set(page.evaluate("() => window.orders")) == {page.state["frame"]}
 
 
 def test_keys(stream, open_page):
@@ -148,6 +184,13 @@ def test_keys(stream, open_page):
     keyboard.up("ArrowRight")
     keyboard.press("r")
     page.wait("player.state.view.azimuth === 0")
+    keyboard.press(">")
+    assert page.state["speed"] == 1.5
+    keyboard.press("?")
+    assert page.handle.locator("v3-player .help").is_visible()
+    keyboard.press("Escape")
+    assert not page.handle.locator("v3-player .help").is_visible()
+    assert page.handle.locator("v3-player .spoken").text_content().startswith("Paused at ")
     keyboard.press("i")
     panel = page.handle.locator("v3-player .info")
     assert panel.is_visible()
@@ -173,6 +216,12 @@ def test_the_timeline(stream, open_page):
     page.handle.mouse.down()
     for part in (0.7, 0.4, 0.0):
         page.handle.mouse.move(box["x"] + 1 + part * (box["width"] - 2), box["y"] + 10, steps=4)
+    preview = page.handle.locator("v3-player .bubble canvas")
+    assert preview.is_visible()
+    # A copy of a frame that was shown, not an empty canvas.
+    brightest = """canvas => Math.max(...canvas.getContext('2d')
+      .getImageData(0, 0, canvas.width, canvas.height).data.filter((_, i) => i % 4 < 3))"""
+    assert preview.evaluate(brightest) > 60
     page.handle.mouse.up()
     page.wait("player.state.frame === 0")
 
@@ -184,7 +233,8 @@ def test_the_info_panel_has_the_figures(stream, open_page):
     page.click("settings")
     page.handle.locator("v3-player .settings [data-act='info']").click()
     text = page.handle.locator("v3-player .info").inner_text()
-    for name in ("Frames", "Dropped", "Splats", "Decode", "Dequantize", "Sort", "Draw", "Main thread", "Received"):
+    assert "paused (25 fps)" in text
+    for name in ("Frame rate", "Dropped", "Splats", "Decode", "Dequantize", "Sort", "Draw", "Main thread", "Received"):
         assert name in text
     assert "WebCodecs, WebGL2" in text
     assert "sizes and SHA-256" in text
@@ -240,7 +290,9 @@ def test_an_iframe_is_commanded_by_messages(site, stream, open_page):
     page.wait("window.told.some(m => m.event === 'time' && m.detail.frame === 6)")
     page.evaluate("() => send('setView', {azimuth: 90, elevation: 5, distance: 2, target: [0, 0, 0]})")
     page.wait("window.told.some(m => m.event === 'view' && m.detail.azimuth === 90)")
-    page.evaluate("() => send('play')")
+    page.evaluate("() => { send('setView', '20,8'); send('setLoop', false); send('setBackground', 'white'); }")
+    page.wait("window.told.some(m => m.event === 'view' && m.detail.azimuth === 20 && m.detail.distance === 2)")
+    page.evaluate("() => { send('setLoop', true); send('resetView'); send('play'); }")
     page.wait(told, "play")
     page.evaluate("() => { send('pause'); send('getState'); }")
     page.wait(told, "state")

@@ -16,8 +16,10 @@ import pytest
 import torch
 
 from pipelines.share import PageText, share_folder, share_single_file, share_size, single_file
+from pipelines.share.intro import read_intro
 from studio.cameras import Camera
 from studio.errors import Cancelled
+from studio.export.camera_path import Key, write_path_keys
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
@@ -259,6 +261,18 @@ def test_sizes_are_told_before(stream, tmp_path):
     assert (size.frames, size.seconds, size.single_file_possible) == (6, 0.5, True)
 
 
+def test_an_intro_must_be_a_camera_path(tmp_path):
+    with refuses("camera_path.no_keys"):
+        (tmp_path / "a.json").write_text('{"format": "v3studio-camera-path", "version": 1, "keys": []}')
+        read_intro(tmp_path / "a.json")
+    with refuses("camera_path.times"):
+        write_path_keys([Key(1.0, camera()), Key(1.0, camera())], tmp_path / "b.json")
+        read_intro(tmp_path / "b.json")
+    with refuses("camera_path.too_many_keys", value=1001):
+        write_path_keys([Key(float(i), camera()) for i in range(1001)], tmp_path / "c.json")
+        read_intro(tmp_path / "c.json")
+
+
 def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
     with refuses("stream.not_found", file=str(tmp_path / "none")):
         share_folder(str(tmp_path / "none"), tmp_path / "site")
@@ -279,12 +293,21 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
 
 
 def test_the_command_says_what_it_wrote(here, stream, tmp_path):
-    done = here("share", stream, "--out", tmp_path / "site", "--title", "One", "--credits", "Two", "--license", "Three")
+    write_path_keys([Key(3.0, camera(), 5.0), Key(4.5, camera(), 0.0)], tmp_path / "path.json")
+    done = here(
+        *("share", stream, "--out", tmp_path / "site", "--title", "One", "--credits", "Two", "--license", "Three"),
+        *("--description", "Four <walks>", "--intro", tmp_path / "path.json"),
+    )
     assert done.returncode == 0, done.stderr
     total = sum(map(len, content(tmp_path / "site").values()))
     assert f"{total:,} bytes" in done.stdout
-    (player,) = Page(tmp_path / "site" / "index.html").named("v3-player")
+    page = Page(tmp_path / "site" / "index.html")
+    (player,) = page.named("v3-player")
     assert (player["data-title"], player["data-credits"], player["data-license"]) == ("One", "Two", "Three")
+    assert (player["data-description"], player["intro"]) == ("Four <walks>", "#v3-intro")
+    (intro,) = [json.loads(text) for attributes, text in page.texts if attributes.get("id") == "v3-intro"]
+    assert [key["time"] for key in intro["keys"]] == [0.0, 1.5]
+    assert intro["keys"][0]["camera"]["world_to_camera"] == camera().world_to_camera.tolist()
     done = here("share", stream, "--out", tmp_path / "take.html", "--single-file", "--json")
     last = json.loads(done.stdout.splitlines()[-1])
     assert last["kind"] == "shared"

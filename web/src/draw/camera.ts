@@ -26,6 +26,9 @@ export interface View {
   readonly target: Vector;
 }
 
+/** A view of which parts can be missing: they stay as they are. */
+export type PartialView = { readonly [K in keyof View]?: View[K] };
+
 export const add = (a: Vector, b: Vector, s = 1): Vec3 => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
 export const dot = (a: Vector, b: Vector): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 export const cross = (a: Vector, b: Vector): Vec3 => [
@@ -43,6 +46,12 @@ const DEGREES = 180 / Math.PI;
 const MAX_ELEVATION = 89;
 /** Margin around the scene, as a factor. */
 const MARGIN = 1.12;
+/**
+ * In a narrow window, the sides of the scene's box may be cut: so that the scene has at least this fraction of the height,
+ * as long as at least this fraction of its width remains. A walker's box is mostly empty.
+ */
+const LEAST_HEIGHT = 0.62;
+const LEAST_WIDTH = 0.7;
 /** As in studio.rasterizer: the projection is linearized at most this far off the axis (x / z, y / z), ... */
 const FIELD = 2;
 /** ... or outside the image by this fraction of half its size. */
@@ -142,6 +151,21 @@ export class OrbitCamera {
     this.view = this.home;
   }
 
+  /** The view that is nearest to a camera's: upright, and what is at the scene's distance has the same size. */
+  viewOf(pinhole: Pinhole): View {
+    const center = centerOf(pinhole);
+    const forward = pinhole.rotation.slice(6, 9) as Vec3;
+    const depth = Math.max(dot(add(this.home.target, center, -1), forward), 0.1 * this.radius);
+    const steep = dot(forward, this.up);
+    const flat = add(forward, this.up, -steep);
+    return {
+      azimuth: Math.atan2(dot(flat, this.side), dot(flat, this.ahead)) * DEGREES,
+      elevation: Math.asin(Math.max(-1, Math.min(1, -steep))) * DEGREES,
+      distance: (depth * pinhole.height) / 2 / pinhole.fy / this.tangents[1],
+      target: add(center, forward, depth),
+    };
+  }
+
   get view(): View {
     return { azimuth: this.azimuth, elevation: this.elevation, distance: this.distance, target: [...this.target] };
   }
@@ -179,10 +203,11 @@ export class OrbitCamera {
     this.target = add(add(this.target, right, -dx * size), down, -dy * size);
   }
 
-  /** Tangents of half the field of view for an aspect ratio, such that everything in `tangents` is visible. */
+  /** Tangents of half the field of view for an aspect ratio, such that what is in `tangents` is visible. */
   private tangentsFor(aspect: number): [number, number] {
     const [across, up] = this.tangents;
-    const vertical = Math.max(up, across / aspect);
+    const narrow = Math.min(across / aspect, Math.max(up / LEAST_HEIGHT, (LEAST_WIDTH * across) / aspect));
+    const vertical = Math.max(up, narrow);
     return [vertical * aspect, vertical];
   }
 

@@ -72,7 +72,7 @@ export async function benchmark(player: Player, progress: (part: number) => void
   for (let n = 0; n < DRAWS; n++) {
     await new Promise(requestAnimationFrame);
     player.camera.orbit(TURN, 0);
-    draws.push(player.timeDraw());
+    draws.push(await player.timeDraw());
   }
   draws.sort((a, b) => a - b);
   const [width, height] = player.drawSize;
@@ -94,9 +94,9 @@ export async function benchmark(player: Player, progress: (part: number) => void
       profile: info.profile,
       codec: info.codec,
       frames: info.frameCount,
-      splats: Math.max(...info.groups.map((group) => group.splats)),
-      shDegree: info.shDegree,
-      bytesPerFrame: Math.round(info.totalBytes / info.frameCount),
+      splats: player.splats.all,
+      shDegree: player.group?.shDegree ?? info.shDegree,
+      bytesPerFrame: Math.round((player.group?.bytes ?? 0) / (player.group?.frames ?? 1)),
     },
     milliseconds: {
       decode: summary(statistics.decode),

@@ -2,6 +2,7 @@
 
 import { benchmark, type BenchmarkResult } from "./benchmark.ts";
 import type { V3PlayerElement } from "./element.ts";
+import { plural } from "./format.ts";
 
 export function runBenchmark(element: V3PlayerElement): void {
   element.addEventListener("v3-ready", () => {
@@ -26,7 +27,7 @@ function show(sheet: HTMLElement, result: BenchmarkResult): void {
   sheet.innerHTML = `<h2>Benchmark</h2><p></p><table><thead><tr><th scope="col">Milliseconds</th><td>median</td><td>95 %</td></tr></thead><tbody></tbody></table>
 <div class="actions choices"><button type="button" data-save>Save as JSON</button></div>`;
   sheet.querySelector("p")!.textContent =
-    `${frames.rate} of ${frames.wanted} fps; ${frames.dropped} dropped frames, ${frames.stalls} stalls. ` +
+    `${frames.rate} of ${frames.wanted} fps; ${plural(frames.dropped, "dropped frame")}, ${plural(frames.stalls, "stall")}. ` +
     `${stream["splats"]} splats, SH ${stream["shDegree"]}, ${picture.width} × ${picture.height}, ${device["renderer"]}.`;
   const body = sheet.querySelector("tbody")!;
   for (const [name, { median, p95 }] of Object.entries(milliseconds)) {

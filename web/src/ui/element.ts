@@ -2,8 +2,8 @@
  * `<v3-player src="...">`: the player with its controls. docs/WEB.md lists its attributes, methods and events.
  */
 
-import type { View } from "../draw/camera.ts";
-import { Player } from "../player/player.ts";
+import type { PartialView, View } from "../draw/camera.ts";
+import { Player, type RendererChoice } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
@@ -11,11 +11,12 @@ import type { DecodePath } from "../worker/messages.ts";
 import { acceptDrops } from "./drop.ts";
 import { clock } from "./format.ts";
 import { ICONS } from "./icons.ts";
+import { Intro, readPath } from "./intro.ts";
 import { Motion } from "./motion.ts";
 import { linkTo } from "./link.ts";
 import { Panel } from "./panel.ts";
 import css from "./style.css";
-import { type BackgroundName, BACKGROUNDS, isBackground, TEMPLATE } from "./template.ts";
+import { type BackgroundName, BACKGROUNDS, isBackground, SPEEDS, TEMPLATE } from "./template.ts";
 import { Timeline } from "./timeline.ts";
 
 /** Milliseconds without user input until the controls hide. */
@@ -45,7 +46,7 @@ function embeddedFiles(selector: string): EmbeddedFiles {
 }
 
 export class V3PlayerElement extends HTMLElement {
-  static readonly observedAttributes = ["src", "poster", "background", "loop", "controls"];
+  static readonly observedAttributes = ["src", "poster", "background", "loop", "controls", "data-description"];
 
   private player: Player | null = null;
   private motion: Motion | null = null;
@@ -58,7 +59,8 @@ export class V3PlayerElement extends HTMLElement {
   private isReady = false;
   /** Time and view of a link, applied once the stream has been opened. */
   private startAt: number | null = null;
-  private startView: View | null = null;
+  private startView: PartialView | null = null;
+  private intro: Intro | null = null;
   private wantsToPlay = false;
   private suggested: Vector | null = null;
   private backgroundName: BackgroundName = "stream";
@@ -73,8 +75,10 @@ export class V3PlayerElement extends HTMLElement {
     this.lifetime = new AbortController();
     this.isReady = false;
     const path = this.getAttribute("decoder") as DecodePath | "auto" | null;
+    const renderer = this.getAttribute("renderer") as RendererChoice | null;
     try {
-      this.player = new Player(this.part_("canvas"), { loop: this.hasAttribute("loop"), path: path ?? "auto" });
+      const loop = this.hasAttribute("loop");
+      this.player = new Player(this.part_("canvas"), { loop, path: path ?? "auto", renderer: renderer ?? "auto" });
     } catch (error) {
       this.showFailure(messageOf(error));
       return;
@@ -87,6 +91,8 @@ export class V3PlayerElement extends HTMLElement {
   }
 
   disconnectedCallback(): void {
+    this.intro?.stop();
+    this.intro = null;
     this.lifetime?.abort();
     clearTimeout(this.idleTimer);
     clearTimeout(this.noticeTimer);
@@ -124,10 +130,18 @@ export class V3PlayerElement extends HTMLElement {
     else this.timeline?.seek(Math.floor(seconds * this.player.info.fps + 1e-6));
   }
 
-  /** Sets the view; see `state.view`. */
-  setView(view: View): void {
-    if (!this.player?.info) this.startView = view;
+  /** Sets the view; see `state.view`. What is missing stays as it is. */
+  setView(view: PartialView): void {
+    this.endIntro();
+    if (!this.player?.info) this.startView = { ...this.startView, ...view };
     else this.player.view = view;
+  }
+
+  /** Goes back to the initial view. */
+  resetView(): void {
+    this.endIntro();
+    if (this.player?.info) this.motion?.reset();
+    else this.startView = null;
   }
 
   /** Sets the playback speed, 0.1 to 4; 1 is that of the recording. */
@@ -185,6 +199,7 @@ export class V3PlayerElement extends HTMLElement {
     this.part_<HTMLElement>(".failure").hidden = true;
     if (source === null || source === "" || this.player === null) return;
     this.isReady = false;
+    this.introEnded = false;
     this.busy(true);
     const poster = this.part_<HTMLElement>(".poster");
     poster.classList.remove("gone");
@@ -204,6 +219,7 @@ export class V3PlayerElement extends HTMLElement {
     poster.hidden = address === null;
     if (address !== null) poster.src = address;
     this.part_<HTMLElement>(".bar").hidden = this.getAttribute("controls") === "none";
+    this.part_("#about").textContent = this.getAttribute("data-description") ?? "";
   }
 
   private wire(player: Player, signal: AbortSignal): void {
@@ -211,11 +227,16 @@ export class V3PlayerElement extends HTMLElement {
     this.timeline = new Timeline(this.part_(".timeline"), player);
     this.panel = new Panel(this.part_(".info"), player);
     const motion = (this.motion = new Motion(stage, player, {
-      tap: (pointer) => {
-        this.tapped(pointer);
+      tap: (pointer, x, y) => {
+        this.tapped(pointer, x, y);
       },
       touched: () => {
+        // Who has begun to look around does not need the invitation any more.
+        this.part_<HTMLElement>(".start").hidden = true;
         this.awake();
+      },
+      input: () => {
+        this.endIntro();
       },
     }));
     motion.ownsWheel = () => this.hasAttribute("page") || document.fullscreenElement === this || this.root.activeElement === stage;
@@ -234,7 +255,9 @@ export class V3PlayerElement extends HTMLElement {
       this.part_(".credits").textContent = names;
       this.part_<HTMLElement>(".head").hidden = !this.hasAttribute("page") || ((title ?? "") === "" && names === "");
       if (title !== null && this.hasAttribute("page")) document.title = title;
+      this.part_(".stage").setAttribute("aria-label", title === null || title === "" ? "Volumetric video" : `Volumetric video: ${title}`);
       this.part_(".total").textContent = `/ ${clock(player.duration)}`;
+      this.mayIntroduce = this.startView === null && this.startAt === null;
       if (this.startView !== null) player.view = this.startView;
       if (this.startAt !== null) player.seek(this.startAt);
       this.startView = this.startAt = null;
@@ -249,13 +272,16 @@ export class V3PlayerElement extends HTMLElement {
       else this.showPlaying(false);
       this.awake();
       this.tell("ready", this.state);
+      void this.introduce(player);
     });
     player.on("play", () => {
+      this.say("Playing");
       this.showPlaying(true);
       this.awake();
       this.tell("play");
     });
     player.on("pause", () => {
+      this.say(`Paused at ${this.position()}`);
       this.showPlaying(false);
       this.awake();
       this.tell("pause");
@@ -281,6 +307,7 @@ export class V3PlayerElement extends HTMLElement {
       this.tell("waiting", waiting);
     });
     player.on("ended", () => {
+      this.say("The end");
       this.tell("ended");
     });
     player.on("looped", () => {
@@ -332,6 +359,9 @@ export class V3PlayerElement extends HTMLElement {
     if (speed !== undefined) this.setSpeed(Number(speed));
     if (loop !== undefined) this.setLoop(loop === "true");
     if (background !== undefined && isBackground(background)) this.setBackground(background);
+    // A pointer on the large button turns the view, or taps, as everywhere on the stage.
+    if (act === "start" && (event as MouseEvent).detail === 0) this.play();
+    if (act === "help") this.toggleHelp();
     if (act === "play") this.togglePlay();
     if (act === "reset") this.motion?.reset();
     if (act === "settings") this.toggleSettings();
@@ -348,6 +378,7 @@ export class V3PlayerElement extends HTMLElement {
   private keyDown(event: KeyboardEvent): void {
     const { motion, player } = this;
     if (motion === null || player === null || event.altKey || event.metaKey || event.ctrlKey) return;
+    if (event.key !== "Shift" && event.key !== "Tab") this.endIntro();
     const from = event.composedPath()[0] as Element;
     motion.shift = event.shiftKey;
     // Space also presses a focused button.
@@ -369,6 +400,21 @@ export class V3PlayerElement extends HTMLElement {
         player.pause();
         this.timeline?.seek(player.frame - 1);
       },
+      "<": () => {
+        this.changeSpeed(-1);
+      },
+      ">": () => {
+        this.changeSpeed(1);
+      },
+      b: () => {
+        const names = Object.keys(BACKGROUNDS) as BackgroundName[];
+        const next = names[(names.indexOf(this.backgroundName) + 1) % names.length];
+        this.setBackground(next);
+        this.notice(`Background: ${BACKGROUNDS[next].label}.`);
+      },
+      "?": () => {
+        this.toggleHelp();
+      },
       ".": () => {
         player.pause();
         this.timeline?.seek(player.frame + 1);
@@ -387,20 +433,30 @@ export class V3PlayerElement extends HTMLElement {
       },
       Escape: () => {
         this.toggleSettings(false);
+        this.toggleHelp(false);
         this.panel?.toggle(false);
       },
     };
-    const action = onButton && event.key === " " ? undefined : actions[event.key];
+    // Letters also with Caps Lock.
+    const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const action = onButton && event.key === " " ? undefined : actions[name];
     if (action !== undefined) action();
     else if (onButton || !motion.key(event.key, true)) return;
     event.preventDefault();
     this.awake();
   }
 
-  private tapped(pointer: string): void {
+  private tapped(pointer: string, x: number, y: number): void {
     this.part_<HTMLElement>(".stage").focus({ preventScroll: true });
-    if (!this.part_<HTMLElement>(".settings").hidden) {
+    if (!this.part_<HTMLElement>(".settings").hidden || !this.part_<HTMLElement>(".help").hidden) {
       this.toggleSettings(false);
+      this.toggleHelp(false);
+      return;
+    }
+    const start = this.part_<HTMLElement>(".start");
+    const box = start.getBoundingClientRect();
+    if (!start.hidden && x >= box.left && x <= box.right && y >= box.top && y <= box.bottom) {
+      this.play();
       return;
     }
     if (pointer === "mouse") return;
@@ -432,8 +488,68 @@ export class V3PlayerElement extends HTMLElement {
     this.part_("[data-act='settings']").setAttribute("aria-expanded", String(open));
   }
 
+  private toggleHelp(open = this.part_<HTMLElement>(".help").hidden): void {
+    const help = this.part_<HTMLElement>(".help");
+    if (help.hidden === !open) return;
+    help.hidden = !open;
+    if (open) {
+      this.toggleSettings(false);
+      this.panel?.toggle(false);
+      help.focus();
+    } else this.part_<HTMLElement>(".stage").focus({ preventScroll: true });
+  }
+
+  private changeSpeed(step: number): void {
+    const now = this.player?.speed ?? 1;
+    const faster = SPEEDS.filter((speed) => (step > 0 ? speed > now : speed < now));
+    const next = step > 0 ? faster[0] : faster[faster.length - 1];
+    if ((next as number | undefined) !== undefined) this.setSpeed(next);
+    this.notice(`Speed: ${this.player?.speed ?? 1}×.`);
+  }
+
+  /** Flies the attribute's camera path, unless a link asks for a view or motion is unwanted. */
+  private async introduce(player: Player): Promise<void> {
+    const place = this.getAttribute("intro");
+    if (place === null || !this.mayIntroduce || matchMedia("(prefers-reduced-motion: reduce)").matches) return;
+    this.mayIntroduce = false;
+    try {
+      const text = place.startsWith("#")
+        ? (document.querySelector(place)?.textContent ?? "")
+        : await fetch(new URL(place, document.baseURI)).then((response) => response.text());
+      // Meanwhile, the user may have moved the camera.
+      if (player !== this.player || this.introEnded) return;
+      this.intro = new Intro(player, readPath(text, player), () => {
+        this.endIntro();
+      });
+    } catch (error) {
+      this.notice(messageOf(error));
+    }
+  }
+
+  private mayIntroduce = false;
+  private introEnded = false;
+
+  private endIntro(): void {
+    this.introEnded = true;
+    if (this.intro === null) return;
+    this.intro.stop();
+    this.intro = null;
+    this.tell("intro-ended");
+  }
+
+  /** For screen readers only. */
+  private say(text: string): void {
+    this.part_(".spoken").textContent = text;
+  }
+
+  private position(): string {
+    const { seconds, duration } = this.state;
+    return `${seconds.toFixed(1)} of ${duration.toFixed(1)} seconds`;
+  }
+
   private toggleInfo(): void {
     this.toggleSettings(false);
+    this.toggleHelp(false);
     this.panel?.toggle();
     this.part_(".bar [data-act='info']").setAttribute("aria-pressed", String(this.panel?.open ?? false));
   }
@@ -470,12 +586,14 @@ export class V3PlayerElement extends HTMLElement {
     }
   }
 
-  private setLoop(loop: boolean): void {
+  /** Whether playback starts over at the end. */
+  setLoop(loop: boolean): void {
     if (this.player !== null && this.player.loop !== loop) this.player.loop = loop;
     this.check("loop", String(loop));
   }
 
-  private setBackground(name: BackgroundName): void {
+  /** What is behind the splats: a name as in the URL parameters. */
+  setBackground(name: BackgroundName): void {
     this.backgroundName = name;
     const color = name === "stream" ? (this.suggested ?? BACKGROUNDS.black.color) : BACKGROUNDS[name].color;
     if (this.player !== null) this.player.background = color;

@@ -3,18 +3,26 @@
  * replies go to the embedding page.
  */
 
-import type { View } from "../draw/camera.ts";
+import type { PartialView } from "../draw/camera.ts";
 import { parseView } from "./link.ts";
+import { isBackground } from "./template.ts";
 import type { V3PlayerElement } from "./element.ts";
 
 const VERSION = 1;
 const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "notice", "error"];
 
-function readView(value: unknown): View | null {
+/** A view as in links, or an object of which parts can be missing; null if it is malformed. */
+function readView(value: unknown): PartialView | null {
   if (typeof value === "string") return parseView(value);
-  const view = value as Partial<View> | null | undefined;
-  if (typeof view !== "object" || view === null || !Array.isArray(view.target)) return null;
-  return parseView([view.azimuth, view.elevation, view.distance, ...view.target].join(","));
+  if (typeof value !== "object" || value === null) return null;
+  const { azimuth, elevation, distance, target, ...others } = value as Record<string, unknown>;
+  const number = (one: unknown): one is number => typeof one === "number" && Number.isFinite(one);
+  if (Object.keys(others).length > 0) return null;
+  if (![azimuth, elevation, distance].every((one) => one === undefined || number(one))) return null;
+  if (distance !== undefined && !(Number(distance) > 0)) return null;
+  if (target !== undefined && !(Array.isArray(target) && target.length === 3 && target.every(number))) return null;
+  const given = Object.entries({ azimuth, elevation, distance, target }).filter(([, one]) => one !== undefined);
+  return given.length > 0 ? (Object.fromEntries(given)) : null;
 }
 
 export function listen(element: V3PlayerElement): void {
@@ -39,7 +47,10 @@ export function listen(element: V3PlayerElement): void {
       const view = readView(value);
       if (view !== null) element.setView(view);
       else post("error", "setView requires a view: azimuth, elevation, distance and target.");
-    } else if (command === "getState") post("state", element.state);
+    } else if (command === "resetView") element.resetView();
+    else if (command === "setLoop" && typeof value === "boolean") element.setLoop(value);
+    else if (command === "setBackground" && typeof value === "string" && isBackground(value)) element.setBackground(value);
+    else if (command === "getState") post("state", element.state);
     else post("error", `Command ${String(command).slice(0, 40)} is unknown, or its value is missing or invalid.`);
   });
 }

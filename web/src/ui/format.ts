@@ -1,10 +1,10 @@
 /** Formats numbers for display. */
 
+/** Minutes, seconds and tenths, rounded. */
 export function clock(seconds: number): string {
-  const whole = Math.floor(seconds);
-  const rest = String(whole % 60).padStart(2, "0");
-  const tenth = Math.floor((seconds - whole) * 10);
-  return `${Math.floor(whole / 60)}:${rest}.${tenth}`;
+  const tenths = Math.round(10 * seconds);
+  const rest = String(Math.floor(tenths / 10) % 60).padStart(2, "0");
+  return `${Math.floor(tenths / 600)}:${rest}.${tenths % 10}`;
 }
 
 export function bytes(count: number): string {
@@ -15,3 +15,6 @@ export function bytes(count: number): string {
 export const milliseconds = (value: number): string => (value === 0 ? "–" : `${value.toFixed(value < 10 ? 1 : 0)} ms`);
 
 export const count = (value: number): string => value.toLocaleString("en-US");
+
+/** A number and its noun: "1 stall", "2 stalls". */
+export const plural = (value: number, noun: string): string => `${count(value)} ${noun}${value === 1 ? "" : "s"}`;

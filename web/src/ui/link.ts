@@ -1,6 +1,6 @@
 /** Links to a time and a view: `?t=3.2&view=30,10,2.5,0,0,0` (angles in degrees, then distance and target). */
 
-import type { View } from "../draw/camera.ts";
+import type { PartialView, View } from "../draw/camera.ts";
 
 const short = (value: number, digits = 4): string => String(Number(value.toPrecision(digits)));
 
@@ -9,12 +9,14 @@ export function formatView(view: View): string {
   return [azimuth, elevation, distance, ...target].map((value) => short(value)).join(",");
 }
 
-/** The view of a link; null if it is malformed. */
-export function parseView(text: string | null): View | null {
+/** The view of a link: two angles, or with the distance, or with the target too; null if it is malformed. */
+export function parseView(text: string | null): PartialView | null {
   const values = (text ?? "").split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
-  if (values.length !== 6 || !values.every(Number.isFinite) || !(values[2] > 0)) return null;
-  const [azimuth, elevation, distance, x, y, z] = values as [number, number, number, number, number, number];
-  return { azimuth, elevation, distance, target: [x, y, z] };
+  if (![2, 3, 6].includes(values.length) || !values.every(Number.isFinite)) return null;
+  const [azimuth, elevation, distance, x, y, z] = values;
+  if (values.length === 2) return { azimuth, elevation };
+  if (!(distance > 0)) return null;
+  return values.length === 3 ? { azimuth, elevation, distance } : { azimuth, elevation, distance, target: [x, y, z] };
 }
 
 /** The time of a link in seconds; null if it is malformed. */

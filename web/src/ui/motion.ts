@@ -14,8 +14,10 @@ const TAP = 250;
 const FLY = 420;
 
 export interface MotionEvents {
-  /** Called on a tap or click without movement. */
-  tap(pointer: string): void;
+  /** Called on a tap or click without movement, with its place in the window. */
+  tap(pointer: string, x: number, y: number): void;
+  /** Called when the user touches the picture, turns the wheel or uses the gamepad. */
+  input(): void;
   /** Called when the user has moved the camera. */
   touched(): void;
 }
@@ -145,6 +147,7 @@ export class Motion {
   }
 
   private down(event: PointerEvent): void {
+    this.events.input();
     // Events dispatched by scripts have no pointer to capture.
     if (event.isTrusted) this.surface.setPointerCapture(event.pointerId);
     this.fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
@@ -197,7 +200,7 @@ export class Motion {
         this.reset();
       } else {
         this.lastTap = { x, y, at };
-        this.events.tap(event.pointerType);
+        this.events.tap(event.pointerType, x, y);
       }
       return;
     }
@@ -209,6 +212,7 @@ export class Motion {
   private wheel(event: WheelEvent): void {
     if (!this.ownsWheel() && !event.ctrlKey) return;
     event.preventDefault();
+    this.events.input();
     const unit = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? this.height : 1;
     const [dx, dy] = [event.deltaX * unit, event.deltaY * unit];
     // Pinching on a trackpad arrives as wheel events with Ctrl; two-finger scrolling has small steps in both directions.
@@ -284,6 +288,7 @@ export class Motion {
       return Math.abs(value) < 0.15 ? 0 : value;
     };
     const [lx, ly, rx, ry] = [axis(0), axis(1), axis(2), axis(3)];
+    if ([lx, ly, rx, ry].some((value) => value !== 0) || pad.buttons.some((button) => button.pressed)) this.events.input();
     if (lx !== 0 || ly !== 0) this.turn(-lx * 320 * seconds, -ly * 220 * seconds);
     if (rx !== 0 || ry !== 0) this.pan(-rx * 300 * seconds, -ry * 300 * seconds);
     const zoom = (pad.buttons[6]?.value ?? 0) - (pad.buttons[7]?.value ?? 0);

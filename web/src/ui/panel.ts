@@ -1,18 +1,19 @@
 /** The info panel: live playback statistics. */
 
 import type { Player } from "../player/player.ts";
-import { bytes, count, milliseconds } from "./format.ts";
+import { bytes, count, milliseconds, plural } from "./format.ts";
 
 const PATHS = { webcodecs: "WebCodecs", "webcodecs-software": "WebCodecs, software", video: "video element" } as const;
 
 export function figures(player: Player): [string, string][] {
-  const { statistics: s, info } = player;
+  const { statistics: s, info, group } = player;
+  const wanted = Number(((info?.fps ?? 0) * player.speed).toFixed(2));
   const interval = s.interval.mean(60);
   const { drawn, all } = player.splats;
   const [width, height] = player.drawSize;
   const rows: [string, string][] = [
-    ["Frames", interval === 0 || !player.playing ? "–" : `${(1000 / interval).toFixed(1)} fps of ${info?.fps ?? 0}`],
-    ["Dropped", `${s.dropped} of ${s.shown + s.dropped}, ${s.stalls} stalls`],
+    ["Frame rate", !player.playing ? `paused (${wanted} fps)` : `${interval === 0 ? "–" : (1000 / interval).toFixed(1)} of ${wanted} fps`],
+    ["Dropped", `${count(s.dropped)} of ${plural(s.shown + s.dropped, "frame")}, ${plural(s.stalls, "stall")}`],
     ["Splats", `${count(drawn)} of ${count(all)}`],
     ["Decode", milliseconds(s.decode.mean())],
     ["Dequantize", milliseconds(s.dequantize.mean())],
@@ -22,11 +23,17 @@ export function figures(player: Player): [string, string][] {
     ["Main thread", `${milliseconds(s.main.mean())} per frame`],
     ["Picture", `${width} × ${height}`],
     ["Bandwidth", player.bandwidth === 0 ? "–" : `${player.bandwidth.toFixed(1)} Mbit/s`],
-    ["Received", `${bytes(player.receivedBytes)} of ${bytes(info?.totalBytes ?? 0)}`],
+    // Of several renditions, only one of each group is fetched.
+    ["Received", info?.renditions === 1 ? `${bytes(player.receivedBytes)} of ${bytes(info.totalBytes)}` : bytes(player.receivedBytes)],
   ];
   if (info !== null) {
-    rows.push(["Stream", `${info.profile}, ${info.codec}, SH ${info.shDegree}, ${bytes(info.totalBytes / info.frameCount)}/frame`]);
+    rows.push(["Stream", `${info.profile}, ${info.codec}, SH ${group?.shDegree ?? info.shDegree}`]);
+    if (group !== null) {
+      const rate = `${bytes(group.bytes / group.frames)} per frame, ${((8e-6 * group.bytes * info.fps) / group.frames).toFixed(1)} Mbit/s`;
+      rows.push(["Rendition", info.renditions === 1 ? rate : `${group.rendition} (one of ${info.renditions}), ${rate}`]);
+    }
     rows.push(["Player", `${player.path === null ? "–" : PATHS[player.path]}, ${player.rendererName}`]);
+    if (player.withoutWebGPU !== null) rows.push(["WebGPU", `not used: ${player.withoutWebGPU}`]);
     rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only; SHA-256 requires HTTPS"]);
   }
   return rows;

@@ -28,15 +28,37 @@ const swatches = Object.entries(BACKGROUNDS)
   })
   .join("");
 
+const key = (names: string): string => names.split(" ").map((name) => `<kbd>${name}</kbd>`).join(" ");
+
+/** What the controls do; docs/WEB.md lists the same. */
+const HELP: readonly (readonly [string, string])[] = [
+  ["Orbit", `one finger, left button, ${key("← → ↑ ↓")}`],
+  ["Pan", `two fingers, right button, ${key("Shift")} with the above`],
+  ["Zoom", `pinch, wheel, ${key("+ −")}`],
+  ["Reset view", `double tap, ${key("R")}`],
+  ["Play, pause", key("Space K")],
+  ["Back, forward 1 s", key("J L")],
+  ["Previous, next frame", key(", .")],
+  ["Slower, faster", key("&lt; &gt;")],
+  ["Background", key("B")],
+  ["Full screen", key("F")],
+  ["Statistics", key("I")],
+  ["Copy link", key("C")],
+  ["Help", key("?")],
+  ["Gamepad", "left stick orbits, right stick pans, triggers zoom; A plays, B resets the view"],
+];
+
 export const TEMPLATE = `
-<div class="stage" tabindex="0" role="application" aria-roledescription="3D video"
-  aria-label="Volumetric video. Arrow keys orbit, Shift and arrow keys pan, plus and minus zoom, R resets the view, Space plays and pauses.">
+<p class="unseen" id="keys">Arrow keys orbit, Shift and arrow keys pan, plus and minus zoom, R resets the view, Space plays and pauses. Question mark: all keys.</p>
+<p class="unseen" id="about"></p>
+<p class="unseen spoken" role="status" aria-live="polite"></p>
+<div class="stage" tabindex="0" role="application" aria-roledescription="3D video" aria-label="Volumetric video" aria-describedby="about keys">
   <canvas></canvas>
+  <button type="button" class="start" data-act="start" aria-label="Play" hidden>${ICONS.play}</button>
 </div>
 <img class="poster" alt="" hidden>
 <div class="veil"><div class="spinner" role="status" aria-label="Loading"></div></div>
 <header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
-<button type="button" class="start" data-act="play" aria-label="Play" hidden>${ICONS.play}</button>
 <div class="bar" part="controls">
   <div class="timeline" role="slider" tabindex="0" aria-label="Time" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
   <div class="buttons">
@@ -64,7 +86,12 @@ export const TEMPLATE = `
   <h3>More</h3>
   <div class="choices">
     <button type="button" data-act="info">Statistics</button><button type="button" data-act="link" hidden>Copy link</button>
+    <button type="button" data-act="help">Help</button>
   </div>
+</div>
+<div class="sheet help" role="dialog" aria-label="Help" tabindex="-1" hidden>
+  <h2>Help <button type="button" class="close" data-act="help" aria-label="Close help">${ICONS.close}</button></h2>
+  <table><tbody>${HELP.map(([what, how]) => `<tr><th scope="row">${what}</th><td>${how}</td></tr>`).join("")}</tbody></table>
 </div>
 <section class="sheet info" aria-label="Statistics" hidden>
   <h2>Statistics <button type="button" class="close" data-act="info" aria-label="Close statistics">${ICONS.close}</button></h2>

@@ -1,7 +1,8 @@
-/** The timeline: played, buffered and skipped parts; dragging seeks. */
+/** The timeline: played, buffered and skipped parts; dragging seeks; a preview of what is under the pointer. */
 
 import type { Player } from "../player/player.ts";
 import { clock } from "./format.ts";
+import { Thumbnails } from "./thumbnails.ts";
 
 export class Timeline {
   readonly element: HTMLElement;
@@ -9,6 +10,8 @@ export class Timeline {
   private readonly track: HTMLElement;
   private readonly buffered: HTMLElement;
   private readonly bubble: HTMLElement;
+  private readonly preview: HTMLCanvasElement;
+  private readonly thumbnails: Thumbnails;
   private dragging = false;
   private resume = false;
   private next: number | null = null;
@@ -17,10 +20,12 @@ export class Timeline {
   constructor(element: HTMLElement, player: Player) {
     this.element = element;
     this.player = player;
-    element.innerHTML = `<div class="track"><div class="buffered"></div><div class="played"></div></div><div class="knob"></div><div class="bubble"></div>`;
+    element.innerHTML = `<div class="track"><div class="buffered"></div><div class="played"></div></div><div class="knob"></div><div class="bubble"><canvas hidden></canvas><span></span></div>`;
     this.track = element.querySelector<HTMLElement>(".track")!;
     this.buffered = element.querySelector<HTMLElement>(".buffered")!;
     this.bubble = element.querySelector<HTMLElement>(".bubble")!;
+    this.preview = element.querySelector<HTMLCanvasElement>(".bubble canvas")!;
+    this.thumbnails = new Thumbnails(player);
     element.addEventListener("pointerdown", (event) => {
       if (event.button !== 0 || player.info === null) return;
       element.setPointerCapture(event.pointerId);
@@ -137,7 +142,17 @@ export class Timeline {
     const { info } = this.player;
     if (info === null) return;
     const frame = this.frameAt(x);
-    this.bubble.textContent = `${clock(frame / info.fps)} · ${frame}`;
-    this.bubble.style.left = `${(100 * frame) / Math.max(1, info.frameCount - 1)}%`;
+    this.bubble.querySelector("span")!.textContent = `${clock(frame / info.fps)} · ${frame}`;
+    const picture = this.thumbnails.find(frame);
+    this.preview.hidden = picture === null;
+    if (picture !== null) {
+      this.preview.width = picture.width;
+      this.preview.height = picture.height;
+      this.preview.getContext("2d")?.drawImage(picture, 0, 0);
+    }
+    // Inside the player also at the ends.
+    const half = this.bubble.offsetWidth / 2;
+    const at = (this.track.clientWidth * frame) / Math.max(1, info.frameCount - 1);
+    this.bubble.style.left = `${Math.max(half, Math.min(this.track.clientWidth - half, at))}px`;
   }
 }

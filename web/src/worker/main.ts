@@ -32,7 +32,7 @@ scope.onmessage = ({ data }) => {
       session?.present(data.frame, data.axis, data.seek);
       break;
     case "sort":
-      session?.sort(data.request, data.axis);
+      session?.sort(data.request, data.frame, data.axis);
       break;
     case "loop":
       session?.setLoop(data.loop);

@@ -21,10 +21,10 @@ export type ToWorker =
       readonly path: DecodePath | "auto";
       readonly loop: boolean;
     }
-  /** Decode a frame and sort it along the axis. The latest request wins. */
-  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
-  /** Sort the last decoded frame along another axis. `request` is returned with the order. */
-  | { readonly type: "sort"; readonly request: number; readonly axis: DepthAxis }
+  /** Decode a frame and sort it along the axis, if there is one. The latest request wins. */
+  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis | null; readonly seek: boolean }
+  /** Sort one of the last two decoded frames along another axis. `request` is returned with the order. */
+  | { readonly type: "sort"; readonly request: number; readonly frame: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
   | { readonly type: "playing"; readonly playing: boolean }
   /** How many frames of a group were shown, and dropped since decoding was late. */
@@ -70,7 +70,9 @@ export interface StreamInfo {
   readonly fps: number;
   readonly frameCount: number;
   readonly shDegree: number;
+  /** Of all files, in all renditions. */
   readonly totalBytes: number;
+  readonly renditions: number;
   readonly groups: readonly { readonly firstFrame: number; readonly frameCount: number; readonly bytes: number; readonly splats: number }[];
   readonly box: { readonly min: Vector; readonly max: Vector };
   readonly camera: Camera | null;
@@ -86,6 +88,11 @@ export interface StreamInfo {
 /** Data shared by all frames of a group, for the renderer. */
 export interface GroupSetup {
   readonly group: number;
+  /** Id of the rendition that the group's data are from; empty in streams of a single one. */
+  readonly rendition: string;
+  /** Size of the group's files in this rendition, and how many frames they hold. */
+  readonly bytes: number;
+  readonly frames: number;
   readonly profile: "motion" | "planes";
   readonly splats: number;
   readonly shDegree: number;
@@ -117,6 +124,7 @@ export interface Picture {
   readonly luma: Uint8Array<ArrayBuffer>;
   readonly blocks: Float32Array<ArrayBuffer> | null;
   readonly escapes: Int32Array<ArrayBuffer> | null;
+  /** Empty if no order was requested. */
   readonly order: Uint32Array<ArrayBuffer>;
   /** How many entries of `order` to draw. */
   readonly count: number;

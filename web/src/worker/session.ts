@@ -1,5 +1,6 @@
 /** An open stream: turns requests for frames into sorted pictures. */
 
+import { NEAR } from "../draw/renderer.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { RateRule } from "../player/rate_rule.ts";
 import { GroupTable } from "../stream/group_table.ts";
@@ -31,8 +32,6 @@ import { Pool } from "./pool.ts";
 import { type Files, GroupStore } from "./store.ts";
 import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
-/** As in studio.rasterizer: splats nearer than this are not drawn. */
-export const NEAR = 0.01;
 const NEEDS_WEBCODECS =
   "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
 /** Seconds between two reads of a live stream's manifest; in between, about the duration of a group. */
@@ -45,6 +44,12 @@ interface Prepared {
   readonly group: Group;
   readonly tables: MotionTables | null;
   readonly pictures: PictureSource;
+}
+
+interface Decoded {
+  readonly frame: number;
+  readonly positions: Float32Array<ArrayBuffer>;
+  readonly pixels: Uint32Array | null;
 }
 
 type Post = (message: FromWorker, transfer?: Transferable[]) => void;
@@ -65,12 +70,15 @@ export class Session {
   private readonly maxTexture: number;
   private bandwidth = 0;
   private received = 0;
-  private wanted: { frame: number; axis: DepthAxis; seek: boolean } | null = null;
+  private wanted: { frame: number; axis: DepthAxis | null; seek: boolean } | null = null;
   private running = false;
   /** Cancels waiting for the frame in progress, because another one was requested. */
   private interrupt: (() => void) | null = null;
-  /** The last decoded frame; its positions are kept for sorting again. */
-  private shown: { frame: number; group: number; positions: Float32Array<ArrayBuffer>; pixels: Uint32Array | null } | null = null;
+  /**
+   * The last two decoded frames, the newest first: their positions are kept for sorting again. The page requests a frame
+   * ahead, so the one on the screen can be either.
+   */
+  private readonly decoded: Decoded[] = [];
   private setupSent = -1;
 
   constructor(post: Post, channel: VideoChannel, path: DecodePath | "auto", maxTexture: number, loop: boolean) {
@@ -221,6 +229,7 @@ export class Session {
       frameCount: manifest.frameCount,
       shDegree: manifest.shDegree,
       totalBytes: manifest.totalBytes,
+      renditions: Math.max(1, manifest.renditions.length),
       groups: manifest.spans.map(({ firstFrame, frameCount }, index) => ({
         firstFrame,
         frameCount,
@@ -273,19 +282,23 @@ export class Session {
     this.setupSent = -1;
   }
 
-  /** Decodes and sorts a frame; a later call replaces one that has not started. */
-  present(frame: number, axis: DepthAxis, seek: boolean): void {
+  /** Decodes a frame, and sorts it if there is an axis; a later call replaces one that has not started. */
+  present(frame: number, axis: DepthAxis | null, seek: boolean): void {
     this.wanted = { frame, axis, seek };
     if (seek) this.interrupt?.();
     if (!this.running) void this.run();
   }
 
-  /** Sorts the last decoded frame. */
-  sort(request: number, axis: DepthAxis): void {
-    const { shown } = this;
-    if (shown === null) return;
-    const [order, count, milliseconds] = this.sorted(shown.positions, shown.pixels, axis);
-    this.post({ type: "order", request, frame: shown.frame, order, count, sort: milliseconds }, [order.buffer]);
+  /** Sorts one of the last two decoded frames. */
+  sort(request: number, frame: number, axis: DepthAxis): void {
+    const found = this.decoded.find((one) => one.frame === frame);
+    if (found === undefined) {
+      const none = new Uint32Array(0);
+      this.post({ type: "order", request, frame: -1, order: none, count: 0, sort: 0 }, [none.buffer]);
+      return;
+    }
+    const [order, count, milliseconds] = this.sorted(found.positions, found.pixels, axis);
+    this.post({ type: "order", request, frame, order, count, sort: milliseconds }, [order.buffer]);
   }
 
   private async run(): Promise<void> {
@@ -301,7 +314,7 @@ export class Session {
     }
   }
 
-  private async bring(frame: number, axis: DepthAxis): Promise<void> {
+  private async bring(frame: number, axis: DepthAxis | null): Promise<void> {
     const { manifest, store } = this;
     if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
     const index = groupOfFrame(manifest.spans, frame);
@@ -355,19 +368,26 @@ export class Session {
     within: number,
     luma: Uint8Array<ArrayBuffer>,
     decode: number,
-    axis: DepthAxis,
+    axis: DepthAxis | null,
   ): void {
     const { group, tables } = prepared;
     const began = performance.now();
-    let positions = this.shown?.positions;
-    if (positions?.length !== 3 * group.splats) positions = new Float32Array(3 * group.splats);
     const blocks = tables?.blocks(within) ?? null;
-    if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
-    else planePositions(group, luma, positions);
-    const dequantize = performance.now() - began;
-    const pixels = tables?.pixels ?? null;
-    const [order, count, sort] = this.sorted(positions, pixels, axis);
-    this.shown = { frame, group: group.index, positions, pixels };
+    let order = new Uint32Array(0);
+    let [count, dequantize, sort] = [group.splats, 0, 0];
+    if (axis === null) {
+      // The GPU dequantizes and sorts.
+      this.decoded.length = 0;
+    } else {
+      const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
+      const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
+      if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
+      else planePositions(group, luma, positions);
+      dequantize = performance.now() - began;
+      const pixels = tables?.pixels ?? null;
+      [order, count, sort] = this.sorted(positions, pixels, axis);
+      this.decoded.unshift({ frame, positions, pixels });
+    }
     const setup = this.setupSent === group.index ? null : this.setup(prepared);
     this.setupSent = group.index;
     const escapes = tables?.escapes(within) ?? null;
@@ -401,7 +421,14 @@ export class Session {
   }
 
   private setup({ group, tables }: Prepared): GroupSetup {
-    const common = { group: group.index, splats: group.splats, shDegree: group.shDegree };
+    const common = {
+      group: group.index,
+      rendition: group.rendition,
+      bytes: group.bytes,
+      frames: group.frameCount,
+      splats: group.splats,
+      shDegree: group.shDegree,
+    };
     if (group.profile === "planes")
       return {
         ...common,

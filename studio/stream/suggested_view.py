@@ -1,0 +1,48 @@
+"""A first view for a stream: from a camera's place, upright, with the scene in the middle and as large as fits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from studio.cameras import Camera, look_at_pose
+
+MARGIN = 1.08
+"""How much larger than the scene's box the picture is."""
+
+_EDGES = np.array([place for place in product((-1, 0, 1), repeat=3) if place.count(0) == 1])
+"""(12, 3) middles of the edges of a cube from -1 to 1."""
+
+_NARROWEST = 0.02  # tangent of half the field of view, where the box is a point
+
+
+def suggested_view(camera: Camera, low: Sequence[float], high: Sequence[float], up: np.ndarray) -> Camera:
+    """The camera's place and picture size; it looks at the middle of a box, which fills the picture.
+
+    The middles of the box's edges are inside the picture. Its corners, where hardly anything ever is, need not be.
+
+    Args:
+        camera: gives the place, the size and the name.
+        low, high: (3,) least and greatest corner of the box, world units.
+        up: (3,) direction that points up in the world, any length.
+
+    Returns:
+        a camera without lens distortion. `camera` without its distortion if it is inside the box or above or below
+        its middle: there is no upright view that shows the box.
+    """
+    middle = (np.array(low) + np.array(high)) / 2
+    edges = middle + _EDGES * (np.array(high) - np.array(low)) / 2
+    towards = middle - camera.center
+    upright = up / np.linalg.norm(up)
+    if np.linalg.norm(np.cross(towards, upright)) < 0.05 * np.linalg.norm(towards):
+        return camera.undistorted()
+    pose = look_at_pose(camera.center, middle, upright)
+    x, y, z = pose[:3, :3] @ edges.T + pose[:3, 3:]
+    if z.min() <= 0:
+        return camera.undistorted()
+    across, along = (MARGIN * max(float(np.abs(values / z).max()), _NARROWEST) for values in (x, y))
+    focal = min(camera.width / 2 / across, camera.height / 2 / along)
+    K = np.array([[focal, 0, camera.width / 2], [0, focal, camera.height / 2], [0, 0, 1.0]])
+    return Camera(camera.name, camera.width, camera.height, K, pose)

@@ -1,0 +1,126 @@
+/** A camera path that is flown once when the stream is ready, until the first input. */
+
+import { pinholeOf, type View } from "../draw/camera.ts";
+import type { Player } from "../player/player.ts";
+import { StreamError } from "../stream/errors.ts";
+import type { Vector } from "../stream/manifest.ts";
+
+const FORMAT = "v3studio-camera-path";
+/** Keys that a path may have at most. */
+const MAX_KEYS = 1000;
+
+interface Key {
+  readonly time: number;
+  readonly camera: { readonly width: number; readonly height: number; readonly K: number[][]; readonly world_to_camera: number[][] };
+}
+
+/** A curve through points at ascending times, with continuous velocity and acceleration: a natural cubic spline. */
+export function spline(times: readonly number[], values: readonly number[]): (time: number) => number {
+  const n = times.length;
+  // Second derivatives, by elimination in the tridiagonal system.
+  const second = new Array<number>(n).fill(0);
+  const upper = new Array<number>(n).fill(0);
+  for (let i = 1; i < n - 1; i++) {
+    const [before, after] = [times[i] - times[i - 1], times[i + 1] - times[i]];
+    const bend = 6 * ((values[i + 1] - values[i]) / after - (values[i] - values[i - 1]) / before);
+    const pivot = 2 * (before + after) - before * upper[i - 1];
+    upper[i] = after / pivot;
+    second[i] = (bend - before * second[i - 1]) / pivot;
+  }
+  for (let i = n - 2; i > 0; i--) second[i] -= upper[i] * second[i + 1];
+  return (time) => {
+    if (n === 1 || time <= times[0]) return values[0];
+    if (time >= times[n - 1]) return values[n - 1];
+    let i = 0;
+    while (time > times[i + 1]) i++;
+    const step = times[i + 1] - times[i];
+    const [a, b] = [(times[i + 1] - time) / step, (time - times[i]) / step];
+    const bent = ((a ** 3 - a) * second[i] + (b ** 3 - b) * second[i + 1]) * (step ** 2 / 6);
+    return a * values[i] + b * values[i + 1] + bent;
+  };
+}
+
+const numbers = (value: unknown, count: number): value is number[] =>
+  Array.isArray(value) && value.length === count && value.every((one) => typeof one === "number" && Number.isFinite(one));
+
+const matrix = (value: unknown, size: number): value is number[][] =>
+  Array.isArray(value) && value.length === size && value.every((row) => numbers(row, size));
+
+/** The keys of a camera path file. */
+function parseKeys(text: string): Key[] {
+  const wrong = (problem: string): StreamError => new StreamError(`The intro's camera path ${problem}.`);
+  let values: unknown;
+  try {
+    values = JSON.parse(text);
+  } catch {
+    throw wrong("is not readable JSON");
+  }
+  const { format, keys } = (values ?? {}) as { format?: unknown; keys?: unknown };
+  if (format !== FORMAT || !Array.isArray(keys)) throw wrong(`is not a ${FORMAT}`);
+  if (keys.length < 1 || keys.length > MAX_KEYS) throw wrong(`has ${keys.length} keys`);
+  const found = keys as (Partial<Key> | null)[];
+  found.forEach((key, i) => {
+    const { width, height, K, world_to_camera: pose } = key?.camera ?? {};
+    const fine = numbers([key?.time, width, height], 3) && matrix(K, 3) && matrix(pose, 4) && K[1][1] > 0;
+    if (!fine || (i > 0 && !(key!.time! > found[i - 1]!.time!))) throw wrong(`has an invalid key ${i}`);
+  });
+  return found as Key[];
+}
+
+/** The views of a path over the seconds since its beginning, and its duration. */
+export interface IntroPath {
+  readonly seconds: number;
+  readonly at: (seconds: number) => View;
+}
+
+/** @throws StreamError - not a camera path */
+export function readPath(text: string, player: Player): IntroPath {
+  const keys = parseKeys(text);
+  const times = keys.map((key) => key.time - keys[0].time);
+  const views = keys.map(({ camera }) =>
+    player.camera.viewOf(pinholeOf({ ...camera, worldToCamera: camera.world_to_camera })),
+  );
+  // Never more than half a turn from key to key.
+  const azimuths = views.map(({ azimuth }) => azimuth);
+  for (let i = 1; i < azimuths.length; i++)
+    azimuths[i] -= 360 * Math.round((azimuths[i] - azimuths[i - 1]) / 360);
+  const azimuth = spline(times, azimuths);
+  const elevation = spline(times, views.map((view) => view.elevation));
+  const distance = spline(times, views.map((view) => Math.log(view.distance)));
+  const target = [0, 1, 2].map((k) => spline(times, views.map((view) => view.target[k])));
+  return {
+    seconds: times[times.length - 1],
+    at: (seconds) => ({
+      azimuth: azimuth(seconds),
+      elevation: elevation(seconds),
+      distance: Math.exp(distance(seconds)),
+      target: target.map((one) => one(seconds)) as unknown as Vector,
+    }),
+  };
+}
+
+/** Flies a path; the camera stays where the path ends, or where it was when `stop` was called. */
+export class Intro {
+  private handle = 0;
+
+  constructor(player: Player, path: IntroPath, ended: () => void) {
+    let began: number | null = null;
+    const tick = (now: number): void => {
+      began ??= now;
+      const seconds = (now - began) / 1000;
+      player.view = path.at(seconds);
+      this.handle = seconds < path.seconds ? requestAnimationFrame(tick) : 0;
+      if (this.handle === 0) ended();
+    };
+    this.handle = requestAnimationFrame(tick);
+  }
+
+  stop(): void {
+    cancelAnimationFrame(this.handle);
+    this.handle = 0;
+  }
+
+  get running(): boolean {
+    return this.handle !== 0;
+  }
+}

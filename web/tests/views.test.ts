@@ -1,0 +1,89 @@
+/** Views, camera paths and what the controls write. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { OrbitCamera, type Pinhole } from "../src/draw/camera.ts";
+import type { Player } from "../src/player/player.ts";
+import type { Camera, Vector } from "../src/stream/manifest.ts";
+import { clock, plural } from "../src/ui/format.ts";
+import { readPath, spline } from "../src/ui/intro.ts";
+import { parseView } from "../src/ui/link.ts";
+
+/** A figure of 1.8 m that walks 1.4 m; z is up. */
+const BOX = { min: [-0.7, -0.5, 0] as Vector, max: [0.7, 0.5, 1.8] as Vector };
+const UP: Vector = [0, 0, 1];
+/** 4 m in front of its middle, where y points away from it. */
+const FRONT: Camera = {
+  width: 1600,
+  height: 900,
+  K: [[1400, 0, 800], [0, 1400, 450], [0, 0, 1]],
+  worldToCamera: [[1, 0, 0, 0], [0, 0, -1, 0.9], [0, 1, 0, 4], [0, 0, 0, 1]],
+};
+
+function pixel({ rotation: r, translation: t, fx, fy, cx, cy }: Pinhole, point: Vector): [number, number] {
+  const [x, y, z] = [0, 1, 2].map((k) => r[3 * k] * point[0] + r[3 * k + 1] * point[1] + r[3 * k + 2] * point[2] + t[k]);
+  return [(fx * x) / z + cx, (fy * y) / z + cy];
+}
+
+function opened(): OrbitCamera {
+  const camera = new OrbitCamera();
+  camera.frame(BOX, FRONT, UP);
+  return camera;
+}
+
+void test("the figure is large on a phone and on a wide screen", () => {
+  const camera = opened();
+  for (const [width, height] of [[390, 844], [320, 568], [820, 1180], [1440, 900], [3840, 2160]]) {
+    const pinhole = camera.pinhole(width, height);
+    const [[, head], [, feet]] = [pixel(pinhole, [0, 0, 1.8]), pixel(pinhole, [0, 0, 0])];
+    assert.ok(head > 0 && feet < height, `cut at ${width}x${height}`);
+    assert.ok((feet - head) / height > 0.45, `${Math.round((100 * (feet - head)) / height)} % of ${width}x${height}`);
+    assert.ok(Math.abs(pixel(pinhole, [0, 0, 0.9])[0] - width / 2) < 1);
+  }
+});
+
+void test("links may leave out what stays as it is", () => {
+  assert.deepEqual(parseView("30,10"), { azimuth: 30, elevation: 10 });
+  assert.deepEqual(parseView("30,10,2.5"), { azimuth: 30, elevation: 10, distance: 2.5 });
+  for (const wrong of ["30", "30,10,0", "30,10,2,0", "30,x", "1,2,3,4,5,6,7"]) assert.equal(parseView(wrong), null, wrong);
+});
+
+void test("times are rounded", () => {
+  assert.deepEqual([0.48, 0.44, 59.96, 61.25, 3599.99].map(clock), ["0:00.5", "0:00.4", "1:00.0", "1:01.3", "60:00.0"]);
+  assert.deepEqual([0, 1, 2].map((n) => plural(n, "stall")), ["0 stalls", "1 stall", "2 stalls"]);
+});
+
+void test("the spline passes through its points with continuous velocity", () => {
+  const [times, values] = [[0, 1, 1.5, 4], [2, -1, 0, 5]];
+  const curve = spline(times, values);
+  times.forEach((time, i) => { assert.ok(Math.abs(curve(time) - values[i]) < 1e-12); });
+  const speed = (time: number, step: number): number => (curve(time + step) - curve(time)) / step;
+  for (const time of [1, 1.5]) assert.ok(Math.abs(speed(time, 1e-5) - speed(time, -1e-5)) < 1e-3);
+  // No bend at the ends, and a straight line stays straight.
+  const bend = (curve(0.002) - 2 * curve(0.001) + curve(0)) / 1e-6;
+  assert.ok(Math.abs(bend) < 0.1, String(bend));
+  assert.ok(Math.abs(spline([0, 1, 3], [0, 2, 6])(2) - 4) < 1e-12);
+  assert.deepEqual([curve(-1), curve(9)], [2, 5]);
+});
+
+void test("an intro shows what its cameras see", () => {
+  const camera = opened();
+  const right = { ...FRONT, worldToCamera: [[0, 1, 0, 0], [0, 0, -1, 0.9], [-1, 0, 0, 3], [0, 0, 0, 1]] };
+  const values = (one: Camera): object => ({ ...one, worldToCamera: undefined, world_to_camera: one.worldToCamera });
+  const keys = [FRONT, right].map((one, i) => ({ time: 5 + 2 * i, camera: values(one) }));
+  const text = JSON.stringify({ format: "v3studio-camera-path", version: 1, keys });
+  const path = readPath(text, { camera } as unknown as Player);
+  assert.equal(path.seconds, 2);
+  for (const [seconds, { K, worldToCamera: w }] of [[0, FRONT], [2, right]] as const) {
+    camera.view = path.at(seconds);
+    const pinhole = camera.pinhole(1600, 900);
+    const given = { ...pinhole, fx: K[0][0], fy: K[1][1], rotation: w.slice(0, 3).flatMap((row) => row.slice(0, 3)), translation: w.slice(0, 3).map((row) => row[3]) as unknown as Vector };
+    // In the plane of the subject, each point is where the camera sees it.
+    for (const point of [[0, 0, 0.9], [0, 0, 0.4]] as Vector[])
+      pixel(pinhole, point).forEach((value, k) => { assert.ok(Math.abs(value - pixel(given, point)[k]) < 1, `${point.join()} at ${seconds}`); });
+  }
+  const halfway = path.at(1);
+  assert.ok(Math.abs(Math.abs(halfway.azimuth) - 45) < 1);
+  for (const wrong of ["", "[]", "{}", text.replace("1400", "-1").replace("1400", "-1"), text.replace('"time":7', '"time":5'), text.replace('"keys":[', '"keys":[null,')])
+    assert.throws(() => readPath(wrong, { camera } as unknown as Player), /camera path/, wrong.slice(0, 60));
+});
