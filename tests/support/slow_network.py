@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Coroutine
 from types import TracebackType
+from typing import Any
 
 _CHUNK = 4096
 _QUEUED = 64  # chunks on their way in one connection
@@ -43,13 +45,17 @@ class SlowNetwork:
         await asyncio.sleep(self.round_trip)
         server, to_server = await asyncio.open_connection("127.0.0.1", self._target)
         for source, target, limited in ((client, to_server, False), (server, to_client, True)):
-            task = asyncio.ensure_future(self._relay(source, target, limited))
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
+            self._begin(self._relay(source, target, limited))
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
 
     async def _relay(self, source: asyncio.StreamReader, target: asyncio.StreamWriter, limited: bool) -> None:
         queue: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue(_QUEUED)
-        delivering = asyncio.ensure_future(self._deliver(queue, target, limited))
+        delivering = self._begin(self._deliver(queue, target, limited))
         try:
             while data := await source.read(_CHUNK):
                 await queue.put((self._arrival(len(data), limited), data))
@@ -85,9 +91,10 @@ class SlowNetwork:
 
         async def end() -> None:
             self._server.close()
-            for task in self._tasks:
+            tasks = list(self._tasks)
+            for task in tasks:
                 task.cancel()
-            await asyncio.gather(*self._tasks, return_exceptions=True)
+            await asyncio.gather(*tasks, return_exceptions=True)
 
         asyncio.run_coroutine_threadsafe(end(), self._loop).result(5)
         self._loop.call_soon_threadsafe(self._loop.stop)
