@@ -38,8 +38,10 @@ def serving(folder: str) -> Iterator[int]:
     """Serve a take or a stream with the player; gives the port."""
     import uvicorn
 
-    from pipelines.commands.serve import build_app, find_streams, listen
+    from pipelines.share.listening import listen
     from pipelines.share.player_files import read_player
+    from pipelines.share.served_streams import find_streams
+    from pipelines.share.web_app import build_app
 
     with listen("127.0.0.1", 0) as sock:
         config = uvicorn.Config(build_app(find_streams(folder), read_player()), log_level="warning", lifespan="off")

@@ -293,6 +293,11 @@ class TestFiles:
         self.replace(stream, edit_manifest, plane, (tmp_path / "short/group_000/opacity.mp4").read_bytes())
         self.refuses_group(stream, "stream.video_too_short")
 
+    def test_signed_video_with_too_many_frames(self, stream, edit_manifest, plane, make_frames, tmp_path):
+        bake_group(make_frames(50, 85), tmp_path / "long", 0, 0, PLANES)
+        self.replace(stream, edit_manifest, plane, (tmp_path / "long/group_000/opacity.mp4").read_bytes())
+        self.refuses_group(stream, "stream.video_too_long", value=50, expected=3)
+
     def test_signed_video_of_another_size(self, stream, edit_manifest, plane, make_frames, tmp_path):
         bake_group(make_frames(3, 600), tmp_path / "large", 0, 0, PLANES)
         self.replace(stream, edit_manifest, plane, (tmp_path / "large/group_000/opacity.mp4").read_bytes())

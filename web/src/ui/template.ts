@@ -64,6 +64,7 @@ export const TEMPLATE = `
   <div class="buttons">
     ${button("play", "Play", ICONS.play)}
     <div class="time"><b class="now">0:00.0</b> <span class="total"></span></div>
+    ${button("sound", "Turn sound off", ICONS.sound, "hidden")}
     <div class="gap"></div>
     ${button("reset", "Reset view", ICONS.reset)}
     ${button("link", "Copy link to this view", ICONS.link, 'class="wide" hidden')}

@@ -64,6 +64,8 @@ export class Session {
   private readonly told = new Set<number>();
   private manifest: Manifest | null = null;
   private store: GroupStore | null = null;
+  private source: Source | null = null;
+  private soundWanted = true;
   private path: DecodePath;
   private readonly mayChangePath: boolean;
   private loop: boolean;
@@ -137,6 +139,7 @@ export class Session {
         this.improved(group);
       },
     );
+    this.source = source;
     this.url = address.href;
     this.checked = checked;
     this.post({ type: "opened", info: this.info(manifest, table) });
@@ -242,6 +245,7 @@ export class Session {
       background: manifest.background,
       title: manifest.title,
       live: manifest.live,
+      hasSound: manifest.audio !== null,
       checksums: this.checked,
     };
   }
@@ -407,6 +411,23 @@ export class Session {
     if (picture.escapes !== null) transfer.push(picture.escapes.buffer);
     if (setup !== null && setup.statics !== null) transfer.push(setup.statics.buffer);
     this.post({ type: "picture", picture }, transfer);
+    if (this.soundWanted) void this.bringSound();
+  }
+
+  /** Fetches the sound, once the first picture is there. */
+  private async bringSound(): Promise<void> {
+    this.soundWanted = false;
+    const { audio } = this.manifest!;
+    if (audio === null) return;
+    try {
+      const data = await this.source!.read(audio.path, audio.bytes, this.closing.signal);
+      const digest = await sha256(data);
+      if (digest !== null && digest !== audio.sha256) throw new StreamError(`${audio.path} is damaged.`);
+      const file = new Blob([data], { type: "audio/mp4" });
+      this.post({ type: "sound", file, start: audio.start, length: audio.length });
+    } catch (error) {
+      if (!this.closing.signal.aborted) this.post({ type: "trouble", message: `The stream plays without sound: ${messageOf(error)}` });
+    }
   }
 
   private sorted(
