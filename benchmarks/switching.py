@@ -1,6 +1,6 @@
 """Plays 300 frames over a network whose rate changes, and looks for frames that are repeated, skipped or late.
 
-    python benchmarks/switching.py [--rates 1.2 0.3 0.7 0.2 1.5] [--seconds 6] [--frames 300] [--fps 10]
+    python benchmarks/switching.py [--rates 1.5 0.3 0.8 0.2 2] [--seconds 6] [--frames 300] [--fps 10]
 
 Bakes a small moving figure in three renditions, in groups of ten frames, and serves it behind a proxy
 (tests/support/slow_network.py) with 60 ms round trip. Every `--seconds`, the proxy changes to the next of `--rates`,
