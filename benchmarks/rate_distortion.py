@@ -326,7 +326,7 @@ def version_rows(groups: list[TakeGroup], views: Views, work: Path, names: Seque
     base = curves["version 2"]
     for name, points in list(curves.items())[1:]:
         values = [bd_rate(base, points, measure) for measure in ("footage_psnr", "own_psnr")]
-        cells = ["no common range" if value is None else f"{value:+.0f} %" for value in values]
+        cells = ["no common range" if value is None else f"{value:+.0f}%" for value in values]
         lines.append(f"| {name} | {cells[0]} | {cells[1]} |")
     return lines
 
@@ -470,7 +470,7 @@ def comparison(curves: dict[str, list[Point]]) -> list[str]:
         cells = []
         for name in ("planes", "motion"):
             value = bd_rate(anchor, curves[name], measure)
-            cells.append("no common range" if value is None else f"{value:+.0f} %")
+            cells.append("no common range" if value is None else f"{value:+.0f}%")
         lines.append(f"| BD-rate, {label} | {' | '.join(cells)} |")
     for psnr in (36, 38, 40, 42, 44, 46):
         base = kilobytes_at(anchor, psnr, "own_psnr")
@@ -569,7 +569,7 @@ def main() -> int:
                 value = bd_rate(base, [point for point in points if point.name == codec], "own_psnr")
                 lines.append("")
                 lines.append(
-                    f"BD-rate of {codec} against h264: " + ("no common range." if value is None else f"{value:+.0f} %.")
+                    f"BD-rate of {codec} against h264: " + ("no common range." if value is None else f"{value:+.0f}%.")
                 )
         else:
             marker = "rate-distortion"
@@ -578,7 +578,7 @@ def main() -> int:
             against = bd_rate(both[False], both[True], "own_psnr")
             better = against is not None and against < 0
             curves["released"] = both[better]
-            compared = "" if against is None else f" (with them: BD-rate {against:+.0f} % against without)"
+            compared = "" if against is None else f" (with them: BD-rate {against:+.0f}% against without)"
             lines[0] += f" `released` {'with' if better else 'without'} B frames{compared}."
             for profile, qps in (("planes", PLANES_QPS), ("motion", MOTION_QPS)):
                 curves[profile] = []

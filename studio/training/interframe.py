@@ -249,7 +249,7 @@ def _fine_tune(
 
 
 def performer_box(means: Tensor) -> tuple[Tensor, Tensor]:
-    """(3,) lower and upper corner of a box that excludes the outermost 0.1 % of the splats on each side."""
+    """(3,) lower and upper corner of a box that excludes the outermost 0.1% of the splats on each side."""
     ordered = means.sort(dim=0).values
     margin = int(len(means) * _BOX_QUANTILE)
     return ordered[margin], ordered[len(means) - 1 - margin]
