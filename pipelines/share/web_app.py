@@ -7,7 +7,7 @@ import gzip
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -33,6 +33,7 @@ HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
 _PACKED = b'-gzip"'  # end of the ETag of a compressed response
 _KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
+_MOST_RANGES = 8  # in one request
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,15 @@ class Reviews:
     takes: Mapping[str, TakeReview]
 
 
-def build_app(streams: dict[str, Path], player: PlayerFiles | None = None, reviews: Reviews | None = None) -> Starlette:
-    """The web application: GET and HEAD of stream files, with ranges, CORS and revalidation, and the player.
+def build_app(
+    streams: dict[str, Path],
+    player: PlayerFiles | None = None,
+    reviews: Reviews | None = None,
+    secret: str = "",
+    names: Sequence[str] = (),
+    origins: Sequence[str] = (),
+) -> Starlette:
+    """The web application: GET and HEAD of stream files, with ranges and revalidation, and the player.
 
     Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
     revalidate every response (ETag), since a stream that is baked again keeps its file names; files of version 3, which
@@ -60,34 +68,45 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None, revie
         streams: from `find_streams`.
         player: None for none.
         reviews: None for none. Below its secret path, the same is served again, with the takes' reviews.
+        secret: part of the path that requests must begin with; "" for none.
+        names: of this server, besides addresses and localhost; requests to others are refused.
+        origins: pages of these may read ("https://example.org", or "*").
     """
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
     from starlette.middleware.cors import CORSMiddleware
     from starlette.routing import Mount
 
+    from pipelines.share.host_check import HostCheck
+
     cors = Middleware(
         CORSMiddleware,
-        allow_origins=["*"],
+        allow_origins=list(origins),
         allow_methods=["GET", "HEAD"],
         allow_headers=["Range", "If-Range", "If-None-Match", "If-Modified-Since"],
         expose_headers=["Accept-Ranges", "Content-Length", "Content-Range", "ETag", "Last-Modified"],
         max_age=86400,
     )
-    routes = _routes(streams, player, {})
+    shared = "cross-origin" if origins else "same-origin"
+    routes = _routes(streams, player, {}, shared)
+    if secret:
+        routes = [Mount(f"/{secret}", routes=routes)]
     if reviews is not None:
-        routes.insert(0, Mount(f"/{reviews.secret}", routes=_routes(streams, player, reviews.takes)))
-    return Starlette(routes=routes, middleware=[cors])
+        # pages of other origins get no access to reviews
+        routes.insert(0, Mount(f"/{reviews.secret}", routes=_routes(streams, player, reviews.takes, "same-origin")))
+    return Starlette(routes=routes, middleware=[Middleware(HostCheck, names=names), *([cors] if origins else [])])
 
 
-def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
-    """Routes of the streams, the player and the reviews."""
+def _routes(
+    streams: dict[str, Path], player: PlayerFiles | None, reviews: Mapping[str, TakeReview], shared: str
+) -> list[BaseRoute]:
+    """Routes of the streams, the player and the reviews; `shared` is the Cross-Origin-Resource-Policy."""
     from starlette.exceptions import HTTPException
     from starlette.requests import Request
     from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
     from starlette.routing import Mount, Route
     from starlette.staticfiles import StaticFiles
-    from starlette.types import Scope
+    from starlette.types import Receive, Scope, Send
 
     hashed = {}
     if player is not None:
@@ -99,6 +118,12 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
         def __init__(self, path: str, folder: Path) -> None:
             super().__init__(directory=folder)
             self.path, self.folder = path, folder
+
+        async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+            if not all(usable_range(value) for name, value in scope["headers"] if name == b"range"):
+                kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
+                scope = {**scope, "headers": kept}
+            await super().__call__(scope, receive, send)
 
         async def get_response(self, path: str, scope: Scope) -> Response:
             if player is not None and path == ".":
@@ -123,7 +148,7 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
             named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
             response.headers["Cache-Control"] = _KEEP if named else "no-cache"
             response.headers["X-Content-Type-Options"] = "nosniff"
-            response.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
+            response.headers["Cross-Origin-Resource-Policy"] = shared
             if isinstance(response, FileResponse):
                 kind = TYPES.get(Path(full_path).suffix.lower(), "application/octet-stream")
                 response.headers["Content-Type"] = kind
@@ -173,6 +198,24 @@ def _packed(response: Any) -> Response:
     headers["etag"] = headers["etag"].removesuffix('"') + _PACKED.decode()
     data = gzip.compress(Path(response.path).read_bytes(), 6, mtime=0)
     return Response(data, headers={**headers, "Content-Encoding": "gzip", "Vary": "Accept-Encoding"})
+
+
+def usable_range(header: bytes) -> bool:
+    """Whether a Range header is to be followed; others are ignored (RFC 9110, 14.2).
+
+    Those are other units, malformed and reversed ranges, and many ranges in one request.
+    """
+    unit, equals, ranges = header.decode("latin-1").partition("=")
+    if not equals or unit.strip().lower() != "bytes":
+        return False
+    parts = ranges.split(",")
+    if len(parts) > _MOST_RANGES:
+        return False
+    for part in parts:
+        found = re.fullmatch(r"[ \t]*(?:([0-9]{1,15})-([0-9]{0,15})|-[0-9]{1,15})[ \t]*", part)
+        if found is None or (found[2] and int(found[2]) < int(found[1])):
+            return False
+    return True
 
 
 def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool) -> str:

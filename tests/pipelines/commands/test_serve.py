@@ -49,7 +49,7 @@ def port(stream: Path):
     (stream / ".hidden").write_text("secret")
     (stream / "out.txt").symlink_to(stream.parent / "secret.txt")
     (stream / "up").symlink_to(stream.parent)
-    with running(build_app(find_streams(str(stream)))) as port:
+    with running(build_app(find_streams(str(stream)), origins=["*"])) as port:
         yield port
 
 
@@ -285,9 +285,9 @@ def test_ctrl_c_ends_it_within_two_seconds_whoever_is_connected(start, tmp_path)
     assert "v3studio play --headless " + address in process.stdout.readline()
     port = int(address.rstrip("/").rpartition(":")[2])
     with socket.create_connection(("127.0.0.1", port)) as idle, socket.create_connection(("127.0.0.1", port)) as slow:
-        idle.sendall(b"GET /manifest.json HTTP/1.1\r\nHost: x\r\n\r\n")
+        idle.sendall(b"GET /manifest.json HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert idle.recv(100)
-        slow.sendall(b"GET /big.bin HTTP/1.1\r\nHost: x\r\n\r\n")
+        slow.sendall(b"GET /big.bin HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert slow.recv(100)  # and no more: the response stays incomplete
         began = time.monotonic()
         process.send_signal(signal.SIGINT)
