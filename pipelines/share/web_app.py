@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import json
 import os
 import re
@@ -17,6 +18,7 @@ from studio.stream.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
+    from starlette.responses import Response
     from starlette.routing import BaseRoute
 
     from pipelines.review import TakeReview
@@ -29,6 +31,7 @@ HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
 """Files in the folder files/ of a stream of version 3, which never change under their names."""
 
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
+_PACKED = b'-gzip"'  # end of the ETag of a compressed response
 _KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
 _MOST_RANGES = 8  # in one request
 
@@ -108,6 +111,7 @@ def _routes(
     hashed = {}
     if player is not None:
         hashed = {**player.hashed, **(player.hashed_review if reviews else {})}
+    packed = {name: gzip.compress(data, mtime=0) for name, data in hashed.items()}
     uncached = {"Cache-Control": "no-cache", "Vary": "Accept"}
 
     class StreamFiles(StaticFiles):
@@ -125,7 +129,12 @@ def _routes(
             if player is not None and path == ".":
                 page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews)
                 return HTMLResponse(page, headers=uncached)
-            return await super().get_response(path, scope)
+            if not path.endswith(".json") or not _takes_gzip(scope):
+                return await super().get_response(path, scope)
+            # the manifest and the pages of the index: what a player must have before the first picture
+            plain = {**scope, "headers": [(name, value.replace(_PACKED, b'"')) for name, value in scope["headers"]]}
+            response = await super().get_response(path, plain)
+            return _packed(response) if isinstance(response, FileResponse) else response
 
         def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
             if any(part.startswith(".") for part in Path(path).parts):
@@ -159,8 +168,10 @@ def _routes(
         if name not in hashed:
             raise HTTPException(404)
         kind = "text/javascript" if name.endswith(".js") else "text/plain"
-        headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff"}
-        return Response(hashed[name], media_type=kind, headers=headers)
+        headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff", "Vary": "Accept-Encoding"}
+        if not _takes_gzip(request.scope):
+            return Response(hashed[name], media_type=kind, headers=headers)
+        return Response(packed[name], media_type=kind, headers={**headers, "Content-Encoding": "gzip"})
 
     files = Route(f"/{_PLAYER_PATH}/{{name}}", player_file)
     mounts = [Mount(path.rstrip("/"), StreamFiles(path, folder)) for path, folder in streams.items()]
@@ -171,6 +182,22 @@ def _review_routes(reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
     from pipelines.review import review_routes
 
     return [route for path, review in reviews.items() for route in review_routes(review, path.rstrip("/"))]
+
+
+def _takes_gzip(scope: Any) -> bool:
+    """Whether the client takes compressed responses and asks for a whole file."""
+    headers = dict(scope["headers"])
+    return b"gzip" in headers.get(b"accept-encoding", b"") and b"range" not in headers
+
+
+def _packed(response: Any) -> Response:
+    """A whole file, compressed; its ETag says so, since the bytes are others."""
+    from starlette.responses import Response
+
+    headers = {name: value for name, value in response.headers.items() if name != "content-length"}
+    headers["etag"] = headers["etag"].removesuffix('"') + _PACKED.decode()
+    data = gzip.compress(Path(response.path).read_bytes(), 6, mtime=0)
+    return Response(data, headers={**headers, "Content-Encoding": "gzip", "Vary": "Accept-Encoding"})
 
 
 def usable_range(header: bytes) -> bool:

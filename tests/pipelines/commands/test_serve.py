@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 import os
@@ -339,3 +340,16 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     done = here("play", "--headless", address + "nowhere")
     assert done.returncode == 1
     assert "404" in done.stderr
+
+
+def test_json_is_compressed_for_clients_that_take_it(port, stream):
+    data = (stream / "manifest.json").read_bytes()
+    status, headers, body = ask(port, "/manifest.json", Accept_Encoding="gzip, br")
+    assert (status, headers["content-encoding"], gzip.decompress(body)) == (200, "gzip", data)
+    plain = ask(port, "/manifest.json")[1]
+    assert headers["etag"] != plain["etag"]
+    for tag in (headers["etag"], plain["etag"]):
+        assert ask(port, "/manifest.json", Accept_Encoding="gzip", If_None_Match=tag)[0] == 304
+    status, headers, body = ask(port, "/manifest.json", Accept_Encoding="gzip", Range="bytes=0-9")
+    assert (status, body) == (206, data[:10])
+    assert "content-encoding" not in ask(port, "/group_003/opacity.mp4", Accept_Encoding="gzip")[1]
