@@ -18,6 +18,7 @@ export function figures(player: Player): [string, string][] {
     ["Decode", milliseconds(s.decode.mean())],
     ["Dequantize", milliseconds(s.dequantize.mean())],
     ["Sort", milliseconds(s.sort.mean())],
+    ["Prepare", `${milliseconds(s.prepare.mean(4))} per group`],
     ["Upload", milliseconds(s.upload.mean())],
     ["Draw", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
     ["Main thread", `${milliseconds(s.main.mean())} per frame`],

@@ -40,6 +40,7 @@ interface Prepared {
   readonly group: Group;
   readonly tables: MotionTables | null;
   readonly pictures: PictureSource;
+  readonly milliseconds: number;
 }
 
 interface Decoded {
@@ -299,12 +300,13 @@ export class Session {
     return [order, count, performance.now() - began];
   }
 
-  private setup({ group, tables }: Prepared): GroupSetup {
+  private setup({ group, tables, milliseconds }: Prepared): GroupSetup {
     const common = {
       group: group.index,
       rendition: group.rendition,
       bytes: group.bytes,
       frames: group.frameCount,
+      prepare: milliseconds,
       splats: group.splats,
       shDegree: group.shDegree,
     };
@@ -381,13 +383,14 @@ export class Session {
 
   private async read(index: number): Promise<Prepared> {
     const { group, files } = await this.store!.get(index);
+    const began = performance.now();
     if (group.profile === "planes") {
       const pictures = new PlanesPictures(
         group,
         (plane) => this.openVideo(files, group.files[plane] as VideoEntry, [group.side, group.side], group.frameCount),
         this.pool,
       );
-      return { group, tables: null, pictures };
+      return { group, tables: null, pictures, milliseconds: performance.now() - began };
     }
     let tables: MotionTables;
     try {
@@ -396,7 +399,8 @@ export class Session {
     } catch (error) {
       throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
     }
-    return { group, tables, pictures: await this.openVideo(files, group.video, pictureSize(group), group.frameCount) };
+    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frameCount);
+    return { group, tables, pictures, milliseconds: performance.now() - began };
   }
 
   private async openVideo(
