@@ -16,7 +16,11 @@ from ruamel.yaml.constructor import BaseConstructor, ConstructorError, RoundTrip
 from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, YAMLError
 from ruamel.yaml.resolver import VersionedResolver
 
+from studio.bounded_text import Bounds, TextError, check_depth, check_text, check_value
+
 _VERSION = (1, 1)
+BOUNDS = Bounds(size=4 << 20, values=200_000)
+"""Smaller than for JSON: a megabyte takes about 20 s to parse, and settings and points have kilobytes."""
 _TAGS = (
     ("bool", r"yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF", "yYnNtTfFoO"),
     (
@@ -111,7 +115,8 @@ class _Constructor(_RefusesDuplicates, _TakesFloats, SafeConstructor):
             raise
         except (ValueError, LookupError, AttributeError, AssertionError):  # 2026-02-30, or !!int followed by text
             kind = {"timestamp": "date", "bool": "Boolean"}.get(str(node.tag).rpartition(":")[2], "number")
-            problem = f"'{node.value}' is not a valid {kind}"
+            shown = node.value if len(node.value) <= 60 else f"{node.value[:59]}…"
+            problem = f"'{shown}' is not a valid {kind}"
             raise ConstructorError(None, None, problem, node.start_mark) from None
 
 
@@ -188,11 +193,17 @@ def _with_comments() -> YAML:
 
 def _read(reader: YAML, text: str) -> Any:
     try:
-        return reader.load(text)
+        check_text(text, BOUNDS)
+        check_depth(text, BOUNDS)
+        value = reader.load(text)
+        check_value(value, BOUNDS)
+        return value
     except YamlError:
         raise
+    except TextError as error:
+        raise YamlError(str(error), None) from None
     except RecursionError:
-        raise YamlError("nested too deeply", None) from None
+        raise YamlError(f"nested more than {BOUNDS.depth} levels deep", None) from None
     except (YAMLError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not valid YAML"

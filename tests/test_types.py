@@ -19,6 +19,7 @@ READERS_AND_WRITERS = {
     "pipelines/takes/atomic_files.py",
     "pipelines/takes/migration.py",  # files of an earlier format
     "pipelines/takes/records.py",
+    "studio/bounded_text.py",  # any TOML
     "studio/calibration/manual/file.py",
     "studio/camera_files/common.py",
     "studio/camera_files/rig_json.py",

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 from pipelines.takes.atomic_files import write_text
+from studio.bounded_text import parse_json
 
 RECENT = 10
 
@@ -48,7 +49,7 @@ class Preferences:
         """Read saved preferences; defaults for anything missing or invalid."""
         found = cls()
         with contextlib.suppress(OSError, ValueError, TypeError):
-            values = json.loads((path or preferences_path()).read_text(encoding="utf-8"))
+            values = parse_json((path or preferences_path()).read_bytes())
             for one in fields(cls):
                 if isinstance(values.get(one.name), type(getattr(found, one.name))):
                     setattr(found, one.name, values[one.name])

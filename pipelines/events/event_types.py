@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeAlias
 
 from pipelines.config.renamed import STAGES
+from studio.bounded_text import parse_json
 from studio.errors import Message, StudioError
 from studio.json_types import JsonData, JsonObject
 
@@ -252,8 +253,8 @@ def parse_event(line: str) -> Event:
         StudioError: not an event (`event.invalid`).
     """
     try:
-        return _event_of(json.loads(line))
-    except (ValueError, RecursionError):
+        return _event_of(parse_json(line))
+    except ValueError:
         raise StudioError("event.invalid", f"not an event: {line[:200]!r}", value=line[:200]) from None
 
 
@@ -276,7 +277,7 @@ def read_line(line: bytes | str) -> tuple[Event | None, str]:
             values, end = json.JSONDecoder().raw_decode(text, start)
             event = _event_of(values)
             text = text[:start] + text[end:]
-        except (ValueError, RecursionError):  # truncated, or not an event
+        except ValueError:  # truncated, or not an event
             pass
     text = "".join(character if character.isprintable() else " " for character in text[: MAX_TEXT + 1]).strip()
     return event, text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + " ..."

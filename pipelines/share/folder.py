@@ -16,6 +16,7 @@ from pipelines.share.stream_files import stream_to_share
 from pipelines.takes.atomic_files import disk_errors, remove
 from pipelines.version import program_version
 from studio.atomic_files import PARTIAL
+from studio.bounded_text import parse_json
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 from studio.stream.manifest import MANIFEST_NAME
@@ -125,11 +126,11 @@ def _check_replaceable(out: Path) -> None:
 def _recorded(path: Path) -> set[str] | None:
     """Files that a share's record lists; None if it is not one."""
     try:
-        record = json.loads(path.read_bytes())
+        record = parse_json(path.read_bytes())
         if record["format"] != RECORD_FORMAT:
             return None
         return {str(file["path"]) for file in record["files"]}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError):
         return None
 
 

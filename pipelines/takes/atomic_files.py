@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipelines.config.renamed import first_path
 from studio.atomic_files import PARTIAL, atomic_path, remove, write_bytes, write_json, write_text
+from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 
@@ -59,10 +60,10 @@ def read_json(path: Path) -> Any:
         StudioError: `take.file_not_found` or `take.damaged`.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return parse_json(path.read_bytes())
     except FileNotFoundError:
         raise StudioError("take.file_not_found", "no such file", file=path) from None
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, TextError) as error:
         raise StudioError("take.damaged", f"cannot be read ({error})", file=path, fix=_AGAIN) from None
 
 

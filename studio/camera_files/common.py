@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from studio.atomic_files import write_bytes
+from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, check_finite
@@ -73,15 +73,16 @@ def read_json(path: Path) -> JsonObject:
             (camera_file.not_an_object).
     """
     try:
-        value = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
+        value = parse_json(read_text(path))
+    except TextError as error:
+        where = f" at line {error.line}, column {error.column}" if error.line else ""
         raise StudioError(
             "camera_file.syntax",
-            f"invalid JSON at line {error.lineno}, column {error.colno} ({error.msg})",
+            f"invalid JSON{where} ({error})",
             file=path,
             fix="The file may be truncated: export the cameras again.",
-            line=error.lineno,
-            column=error.colno,
+            line=error.line,
+            column=error.column,
         ) from None
     if not isinstance(value, dict):
         raise StudioError(

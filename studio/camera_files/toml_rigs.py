@@ -8,11 +8,11 @@ its older config.toml has [cam_<id>] among other tables. The pixel origin is Ope
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import numpy as np
 
+from studio.bounded_text import TextError, parse_toml
 from studio.camera_files.common import fisheye, naming, no_cameras, read_text, write_atomic, wrong_shape
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -28,8 +28,8 @@ def read_toml(path: Path) -> Rig:
             fisheye lens (camera.*).
     """
     try:
-        values = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+        values = parse_toml(read_text(path))
+    except TextError as error:
         raise StudioError(
             "camera_file.syntax",
             f"invalid TOML ({str(error)[:1].lower()}{str(error)[1:]})",

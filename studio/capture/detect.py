@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from studio.bounded_text import parse_json
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, walk
 from studio.errors import StudioError
 
@@ -98,7 +98,7 @@ def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
     cameras = {match.camera for match in matches}
     if all(camera.isdigit() for camera in cameras):
         try:
-            entries = json.loads((root / "transforms.json").read_text())["frames"]
+            entries = parse_json((root / "transforms.json").read_bytes())["frames"]
             named = {Path(entry["file_path"]).stem for entry in entries}
         except (OSError, ValueError, KeyError, TypeError):
             return False

@@ -6,7 +6,6 @@ accepted.
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
@@ -146,12 +146,12 @@ def _groups(folder: Path) -> list[tuple[range, int]]:
 
 def _read_json(path: Path) -> JsonObject:
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = parse_json(path.read_bytes())
     except FileNotFoundError:
         raise StudioError(
             "videogs.file_missing", "the file is missing", file=path, fix="Specify a folder in the VideoGS layout."
         ) from None
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, TextError) as error:
         raise StudioError("videogs.not_json", f"not valid JSON ({error})", file=path, fix=EXPORT_AGAIN) from None
     if not isinstance(values, dict):
         raise StudioError("videogs.not_json", "not a JSON object", file=path, fix=EXPORT_AGAIN)

@@ -126,7 +126,13 @@ def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def extract_surface(
-    hull: Hull, *, smoothing: float = 0.7, min_component: float = 0.01, max_faces: int = 100_000, taubin: int = 10
+    hull: Hull,
+    *,
+    smoothing: float = 0.7,
+    min_component: float = 0.01,
+    max_faces: int = 100_000,
+    taubin: int = 10,
+    refine: bool = True,
 ) -> Mesh:
     """The surface of a hull: marching cubes, Taubin smoothing and quadric decimation.
 
@@ -136,6 +142,7 @@ def extract_surface(
         min_component: components whose area is below this fraction of the largest one's are removed.
         max_faces: larger meshes are decimated to this number of faces.
         taubin: number of iterations of Taubin smoothing, which does not shrink the mesh.
+        refine: False leaves out smoothing and decimation, which take most of the time: enough to compare silhouettes.
 
     Returns:
         a mesh without unreferenced vertices, with normals pointing outward; empty if no voxel is inside.
@@ -150,7 +157,8 @@ def extract_surface(
     raw = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor(np.ascontiguousarray(field)), [0.0])
     vertices = raw.vertex.positions.numpy().astype(np.float64) * hull.voxel + hull.origin
     mesh = Mesh(vertices, raw.triangle.indices.numpy().astype(np.int32))
-    return _refined(_large_components(mesh, min_component), taubin, max_faces)
+    mesh = _large_components(mesh, min_component)
+    return _refined(mesh, taubin, max_faces) if refine else mesh
 
 
 def _large_components(mesh: Mesh, min_component: float) -> Mesh:

@@ -178,13 +178,11 @@ def _carve_corrected(
 ) -> tuple[Hull, Mesh]:
     """The hull within bounds, corrected for outlier masks, and its surface (may be empty)."""
     hull, tolerant = carve(shapes, bounds, resolution=resolution, allowed=allowed, min_views=min_views, tick=tick)
-    mesh = extract_surface(hull, smoothing=smoothing, max_faces=max_faces)
     if allowed:
-        uncovered_areas, _, _ = _compare(mesh, shapes, tick)
-        corrected = restore(hull, tolerant, shapes, uncovered_areas, tick)
-        if corrected.restored:
-            return corrected, extract_surface(corrected, smoothing=smoothing, max_faces=max_faces)
-    return hull, mesh
+        rough = extract_surface(hull, smoothing=smoothing, refine=False)
+        uncovered_areas, _, _ = _compare(rough, shapes, tick)
+        hull = restore(hull, tolerant, shapes, uncovered_areas, tick)
+    return hull, extract_surface(hull, smoothing=smoothing, max_faces=max_faces)
 
 
 def _compare(

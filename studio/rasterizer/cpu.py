@@ -85,8 +85,10 @@ class _Rasterize(torch.autograd.Function):
         kernels = load_kernels()
         splats = [tensor.detach().contiguous() for tensor in (means, quats, log_scales, logits, sh)]
         height, width = pinhole.height, pinhole.width
-        image = means.new_empty((height, width, 3))
-        alpha, depth = means.new_empty((height, width)), means.new_empty((height, width))
+        # Recycled memory: the pages of a new large tensor cost more than drawing it.
+        empty = kernels.empty_float if means.dtype == torch.float32 else kernels.empty_double
+        image = empty([height, width, 3])
+        alpha, depth = empty([height, width]), empty([height, width])
         radii = means.new_empty(means.shape[0])
         frame = kernels.forward(
             *splats,
@@ -107,6 +109,7 @@ class _Rasterize(torch.autograd.Function):
         ctx.mark_non_differentiable(radii)
         ctx.frame = frame
         ctx.has_offsets = offsets is not None
+        ctx.one_background = background is not None and background.dim() == 1
         ctx.save_for_backward(*splats, image, alpha, depth)
         return image, alpha, depth, radii
 
@@ -131,7 +134,9 @@ class _Rasterize(torch.autograd.Function):
         )
         d_background = None
         if ctx.needs_input_grad[6] and d_image is not None:
-            d_background = ((1 - alpha)[..., None] * d_image).sum((0, 1))
+            d_background = (1 - alpha)[..., None] * d_image
+            if ctx.one_background:
+                d_background = d_background.sum((0, 1))
         return (*gradients, d_offsets, d_background, None, None, None)
 
 

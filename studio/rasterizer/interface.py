@@ -122,7 +122,7 @@ def rasterize(
         gaussians: N splats, N may be 0.
         camera: a pinhole camera without distortion. The principal point may be outside the image, so
             `camera.cropped(...)` renders a part of the image at the cost of that part.
-        background: (3,) RGB; None: black.
+        background: (3,) RGB, or an (H, W, 3) picture; None: black.
         backend: "reference", "cpu", "cuda", or "auto": cuda for splats on a GPU, else cpu.
         screen_offsets: (N, 2) offsets in pixels, added to the 2D means. Pass zeros that require a gradient to get the
             screen-space gradient (loss per pixel), which densification uses.
@@ -154,7 +154,7 @@ def rasterize(
         )
     if background is not None:
         background = torch.as_tensor(background, dtype=means.dtype, device=means.device)
-        if background.shape != (3,):
+        if background.shape not in ((3,), (pinhole.height, pinhole.width, 3)):
             raise _bad_shape("background", (3,), background)
     if screen_offsets is not None and screen_offsets.shape != (len(gaussians), 2):
         raise _bad_shape("screen_offsets", (len(gaussians), 2), screen_offsets)

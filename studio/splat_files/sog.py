@@ -12,11 +12,11 @@ both over. Here files have the axes of PLY.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 
+from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
@@ -89,8 +89,8 @@ def _parts(path: Path) -> Parts:
 
 def _parsed(parts: Parts) -> JsonObject:
     try:
-        values = json.loads(parts.read(META))
-    except (ValueError, RecursionError) as error:
+        values = parse_json(parts.read(META))
+    except TextError as error:
         raise StudioError(
             "splat_file.sog_meta", f"{META} is not JSON ({error})", file=parts.path(META), fix=EXPORT_AGAIN, name=META
         ) from None

@@ -13,9 +13,11 @@ from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.stream.profiles import coding_of
 from studio.torch_rotations import quat_multiply
+from studio.training.coded_loss import CodedLoss
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
-from studio.training.regularizers import ResidualEntropy, simulate_quantization, temporal_loss
+from studio.training.noise import draw_seed
+from studio.training.regularizers import simulate_quantization
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.splat_rotation import local_median, local_rotations, neighbors
@@ -210,14 +212,21 @@ def _fine_tune(
     coding = coding_of(settings.regularize, previous)
     before = coding.coded_values(previous).detach()
     quantizer = coding.quantizer(before)
-    steps = quantizer[1]
-    entropy = ResidualEntropy(before, steps, coding.attributes)
-    entropy_adam = torch.optim.Adam(entropy.parameters(), lr=_ENTROPY_RATE, fused=True)
-    regularized = bool(settings.entropy_weight or settings.temporal_weight or settings.simulate_quantization)
+    coded = CodedLoss(
+        before,
+        quantizer[1],
+        coding.attributes,
+        coding.pixels,
+        settings.entropy_weight,
+        settings.temporal_weight,
+        settings.temporal_huber,
+    )
+    entropy_adam = torch.optim.Adam(coded.parameters(), lr=_ENTROPY_RATE, fused=True)
+    regularized = bool(settings.entropy_weight or settings.temporal_weight)
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians
         figures: dict[str, float] = {}
-        if regularized:
+        if regularized or settings.simulate_quantization:
             now = coding.coded_values(gaussians)
         drawn = gaussians
         if settings.simulate_quantization:
@@ -225,15 +234,10 @@ def _fine_tune(
         step = stepper(drawn, dropout=True)
         loss = step.loss
         if regularized:
-            if settings.entropy_weight:
-                bits = entropy(now, generator)
-                loss = loss + settings.entropy_weight * bits
-                if iteration % _FIGURES_EVERY == 0:
-                    figures["bits_per_splat"] = float(bits.detach())
-            if settings.temporal_weight:
-                loss = loss + settings.temporal_weight * temporal_loss(
-                    now, before, coding.pixels, steps, settings.temporal_huber
-                )
+            weighted, bits = coded(now, draw_seed(generator))
+            loss = loss + weighted
+            if settings.entropy_weight and iteration % _FIGURES_EVERY == 0:
+                figures["bits_per_splat"] = float(bits)
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         entropy_adam.step()

@@ -2,15 +2,51 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 
 from studio.errors import StudioError
+from studio.rasterizer.cpu import kernel_threads
+from studio.rasterizer.kernels import kernels_for
 from studio.training.hashgrid import Corners, HashGrid
 from studio.training.settings import TrainSettings
 
 _BOX_PADDING = 0.05
 """Padding of the bounding box, as a fraction of its longest side."""
+
+
+class _Fused(torch.autograd.Function):
+    """(N, 3) outputs of the network times `scale`, and the gradients of the table, the weights and the biases."""
+
+    @staticmethod
+    def forward(ctx: Any, kernels: Any, corners: Corners, scale: float, table: Tensor, *layers: Tensor) -> Tensor:
+        parameters = [table.detach().contiguous(), *(layer.detach().contiguous() for layer in layers)]
+        ctx.inputs = (corners.rows, corners.weights, corners.level_rows)
+        ctx.network = (parameters[0], parameters[1::2], parameters[2::2], scale)
+        ctx.kernels = kernels
+        out = table.new_empty((corners.positions, 3))
+        ctx.field_pass = kernels.field_forward(*ctx.inputs, *ctx.network, out, kernel_threads())
+        return out
+
+    @staticmethod
+    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
+        table, weights, biases, _ = ctx.network
+        d_table = torch.empty_like(table)
+        d_weights, d_biases = [torch.empty_like(one) for one in weights], [torch.empty_like(one) for one in biases]
+        ctx.kernels.field_backward(
+            ctx.field_pass,
+            *ctx.inputs,
+            *ctx.network,
+            upstream[0].contiguous(),
+            d_table,
+            d_weights,
+            d_biases,
+            kernel_threads(),
+        )
+        layers = [gradient for pair in zip(d_weights, d_biases, strict=True) for gradient in pair]
+        return None, None, None, d_table, *layers
 
 
 class MotionField(nn.Module):
@@ -62,7 +98,15 @@ class MotionField(nn.Module):
         return self.grid.corners((means - self._low) / self._side)
 
     def forward(self, corners: Corners) -> Tensor:
-        """(N, 3) translations in world units."""
+        """(N, 3) translations in world units. On the CPU, one kernel evaluates grid and MLP."""
+        kernels = kernels_for(self.grid.table, corners.weights)
+        if kernels is None:
+            return self.forward_torch(corners)
+        parameters = self.mlp.parameters()
+        return _Fused.apply(kernels, corners, float(self._side), self.grid.table, *parameters)  # type: ignore[no-untyped-call,no-any-return]
+
+    def forward_torch(self, corners: Corners) -> Tensor:
+        """`forward` in plain PyTorch, for any device and dtype. This is the definition of the field."""
         return self.mlp(self.grid(corners)) * self._side
 
     def weights(self) -> dict[str, Tensor]:

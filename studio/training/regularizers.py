@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from studio.gaussians import Gaussians
 from studio.stream.profiles import SplatCoding
+from studio.training.noise import uniform
 
 Quantizer = tuple[Tensor, Tensor]
 
@@ -94,9 +95,13 @@ class ResidualEntropy(nn.Module):
         previous: (N, C) coded values of frame t-1.
         steps: (C,) quantization step of each channel.
         attributes: columns of each attribute; they share a mean and a deviation.
+
+    Attributes:
+        owner: (C,) int64, the index of the attribute of each channel.
+        mu, log_sigma: (attributes,) the learned means and logarithms of the deviations.
     """
 
-    _owner: Tensor
+    owner: Tensor
     _previous: Tensor
     _steps: Tensor
 
@@ -105,22 +110,22 @@ class ResidualEntropy(nn.Module):
         owner = torch.zeros(previous.shape[1], dtype=torch.long)
         for index, columns in enumerate(attributes.values()):
             owner[columns] = index
-        self.register_buffer("_owner", owner.to(previous.device))
+        self.register_buffer("owner", owner.to(previous.device))
         self.register_buffer("_previous", previous.detach() / steps)
         self.register_buffer("_steps", steps)
         self.mu = nn.Parameter(torch.zeros(len(attributes), device=previous.device))
         self.log_sigma = nn.Parameter(torch.zeros(len(attributes), device=previous.device))
 
-    def forward(self, current: Tensor, generator: torch.Generator) -> Tensor:
+    def forward(self, current: Tensor, seed: int) -> Tensor:
         """Scalar: bits per splat, summed over the channels of all attributes and averaged over the N splats.
 
         Args:
             current: (N, C) coded values of frame t.
-            generator: draws the uniform noise per element that simulates rounding.
+            seed: of the uniform noise per element that simulates rounding, 0 to 2^32 - 1.
         """
-        noise = torch.rand(current.shape, generator=generator, dtype=current.dtype).to(current.device) - 0.5
+        noise = uniform(current.numel(), seed, current.dtype, current.device).reshape(current.shape) - 0.5
         residual = current / self._steps - self._previous + noise
-        bits = bits_of_residual(residual, self.mu[self._owner], self.log_sigma.exp()[self._owner])
+        bits = bits_of_residual(residual, self.mu[self.owner], self.log_sigma.exp()[self.owner])
         return bits.sum() / current.shape[0]
 
 

@@ -12,11 +12,11 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.metrics import psnr
 from studio.rasterizer import Render, rasterize
+from studio.training.dropout import drop_splats
+from studio.training.noise import draw_seed
 from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
 from studio.training.views import Shuffled, TrainingView, backgrounds
-
-_MAX_OPACITY = 0.995
 
 SnapshotFn = Callable[[int, Gaussians], None]
 """`snapshot(iteration, gaussians)`: called regularly with detached splats, for previews."""
@@ -56,19 +56,13 @@ class Stepper:
     def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None, dropout: bool = False) -> Step:
         """Render the next view and compare it with the footage; with `dropout`, a random subset of the splats."""
         view, background = next(self._views), next(self._backgrounds)
-        count, kept = len(gaussians), None
         if dropout and self._settings.dropout:
-            gaussians, kept = dropped(gaussians, self._settings.dropout, self._generator)
-            screen_offsets = None if screen_offsets is None else screen_offsets[kept]
+            logits = drop_splats(gaussians.logit_opacities, self._settings.dropout, draw_seed(self._generator))
+            gaussians = replace(gaussians, logit_opacities=logits)
         target = view.composited(background)
         backdrop = view.backdrop(background)
-        if backdrop is None:
-            render = rasterize(gaussians, view.camera, background, screen_offsets=screen_offsets)
-        else:
-            render = rasterize(gaussians, view.camera, screen_offsets=screen_offsets)
-            render = replace(render, image=torch.addcmul(render.image, 1 - render.alpha[..., None], backdrop))
-        if kept is not None:  # dropped splats were not drawn
-            render = replace(render, radii=render.radii.new_zeros(count).index_copy(0, kept, render.radii))
+        behind = background if backdrop is None else backdrop
+        render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
         loss = photometric_loss(render.image, target, self._settings.dssim_weight)
         if self._settings.alpha_weight:
             loss = loss + self._settings.alpha_weight * (render.alpha - view.matte).abs().mean()
@@ -81,26 +75,6 @@ class Stepper:
     def restore(self, state: dict[str, Tensor]) -> None:
         """Continue from a `state()`."""
         self._views.restore(state["views"])
-
-
-def dropped(gaussians: Gaussians, share: float, generator: torch.Generator) -> tuple[Gaussians, Tensor]:
-    """Drop a random fraction of the splats; the opacities of the others are divided by 1 - `share` to compensate.
-
-    With few cameras, splats overfit jointly: one hides the error of another in the training views. Dropping a random
-    subset in each step reduces this and improves held-out views (DropGaussian, Park et al. 2025, equation 6).
-
-    Args:
-        gaussians: N splats.
-        share: fraction to drop, above 0 and below 1.
-        generator: selects the dropped splats.
-
-    Returns:
-        The M remaining splats, and their (M,) indices.
-    """
-    kept = (torch.rand(len(gaussians), generator=generator) >= share).nonzero()[:, 0].to(gaussians.device)
-    left = gaussians[kept]
-    opacities = (left.opacities / (1 - share)).clamp(1e-6, _MAX_OPACITY)
-    return Gaussians(left.means, left.quats, left.log_scales, torch.logit(opacities), left.sh), kept
 
 
 def check_finite(loss: Tensor, phase: str) -> None:

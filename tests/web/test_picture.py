@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import shutil
 
 import numpy as np
@@ -15,27 +16,58 @@ pytestmark = pytest.mark.web
 PSNR = 45.0
 
 
+@pytest.fixture(scope="module")
+def ten_pictures(baked):
+    """`ten_pictures(degree)`: (frame, camera, background, what the rasterizer draws) of ten cameras."""
+
+    @functools.cache
+    def draw(degree):
+        python = support.PythonFrames(baked(degree=degree))
+        found = []
+        for number in range(10):
+            frame = number if number < 9 else 4
+            view = support.camera(
+                36.0 * number, elevation=-20 + 7 * number, distance=1.2 + 0.2 * number, size=(240, 300)
+            )
+            background = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.2, 0.5, 0.8)][number % 3]
+            found.append((frame, view, background, support.draw(python.gaussians(frame), view, background)))
+        # The test can tell pictures apart: the previous frame differs.
+        assert psnr(support.draw(python.gaussians(3), view), found[-1][-1]) < 40
+        python.close()
+        return found
+
+    return draw
+
+
 @pytest.mark.parametrize("degree", [0, 3])
-@pytest.mark.parametrize("decoder", ["webcodecs", "video"])
-def test_ten_cameras_see_what_the_rasterizer_draws(site, baked, open_page, degree, decoder):
+@pytest.mark.parametrize(
+    ("decoder", "renderer"), [("webcodecs", "WebGL2"), ("video", "WebGL2"), ("webcodecs", "WebGPU")]
+)
+def test_ten_cameras_see_what_the_rasterizer_draws(site, baked, open_page, ten_pictures, degree, decoder, renderer):
     shutil.copytree(baked(degree=degree), site.stream)
-    page = open_page(f"?decoder={decoder}&t=0")
-    python = support.PythonFrames(site.stream)
+    page = open_page(f"?decoder={decoder}&renderer={renderer.lower()}&t=0")
     found = []
-    for number in range(10):
-        frame = number if number < 9 else 4
+    for frame, view, background, drawn in ten_pictures(degree):
         page.seek_frame(frame)
-        view = support.camera(36.0 * number, elevation=-20 + 7 * number, distance=1.2 + 0.2 * number, size=(240, 300))
-        background = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.2, 0.5, 0.8)][number % 3]
-        drawn = support.draw(python.gaussians(frame), view, background)
         found.append(psnr(page.picture(support.camera_values(view), background), drawn))
-    python.close()
+    assert page.renderer == renderer
     assert min(found) >= PSNR, found
-    # The test can tell pictures apart: the previous frame differs.
-    assert psnr(support.draw(support.PythonFrames(site.stream).gaussians(3), view), drawn) < 40
+
+
+def test_webgl2_takes_over_when_the_webgpu_device_is_lost(site, baked, open_page, ten_pictures):
+    shutil.copytree(baked(degree=0), site.stream)
+    page = open_page("?renderer=webgpu&t=0")
+    page.evaluate("() => document.querySelector('v3-player').engine.renderer.device.destroy()")
+    page.wait("player.engine.rendererName === 'WebGL2' && !player.engine.needsSetup")
+    frame, view, background, drawn = ten_pictures(0)[0]
+    assert page.state["frame"] == frame
+    assert psnr(page.picture(support.camera_values(view), background), drawn) >= PSNR
+    page.handle.locator("v3-player .stage").press("i")
+    assert "not used: Device was destroyed" in page.handle.locator("v3-player .info").inner_text()
 
 
 def test_planes_of_versions_1_and_2_are_drawn_alike(site, baked, open_page):
+    """Version 2 with WebGPU, version 1 with WebGL2."""
     shutil.copytree(baked(profile="planes", qp=20), site.stream)
     python = support.PythonFrames(site.stream)
     view = support.camera(40, size=(240, 300))
@@ -44,7 +76,7 @@ def test_planes_of_versions_1_and_2_are_drawn_alike(site, baked, open_page):
     for version in (2, 1):
         if version == 1:
             support.as_version_1(site.stream)
-        page = open_page("?t=0")
+        page = open_page("?t=0&renderer=" + ("webgpu" if version == 2 else "webgl2"))
         page.seek_frame(6)
         assert psnr(page.picture(support.camera_values(view)), want) >= PSNR
         assert page.evaluate("() => document.querySelector('v3-player').engine.info.version") == version
@@ -98,6 +130,7 @@ def test_splats_come_back_to_front(stream, open_page):
     page = open_page("?t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
     page.seek_frame(3)
     entry = page.evaluate("() => window.pictures.at(-1)")
+    assert page.renderer == "WebGL2"  # software WebGPU is not used unless asked for
     python = support.PythonFrames(stream)
     gaussians = python.gaussians(3)
     python.close()

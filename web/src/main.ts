@@ -12,7 +12,7 @@ if (customElements.get("v3-player") === undefined) {
   // URL parameters apply before the element starts.
   const page = document.querySelector<V3PlayerElement>("v3-player[page]");
   const query = new URLSearchParams(location.search);
-  for (const name of ["src", "background", "decoder"] as const) {
+  for (const name of ["src", "background", "decoder", "renderer"] as const) {
     const value = query.get(name);
     if (page !== null && value !== null) page.setAttribute(name, value);
   }

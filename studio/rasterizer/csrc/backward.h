@@ -8,6 +8,7 @@
 #include "isa_namespace.h"
 #include "kernels.h"
 #include "project.h"
+#include "pixel_lanes.h"
 #include "simd.h"
 #include "tiles.h"
 
@@ -19,55 +20,67 @@ enum Slot { S_Q, S_QU, S_QUU, S_QV, S_QUV, S_QVV, S_RED, S_GREEN, S_BLUE, S_DEPT
 // State of the pixels of a block. With T the transmittance, g the gradient of the color and S the sum over everything
 // behind a splat of (blended color . g), dLoss/dalpha = T (color . g) - S / (1 - alpha). S starts with the whole pixel
 // and shrinks from front to back.
-template <typename T, bool ALPHA_DEPTH>
+// Which outputs besides the image have a gradient. Training compares alpha with the matte; nothing in it uses depth.
+enum GradientsOf { IMAGE, IMAGE_ALPHA, IMAGE_ALPHA_DEPTH };
+
+template <typename T, GradientsOf USED>
 struct BackwardPixel {
-    Vec<T> transmittance, behind, red, green, blue;  // behind is S; the colors are gradients
+    PixelVec<T> transmittance, behind, red, green, blue;  // behind is S; the colors are gradients
 };
 template <typename T>
-struct BackwardPixel<T, true> {
-    Vec<T> transmittance, behind, red, green, blue, alpha, depth, rendered_depth;
+struct BackwardPixel<T, IMAGE_ALPHA> {
+    PixelVec<T> transmittance, behind, red, green, blue, alpha;
+};
+template <typename T>
+struct BackwardPixel<T, IMAGE_ALPHA_DEPTH> {
+    PixelVec<T> transmittance, behind, red, green, blue, alpha, depth, rendered_depth;
 };
 
-template <typename T, bool ALPHA_DEPTH>
+template <typename T, GradientsOf USED>
 static void backward_tile(const Frame<T>& frame, const TileBox& box, const Intersection<T>* list, std::uint32_t count,
                           const Gradients<T>& grad, T* slots, int tile) {
-    using V = Vec<T>;
-    using M = Mask<T>;
+    using L = PixelLanes<T>;
+    using V = typename L::V;
+    using M = typename L::M;
     const Camera& camera = frame.camera;
     const Projected<T>* projected = frame.projected.get();
-    BackwardPixel<T, ALPHA_DEPTH> pixels[BLOCKS];
+    BackwardPixel<T, USED> pixels[BLOCKS<T>];
     PixelGrid<T> grid;
     PixelGrid<T>::init(grid);
-    BlockSet active = init_pixels<T>(box, grid, pixels);
+    BlockSet<T> active = init_pixels<T>(box, grid, pixels);
     if (box.width < TILE || box.height < TILE)
-        for (BackwardPixel<T, ALPHA_DEPTH>& pixel : pixels) {
+        for (BackwardPixel<T, USED>& pixel : pixels) {
             pixel.behind = pixel.red = pixel.green = pixel.blue = V{};
-            if constexpr (ALPHA_DEPTH) pixel.alpha = pixel.depth = pixel.rendered_depth = V{};
+            if constexpr (USED >= IMAGE_ALPHA) pixel.alpha = V{};
+            if constexpr (USED == IMAGE_ALPHA_DEPTH) pixel.depth = pixel.rendered_depth = V{};
         }
     for (int y = 0; y < box.height; y++) {
         const std::int64_t row = std::int64_t(box.top + y) * camera.width + box.left;
         for (int x = 0; x < box.width; x++) {
-            const int i = (y / BLOCK_H) * BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H * BLOCK_W + x % BLOCK_W;
+            const int i = (y / BLOCK_H<T>) * BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
             const std::int64_t here = row + x;
-            BackwardPixel<T, ALPHA_DEPTH>& pixel = pixels[i];
+            BackwardPixel<T, USED>& pixel = pixels[i];
             T gr = 0, gg = 0, gb = 0;
             if (grad.d_image != nullptr)
                 gr = grad.d_image[3 * here], gg = grad.d_image[3 * here + 1], gb = grad.d_image[3 * here + 2];
             pixel.red[lane] = gr, pixel.green[lane] = gg, pixel.blue[lane] = gb;
             T rest = grad.image[3 * here] * gr + grad.image[3 * here + 1] * gg + grad.image[3 * here + 2] * gb;
-            if constexpr (ALPHA_DEPTH) {
-                // depth = sum(w z) / sum(w), so a splat of depth z has d(depth)/dw = (z - depth) / sum(w)
-                const T alpha = grad.alpha[here], ga = grad.d_alpha != nullptr ? grad.d_alpha[here] : T(0);
+            if constexpr (USED >= IMAGE_ALPHA) {
+                const T ga = grad.d_alpha != nullptr ? grad.d_alpha[here] : T(0);
                 pixel.alpha[lane] = ga;
+                rest += grad.alpha[here] * ga;
+            }
+            if constexpr (USED == IMAGE_ALPHA_DEPTH) {
+                // depth = sum(w z) / sum(w), so a splat of depth z has d(depth)/dw = (z - depth) / sum(w)
+                const T alpha = grad.alpha[here];
                 pixel.depth[lane] = grad.d_depth != nullptr && alpha > 0 ? grad.d_depth[here] / alpha : T(0);
                 pixel.rendered_depth[lane] = grad.depth[here];
-                rest += alpha * ga;
             }
             pixel.behind[lane] = rest;
         }
     }
-    const V alpha_min_log2 = broadcast<T>(T(ALPHA_MIN_LOG2)), alpha_max = broadcast<T>(T(camera.alpha_max)),
-            transmittance_min = broadcast<T>(T(TRANSMITTANCE_MIN));
+    const V alpha_min_log2 = L::all(T(ALPHA_MIN_LOG2)), alpha_max = L::all(T(camera.alpha_max)),
+            transmittance_min = L::all(T(TRANSMITTANCE_MIN));
     const int tile_x = tile % frame.tiles_x, tile_y = tile / frame.tiles_x;
     auto slot_of = [&](const Projected<T>& p) {
         const int tiles_across = p.right / TILE - p.left / TILE + 1;
@@ -85,41 +98,42 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Inter
         }
         for (int k = 0; k < batch.size; k++) {
             const Projected<T>& p = *batch.splats[k];
-            const BlockSet touched = batch.touched[k];
+            const BlockSet<T> touched = batch.touched[k];
             T* slot = slot_of(p);
             const SplatInTile<T> shape = SplatInTile<T>::of(p, box);
-            const V r = broadcast<T>(p.color[0]), g = broadcast<T>(p.color[1]), b = broadcast<T>(p.color[2]),
-                    z = broadcast<T>(p.depth);
+            const V r = L::all(p.color[0]), g = L::all(p.color[1]), b = L::all(p.color[2]);
+            [[maybe_unused]] const V z = L::all(p.depth);
             V s_q{}, s_qu{}, s_quu{}, s_qv{}, s_quv{}, s_qvv{}, s_red{}, s_green{}, s_blue{}, s_depth{};
-            for (int h = 0; h < 2; h++)
-                for (std::uint64_t remaining = touched.half[h] & active.half[h]; remaining != 0;
+            for (int w = 0; w < BlockSet<T>::WORDS; w++)
+                for (std::uint64_t remaining = touched.word[w] & active.word[w]; remaining != 0;
                      remaining &= remaining - 1) {
-                    const int i = __builtin_ctzll(remaining) + 64 * h;
+                    const int i = __builtin_ctzll(remaining) + 64 * w;
                     V u, v, log2_alpha = shape.log2_alpha(grid, i, u, v);
-                    BackwardPixel<T, ALPHA_DEPTH>& pixel = pixels[i];
+                    BackwardPixel<T, USED>& pixel = pixels[i];
                     V transmittance = pixel.transmittance;
-                    M hit = ge<T>(log2_alpha, alpha_min_log2) & gt<T>(transmittance, V{});
-                    V raw = vexp2(log2_alpha);
-                    V alpha = zero_unless<T>(hit, vmin<T>(raw, alpha_max));
+                    M hit = L::both(L::ge(log2_alpha, alpha_min_log2), L::gt(transmittance, V{}));
+                    V raw = L::exp2(log2_alpha);
+                    V alpha = L::keep(hit, L::min(raw, alpha_max));
                     V weight = alpha * transmittance;
                     V next_transmittance = transmittance - weight;
-                    M finishes = hit & le<T>(next_transmittance, transmittance_min);
-                    if (__builtin_expect(any(finishes), 0)) {
-                        weight = zero_unless<T>(~finishes, weight);
-                        alpha = zero_unless<T>(~finishes, alpha);
-                        next_transmittance = select<T>(finishes, -transmittance, next_transmittance);
-                        if (!any(gt<T>(next_transmittance, V{}))) active.half[h] &= ~(std::uint64_t(1) << (i % 64));
+                    M finishes = L::both(hit, L::le(next_transmittance, transmittance_min));
+                    if (__builtin_expect(L::any(finishes), 0)) {
+                        weight = L::clear(finishes, weight);
+                        alpha = L::clear(finishes, alpha);
+                        next_transmittance = L::select(finishes, -transmittance, next_transmittance);
+                        if (!L::any(L::gt(next_transmittance, V{}))) active.word[w] &= ~(std::uint64_t(1) << (i % 64));
                     }
                     pixel.transmittance = next_transmittance;
                     const V gr = pixel.red, gg = pixel.green, gb = pixel.blue;
                     V product = r * gr + g * gg + b * gb;
-                    if constexpr (ALPHA_DEPTH) product += pixel.alpha + (z - pixel.rendered_depth) * pixel.depth;
+                    if constexpr (USED >= IMAGE_ALPHA) product += pixel.alpha;
+                    if constexpr (USED == IMAGE_ALPHA_DEPTH) product += (z - pixel.rendered_depth) * pixel.depth;
                     V here = weight * product;
                     V rest = pixel.behind - here;
                     pixel.behind = rest;
                     V q = here - rest * alpha / (T(1) - alpha);
                     // No gradient where alpha is clamped to alpha_max.
-                    q = zero_unless<T>(le<T>(raw, alpha_max) & hit, q);
+                    q = L::keep(L::both(L::le(raw, alpha_max), hit), q);
                     V qu = q * u, qv = q * v;
                     s_q += q;
                     s_qu += qu;
@@ -130,13 +144,14 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Inter
                     s_red += weight * gr;
                     s_green += weight * gg;
                     s_blue += weight * gb;
-                    if constexpr (ALPHA_DEPTH) s_depth += weight * pixel.depth;
+                    if constexpr (USED == IMAGE_ALPHA_DEPTH) s_depth += weight * pixel.depth;
                 }
-            V sums[8] = {s_q, s_qu, s_quu, s_qv, s_quv, s_qvv, s_red, s_green};
+            Vec<T> sums[8] = {L::eight(s_q),   L::eight(s_qu),  L::eight(s_quu), L::eight(s_qv),
+                              L::eight(s_quv), L::eight(s_qvv), L::eight(s_red), L::eight(s_green)};
             transpose(sums);
             store<T>(slot, ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7])));
-            slot[S_BLUE] = sum<T>(s_blue);
-            slot[S_DEPTH] = ALPHA_DEPTH ? sum<T>(s_depth) : T(0);
+            slot[S_BLUE] = sum<T>(L::eight(s_blue));
+            slot[S_DEPTH] = USED == IMAGE_ALPHA_DEPTH ? sum<T>(L::eight(s_depth)) : T(0);
         }
     }
 }

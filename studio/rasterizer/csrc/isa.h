@@ -2,6 +2,9 @@
 // VS_ISA_NAME (what Python sees) and includes this header. Its compiler flags select the instructions.
 #pragma once
 
+#include "coded.h"
+#include "dropout.h"
+#include "field.h"
 #include "isa_namespace.h"
 #include "kernels.h"
 #include "loss.h"
@@ -14,6 +17,12 @@
 #define VS_JOIN2(a, b) a##b
 #define VS_JOIN(a, b) VS_JOIN2(a, b)
 
+#define VS_TRAINING(T)                                                                                     \
+    {                                                                                                      \
+        VS_ISA::field_forward<T>, VS_ISA::field_backward<T>, VS_ISA::coded_loss<T>, VS_ISA::planes_values<T>, \
+            VS_ISA::planes_gradients<T>, VS_ISA::dropout<T>                                                \
+    }
+
 namespace vs {
 
 const Kernels VS_JOIN(kernels_, VS_ISA) = {
@@ -23,6 +32,8 @@ const Kernels VS_JOIN(kernels_, VS_ISA) = {
     VS_ISA::backward<float>,
     VS_ISA::backward<double>,
     VS_ISA::photometric_loss,
+    VS_TRAINING(float),
+    VS_TRAINING(double),
 };
 
 }  // namespace vs

@@ -67,7 +67,8 @@ struct Frame {
 
 template <typename T>
 struct Outputs {
-    const T* background;               // (3,)
+    const T* background;               // (3,), or (H, W, 3)
+    int background_stride;             // 0 or 3
     T *image, *alpha, *depth, *radii;  // (H, W, 3), (H, W), (H, W), (N,)
 };
 
@@ -87,6 +88,81 @@ struct LossJob {
     double l1, ssim;  // results: means over pixels and channels
 };
 
+constexpr int MAX_FIELD_LAYERS = 8;
+
+struct FieldShape {
+    int levels, features;  // of the hash grid
+    int layers, hidden;    // hidden layers of the MLP, and their width
+};
+
+template <typename T>
+struct FieldJob {
+    FieldShape shape;
+    std::int64_t count;
+    const std::int32_t* rows;                 // (L, N, 8) rows of the table
+    const T* corner_weights;                  // (L, N, 8)
+    const std::int64_t* level_rows;           // (L + 1,) first row of each level
+    const T* table;                           // (rows, F)
+    const T* weights[MAX_FIELD_LAYERS + 1];   // (outputs, inputs) of each layer
+    const T* biases[MAX_FIELD_LAYERS + 1];    // (outputs,)
+    T scale;                                  // of the output
+};
+
+template <typename T>
+struct FieldGradients {
+    const T* d_out;  // (N, 3)
+    T* d_table;
+    T* d_weights[MAX_FIELD_LAYERS + 1];
+    T* d_biases[MAX_FIELD_LAYERS + 1];
+};
+
+template <typename T>
+struct CodedJob {
+    std::int64_t count;
+    int channels;
+    const T *current, *previous;  // (N, C)
+    const T *steps, *mu, *sigma;  // (C,); mu and sigma in steps
+    T huber;                      // in steps; 0: L1
+    std::uint32_t seed;           // of the rounding noise
+    T bits_weight, difference_weight;
+    T* gradient;                 // (N, C) of the weighted sum of both; may be null
+    double bits, difference;     // results: sums
+    double *by_mu, *by_sigma;    // (C,) results: derivatives of the bits
+};
+
+template <typename T>
+struct PlanesJob {
+    std::int64_t count;
+    int coefficients;
+    const T *quats, *log_scales, *logits, *sh;
+    const T* reference;  // (N, 4) quaternions that choose the signs
+};
+
+template <typename T>
+struct PlanesGradients {
+    const T *values, *d_values;  // (N, 8 + 3 K)
+    T *d_quats, *d_log_scales, *d_logits, *d_sh;
+};
+
+template <typename T>
+struct DropoutJob {
+    std::int64_t count;
+    const T* logits;
+    double share;
+    std::uint32_t seed;
+    T *out, *derivative;  // (N,)
+};
+
+template <typename T>
+struct TrainingKernels {
+    void (*field_forward)(const FieldJob<T>&, Buffer<T>& activations, T* out, int threads);
+    void (*field_backward)(const FieldJob<T>&, const Buffer<T>& activations, const FieldGradients<T>&, int threads);
+    void (*coded_loss)(CodedJob<T>&, int threads);
+    void (*planes_values)(const PlanesJob<T>&, T* values, int threads);
+    void (*planes_gradients)(const PlanesJob<T>&, const PlanesGradients<T>&, int threads);
+    void (*dropout)(const DropoutJob<T>&, int threads);
+};
+
 // The kernels, compiled for one instruction set.
 struct Kernels {
     const char* name;
@@ -95,11 +171,14 @@ struct Kernels {
     void (*backward_float)(const Splats<float>&, const Gradients<float>&, const Frame<float>&, int threads);
     void (*backward_double)(const Splats<double>&, const Gradients<double>&, const Frame<double>&, int threads);
     void (*loss)(LossJob&, int threads);
+    TrainingKernels<float> training_float;
+    TrainingKernels<double> training_double;
 };
 
 extern const Kernels kernels_baseline;
-#if defined(VS_HAVE_X86_64_V3)
+#if defined(VS_HAVE_X86_64)
 extern const Kernels kernels_x86_64_v3;
+extern const Kernels kernels_x86_64_v4;
 #endif
 
 }  // namespace vs

@@ -15,10 +15,11 @@
 #include "kernels.h"
 #include "parallel_for.h"
 #include "simd.h"
+#include "wide.h"
 
 namespace vs::VS_ISA {
 
-constexpr int TAPS = 11, HALF = 5, REACH = 3 * HALF;
+constexpr int TAPS = 11, HALF = 5, REACH = 3 * HALF, LOSS_LANES = WIDTH<float>;
 
 struct LossWeights {
     float tap[HALF + 1];  // center first
@@ -26,23 +27,23 @@ struct LossWeights {
 
 // out[i] = sum_k tap_k in[i + 3 k]; `in` has REACH floats of padding on both sides
 VS_INLINE void blur_row(const LossWeights& w, const float* in, float* out, int count) {
-    for (int i = 0; i < count; i += LANES) {
-        VFloat s = w.tap[0] * load<float>(in + i);
-        for (int k = 1; k <= HALF; k++) s += w.tap[k] * (load<float>(in + i - 3 * k) + load<float>(in + i + 3 * k));
-        store<float>(out + i, s);
+    for (int i = 0; i < count; i += LOSS_LANES) {
+        WFloat s = w.tap[0] * wide_load<float>(in + i);
+        for (int k = 1; k <= HALF; k++) s += w.tap[k] * (wide_load<float>(in + i - 3 * k) + wide_load<float>(in + i + 3 * k));
+        wide_store<float>(out + i, s);
     }
 }
 
-VS_INLINE VFloat blur_column(const LossWeights& w, float* const* ring, int i) {
-    VFloat s = w.tap[0] * load<float>(ring[HALF] + i);
-    for (int k = 1; k <= HALF; k++) s += w.tap[k] * (load<float>(ring[HALF - k] + i) + load<float>(ring[HALF + k] + i));
+VS_INLINE WFloat blur_column(const LossWeights& w, float* const* ring, int i) {
+    WFloat s = w.tap[0] * wide_load<float>(ring[HALF] + i);
+    for (int k = 1; k <= HALF; k++) s += w.tap[k] * (wide_load<float>(ring[HALF - k] + i) + wide_load<float>(ring[HALF + k] + i));
     return s;
 }
 
 // Rows [begin, end) of the image: the gradient, and the sums of L1 and SSIM per row.
 static void loss_band(const LossJob& job, const LossWeights& w, int begin, int end, float* scratch, double* row_l1,
                       double* row_ssim) {
-    const int floats = 3 * job.width, stride = (floats + LANES - 1) / LANES * LANES,
+    const int floats = 3 * job.width, stride = (floats + LOSS_LANES - 1) / LOSS_LANES * LOSS_LANES,
               padded_stride = stride + 2 * REACH + 2;
     const float c1 = 0.01f * 0.01f, c2 = 0.03f * 0.03f, n = float(floats) * float(job.height);
     const float l1_scale = float(1 - job.dssim_weight) / n, ssim_scale = float(-job.dssim_weight) / n;
@@ -64,21 +65,21 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
         } else {
             __builtin_memcpy(x_row, job.image + std::size_t(r) * floats, sizeof(float) * floats);
             __builtin_memcpy(y_row, job.target + std::size_t(r) * floats, sizeof(float) * floats);
-            for (int i = 0; i < stride; i += LANES) {
-                VFloat x = load<float>(x_row + i), y = load<float>(y_row + i);
-                VFloat sx = w.tap[0] * x, sy = w.tap[0] * y, ss = w.tap[0] * (x * x + y * y), sp = w.tap[0] * (x * y);
+            for (int i = 0; i < stride; i += LOSS_LANES) {
+                WFloat x = wide_load<float>(x_row + i), y = wide_load<float>(y_row + i);
+                WFloat sx = w.tap[0] * x, sy = w.tap[0] * y, ss = w.tap[0] * (x * x + y * y), sp = w.tap[0] * (x * y);
                 for (int k = 1; k <= HALF; k++) {
-                    VFloat xl = load<float>(x_row + i - 3 * k), xr = load<float>(x_row + i + 3 * k);
-                    VFloat yl = load<float>(y_row + i - 3 * k), yr = load<float>(y_row + i + 3 * k);
+                    WFloat xl = wide_load<float>(x_row + i - 3 * k), xr = wide_load<float>(x_row + i + 3 * k);
+                    WFloat yl = wide_load<float>(y_row + i - 3 * k), yr = wide_load<float>(y_row + i + 3 * k);
                     sx += w.tap[k] * (xl + xr);
                     sy += w.tap[k] * (yl + yr);
                     ss += w.tap[k] * (xl * xl + xr * xr + yl * yl + yr * yr);
                     sp += w.tap[k] * (xl * yl + xr * yr);
                 }
-                store<float>(blurred[0] + i, sx);
-                store<float>(blurred[1] + i, sy);
-                store<float>(blurred[2] + i, ss);
-                store<float>(blurred[3] + i, sp);
+                wide_store<float>(blurred[0] + i, sx);
+                wide_store<float>(blurred[1] + i, sy);
+                wide_store<float>(blurred[2] + i, ss);
+                wide_store<float>(blurred[3] + i, sp);
             }
         }
 
@@ -94,23 +95,23 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             for (int k = 0; k < 4; k++)
                 for (int j = 0; j < TAPS; j++) ring[k][j] = first_ring + (k * TAPS + slot(m - HALF + j)) * stride;
             double total = 0;
-            for (int i = 0; i < stride; i += LANES) {
-                VFloat mx = blur_column(w, ring[0], i), my = blur_column(w, ring[1], i);
-                VFloat squares = blur_column(w, ring[2], i), product = blur_column(w, ring[3], i);
-                VFloat mm = mx * my, mxx_myy = mx * mx + my * my;
-                VFloat a1 = 2.0f * mm + c1, a2 = 2.0f * (product - mm) + c2;
-                VFloat b1 = mxx_myy + c1, b2 = squares - mxx_myy + c2;
-                VFloat ib1 = 1.0f / b1, ib2 = 1.0f / b2, ib = ib1 * ib2;
-                VFloat ssim = a1 * a2 * ib;
-                if (i + LANES > floats) {  // lanes past the end of the row do not count
-                    for (int j = 0; j < LANES; j++)
+            for (int i = 0; i < stride; i += LOSS_LANES) {
+                WFloat mx = blur_column(w, ring[0], i), my = blur_column(w, ring[1], i);
+                WFloat squares = blur_column(w, ring[2], i), product = blur_column(w, ring[3], i);
+                WFloat mm = mx * my, mxx_myy = mx * mx + my * my;
+                WFloat a1 = 2.0f * mm + c1, a2 = 2.0f * (product - mm) + c2;
+                WFloat b1 = mxx_myy + c1, b2 = squares - mxx_myy + c2;
+                WFloat ib1 = 1.0f / b1, ib2 = 1.0f / b2, ib = ib1 * ib2;
+                WFloat ssim = a1 * a2 * ib;
+                if (i + LOSS_LANES > floats) {  // lanes past the end of the row do not count
+                    for (int j = 0; j < LOSS_LANES; j++)
                         if (i + j >= floats) ssim[j] = mx[j] = my[j] = ib[j] = ib1[j] = ib2[j] = 0;
                 }
-                total += double(sum<float>(ssim));
+                total += double(wide_sum<float>(ssim));
                 if (job.gradient != nullptr) {
-                    store<float>(partial[0] + i, 2.0f * (my * (a2 - a1) * ib - mx * ssim * (ib1 - ib2)));
-                    store<float>(partial[1] + i, -ssim * ib2);
-                    store<float>(partial[2] + i, 2.0f * a1 * ib);
+                    wide_store<float>(partial[0] + i, 2.0f * (my * (a2 - a1) * ib - mx * ssim * (ib1 - ib2)));
+                    wide_store<float>(partial[1] + i, -ssim * ib2);
+                    wide_store<float>(partial[2] + i, 2.0f * a1 * ib);
                 }
             }
             if (m >= begin && m < end) row_ssim[m] = total;
@@ -126,26 +127,26 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             for (int j = 0; j < TAPS; j++) ring[k][j] = second_ring + (k * TAPS + slot(o - HALF + j)) * stride;
         const float *xs = job.image + std::size_t(o) * floats, *ys = job.target + std::size_t(o) * floats;
         double total = 0;
-        for (int i = 0; i < stride; i += LANES) {
-            VFloat x{}, y{};
-            const int valid = floats - i < LANES ? floats - i : LANES;
-            if (valid == LANES)
-                x = load<float>(xs + i), y = load<float>(ys + i);
+        for (int i = 0; i < stride; i += LOSS_LANES) {
+            WFloat x{}, y{};
+            const int valid = floats - i < LOSS_LANES ? floats - i : LOSS_LANES;
+            if (valid == LOSS_LANES)
+                x = wide_load<float>(xs + i), y = wide_load<float>(ys + i);
             else
                 for (int j = 0; j < valid; j++) x[j] = xs[i + j], y[j] = ys[i + j];
-            VFloat difference = x - y;
-            VFloat size = difference < 0.0f ? -difference : difference;
-            total += double(sum<float>(size));
+            WFloat difference = x - y;
+            WFloat size = difference < 0.0f ? -difference : difference;
+            total += double(wide_sum<float>(size));
             if (job.gradient == nullptr) continue;
-            const VFloat zero{};
-            VFloat sign = difference > zero ? broadcast<float>(l1_scale)
-                                            : (difference < zero ? broadcast<float>(-l1_scale) : zero);
-            VFloat g =
+            const WFloat zero{};
+            WFloat sign = difference > zero ? wide_all<float>(l1_scale)
+                                            : (difference < zero ? wide_all<float>(-l1_scale) : zero);
+            WFloat g =
                 blur_column(w, ring[0], i) + 2.0f * x * blur_column(w, ring[1], i) + y * blur_column(w, ring[2], i);
             g = sign + ssim_scale * g;
             float* out = job.gradient + std::size_t(o) * floats + i;
-            if (valid == LANES)
-                store<float>(out, g);
+            if (valid == LOSS_LANES)
+                wide_store<float>(out, g);
             else
                 for (int j = 0; j < valid; j++) out[j] = g[j];
         }
@@ -165,8 +166,8 @@ static void photometric_loss(LossJob& job, int threads) {
     // Each band recomputes twenty rows of its neighbors, so use no more bands than keep all threads busy.
     int bands = threads > 1 ? 2 * threads : 1;
     if (bands > job.height / 32 + 1) bands = job.height / 32 + 1;
-    const int stride = (3 * job.width + LANES - 1) / LANES * LANES, padded_stride = stride + 2 * REACH + 2;
-    const std::size_t band_floats = std::size_t(5 * padded_stride + 7 * TAPS * stride + LANES);
+    const int stride = (3 * job.width + LOSS_LANES - 1) / LOSS_LANES * LOSS_LANES, padded_stride = stride + 2 * REACH + 2;
+    const std::size_t band_floats = std::size_t(5 * padded_stride + 7 * TAPS * stride + LOSS_LANES);
     Buffer<float> scratch(band_floats * bands);
     Buffer<double> rows(2 * std::size_t(job.height));
     double *row_l1 = rows.get(), *row_ssim = rows.get() + job.height;

@@ -1,6 +1,6 @@
 // The Python module studio.rasterizer._kernels. Arrays are passed by DLPack: torch tensors without a copy, and without
 // linking to torch. This file checks array sizes, so that no call can read or write out of bounds. All other checks are
-// in the Python wrappers (cpu.py, photometric.py).
+// in the Python wrappers (cpu.py, and those in studio/training).
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -35,8 +35,12 @@ using Out = nb::ndarray<T, nb::c_contig, nb::device::cpu>;
 
 std::vector<const Kernels*> supported() {
     std::vector<const Kernels*> found;
-#if defined(VS_HAVE_X86_64_V3)
+#if defined(VS_HAVE_X86_64)
     __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+        __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+        found.push_back(&kernels_x86_64_v4);
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2"))
         found.push_back(&kernels_x86_64_v3);
 #endif
@@ -108,7 +112,7 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
         throw std::invalid_argument("the image must be from 1x1 to 32000x32000 pixels");
     expect(camera, 23, "camera");
     const std::size_t pixels = std::size_t(width) * std::size_t(height);
-    expect(background, 3, "background");
+    if (background.size() != 3) expect(background, 3 * pixels, "background");
     expect(image, 3 * pixels, "image");
     expect(alpha, pixels, "alpha");
     expect(depth, pixels, "depth");
@@ -121,7 +125,7 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
     c.fx = p[15], c.fy = p[16], c.cx = p[17], c.cy = p[18];
     for (int i = 0; i < 4; i++) c.limits[i] = p[19 + i];
     c.width = width, c.height = height, c.near = near, c.alpha_max = alpha_max;
-    const Outputs<T> out = {background.data(), image.data(), alpha.data(), depth.data(), radii.data()};
+    const Outputs<T> out = {background.data(), background.size() == 3 ? 0 : 3, image.data(), alpha.data(), depth.data(), radii.data()};
     {
         nb::gil_scoped_release release;
         if constexpr (sizeof(T) == 4)
@@ -182,6 +186,199 @@ std::pair<double, double> loss(In<float> image, In<float> target, int width, int
 }
 
 template <typename T>
+const TrainingKernels<T>& training() {
+    if constexpr (sizeof(T) == 4)
+        return kernels->training_float;
+    else
+        return kernels->training_double;
+}
+
+// The activations of a forward pass of the motion field.
+template <typename T>
+struct FieldPass {
+    FieldShape shape;
+    std::int64_t count;
+    Buffer<T> activations;
+};
+
+template <typename T>
+FieldJob<T> field_job(const In<std::int32_t>& rows, const In<T>& corner_weights, const In<std::int64_t>& level_rows,
+                      const In<T>& table, const std::vector<In<T>>& weights, const std::vector<In<T>>& biases,
+                      double scale) {
+    FieldJob<T> job{};
+    if (rows.ndim() != 3 || rows.shape(2) != 8 || table.ndim() != 2)
+        throw std::invalid_argument("rows must be (L, N, 8) and table (rows, F)");
+    FieldShape& shape = job.shape;
+    shape.levels = int(rows.shape(0));
+    job.count = std::int64_t(rows.shape(1));
+    shape.features = int(table.shape(1));
+    shape.layers = int(weights.size()) - 1;
+    if (shape.features < 1 || shape.features > 16 || shape.layers < 1 || shape.layers > MAX_FIELD_LAYERS ||
+        biases.size() != weights.size())
+        throw std::invalid_argument("the motion network has 1 to 16 features and 1 to 8 hidden layers");
+    shape.hidden = int(biases[0].size());
+    expect(corner_weights, rows.size(), "corner_weights");
+    expect(level_rows, std::size_t(shape.levels) + 1, "level_rows");
+    for (std::size_t l = 0; l < weights.size(); l++) {
+        const std::size_t inputs = std::size_t(l == 0 ? shape.levels * shape.features : shape.hidden);
+        const std::size_t outputs = std::size_t(l + 1 == weights.size() ? 3 : shape.hidden);
+        expect(weights[l], inputs * outputs, "weights");
+        expect(biases[l], outputs, "biases");
+        job.weights[l] = weights[l].data();
+        job.biases[l] = biases[l].data();
+    }
+    job.rows = rows.data();
+    job.corner_weights = corner_weights.data();
+    job.level_rows = level_rows.data();
+    // The rows themselves are not checked in each call: HashGrid.corners makes them.
+    if (job.level_rows[0] != 0 || std::size_t(job.level_rows[shape.levels]) != table.shape(0))
+        throw std::invalid_argument("level_rows does not match the table");
+    job.table = table.data();
+    job.scale = T(scale);
+    return job;
+}
+
+template <typename T>
+FieldPass<T>* field_forward(In<std::int32_t> rows, In<T> corner_weights, In<std::int64_t> level_rows, In<T> table,
+                            std::vector<In<T>> weights, std::vector<In<T>> biases, double scale, Out<T> out,
+                            int threads) {
+    const FieldJob<T> job = field_job<T>(rows, corner_weights, level_rows, table, weights, biases, scale);
+    expect(out, 3 * std::size_t(job.count), "out");
+    auto pass = std::make_unique<FieldPass<T>>(FieldPass<T>{job.shape, job.count, {}});
+    nb::gil_scoped_release release;
+    training<T>().field_forward(job, pass->activations, out.data(), checked_threads(threads));
+    return pass.release();
+}
+
+template <typename T>
+void field_backward(const FieldPass<T>& pass, In<std::int32_t> rows, In<T> corner_weights, In<std::int64_t> level_rows,
+                    In<T> table, std::vector<In<T>> weights, std::vector<In<T>> biases, double scale, In<T> d_out,
+                    Out<T> d_table, std::vector<Out<T>> d_weights, std::vector<Out<T>> d_biases, int threads) {
+    const FieldJob<T> job = field_job<T>(rows, corner_weights, level_rows, table, weights, biases, scale);
+    if (job.count != pass.count || job.shape.levels != pass.shape.levels || job.shape.hidden != pass.shape.hidden ||
+        job.shape.features != pass.shape.features || job.shape.layers != pass.shape.layers)
+        throw std::invalid_argument("the motion field differs from that of the forward pass");
+    FieldGradients<T> grad{};
+    expect(d_out, 3 * std::size_t(job.count), "d_out");
+    expect(d_table, table.size(), "d_table");
+    if (d_weights.size() != weights.size() || d_biases.size() != biases.size())
+        throw std::invalid_argument("one gradient per layer is required");
+    for (std::size_t l = 0; l < weights.size(); l++) {
+        expect(d_weights[l], weights[l].size(), "d_weights");
+        expect(d_biases[l], biases[l].size(), "d_biases");
+        grad.d_weights[l] = d_weights[l].data();
+        grad.d_biases[l] = d_biases[l].data();
+    }
+    grad.d_out = d_out.data();
+    grad.d_table = d_table.data();
+    nb::gil_scoped_release release;
+    training<T>().field_backward(job, pass.activations, grad, checked_threads(threads));
+}
+
+template <typename T>
+std::pair<double, double> coded_loss(In<T> current, In<T> previous, In<T> steps, In<T> mu, In<T> sigma, double huber,
+                                     std::uint32_t seed, double bits_weight, double difference_weight,
+                                     std::optional<Out<T>> gradient, Out<double> by_mu, Out<double> by_sigma,
+                                     int threads) {
+    CodedJob<T> job{};
+    if (current.ndim() != 2 || current.shape(1) < 1) throw std::invalid_argument("current must be (N, C)");
+    job.count = std::int64_t(current.shape(0));
+    const std::size_t channels = current.shape(1);
+    job.channels = int(channels);
+    expect(previous, current.size(), "previous");
+    expect(steps, channels, "steps");
+    expect(mu, channels, "mu");
+    expect(sigma, channels, "sigma");
+    expect(by_mu, channels, "by_mu");
+    expect(by_sigma, channels, "by_sigma");
+    job.current = current.data(), job.previous = previous.data();
+    job.steps = steps.data(), job.mu = mu.data(), job.sigma = sigma.data();
+    job.huber = T(huber), job.seed = seed;
+    job.bits_weight = T(bits_weight), job.difference_weight = T(difference_weight);
+    job.gradient = pointer(gradient, current.size(), "gradient");
+    job.by_mu = by_mu.data(), job.by_sigma = by_sigma.data();
+    nb::gil_scoped_release release;
+    training<T>().coded_loss(job, checked_threads(threads));
+    return {job.bits, job.difference};
+}
+
+template <typename T>
+PlanesJob<T> planes_job(const In<T>& quats, const In<T>& log_scales, const In<T>& logits, const In<T>& sh,
+                        const In<T>& reference) {
+    const std::size_t n = logits.size();
+    if (sh.ndim() != 3 || sh.shape(1) < 1) throw std::invalid_argument("sh must be (N, K, 3)");
+    expect(quats, 4 * n, "quats");
+    expect(log_scales, 3 * n, "log_scales");
+    expect(sh, 3 * n * sh.shape(1), "sh");
+    expect(reference, 4 * n, "reference");
+    return {std::int64_t(n), int(sh.shape(1)), quats.data(),    log_scales.data(),
+            logits.data(),   sh.data(),        reference.data()};
+}
+
+template <typename T>
+void planes_values(In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, In<T> reference, Out<T> values,
+                   int threads) {
+    const PlanesJob<T> job = planes_job<T>(quats, log_scales, logits, sh, reference);
+    expect(values, std::size_t(job.count) * std::size_t(8 + 3 * job.coefficients), "values");
+    nb::gil_scoped_release release;
+    training<T>().planes_values(job, values.data(), checked_threads(threads));
+}
+
+template <typename T>
+void planes_gradients(In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, In<T> reference, In<T> values,
+                      In<T> d_values, Out<T> d_quats, Out<T> d_log_scales, Out<T> d_logits, Out<T> d_sh, int threads) {
+    const PlanesJob<T> job = planes_job<T>(quats, log_scales, logits, sh, reference);
+    const std::size_t size = std::size_t(job.count) * std::size_t(8 + 3 * job.coefficients);
+    expect(values, size, "values");
+    expect(d_values, size, "d_values");
+    expect(d_quats, quats.size(), "d_quats");
+    expect(d_log_scales, log_scales.size(), "d_log_scales");
+    expect(d_logits, logits.size(), "d_logits");
+    expect(d_sh, sh.size(), "d_sh");
+    const PlanesGradients<T> grad = {values.data(),       d_values.data(), d_quats.data(),
+                                     d_log_scales.data(), d_logits.data(), d_sh.data()};
+    nb::gil_scoped_release release;
+    training<T>().planes_gradients(job, grad, checked_threads(threads));
+}
+
+template <typename T>
+void dropout(In<T> logits, double share, std::uint32_t seed, Out<T> out, Out<T> derivative, int threads) {
+    expect(out, logits.size(), "out");
+    expect(derivative, logits.size(), "derivative");
+    const DropoutJob<T> job = {std::int64_t(logits.size()), logits.data(), share, seed, out.data(), derivative.data()};
+    nb::gil_scoped_release release;
+    training<T>().dropout(job, checked_threads(threads));
+}
+
+template <typename T>
+void add_training(nb::module_& m, const char* pass_name) {
+    nb::class_<FieldPass<T>>(m, pass_name, "What the backward pass of the motion field needs from the forward pass.");
+    m.def("field_forward", &field_forward<T>, nb::arg("rows").noconvert(), nb::arg("corner_weights").noconvert(),
+          nb::arg("level_rows").noconvert(), nb::arg("table").noconvert(), nb::arg("weights").noconvert(),
+          nb::arg("biases").noconvert(), nb::arg("scale"), nb::arg("out").noconvert(), nb::arg("threads"));
+    m.def("field_backward", &field_backward<T>, nb::arg("pass"), nb::arg("rows").noconvert(),
+          nb::arg("corner_weights").noconvert(), nb::arg("level_rows").noconvert(), nb::arg("table").noconvert(),
+          nb::arg("weights").noconvert(), nb::arg("biases").noconvert(), nb::arg("scale"),
+          nb::arg("d_out").noconvert(), nb::arg("d_table").noconvert(), nb::arg("d_weights").noconvert(),
+          nb::arg("d_biases").noconvert(), nb::arg("threads"));
+    m.def("coded_loss", &coded_loss<T>, nb::arg("current").noconvert(), nb::arg("previous").noconvert(),
+          nb::arg("steps").noconvert(), nb::arg("mu").noconvert(), nb::arg("sigma").noconvert(), nb::arg("huber"),
+          nb::arg("seed"), nb::arg("bits_weight"), nb::arg("difference_weight"),
+          nb::arg("gradient").noconvert().none(), nb::arg("by_mu").noconvert(), nb::arg("by_sigma").noconvert(),
+          nb::arg("threads"), "Sums of bits and differences; writes the gradient of their weighted sum.");
+    m.def("planes_values", &planes_values<T>, nb::arg("quats").noconvert(), nb::arg("log_scales").noconvert(),
+          nb::arg("logits").noconvert(), nb::arg("sh").noconvert(), nb::arg("reference").noconvert(),
+          nb::arg("values").noconvert(), nb::arg("threads"));
+    m.def("planes_gradients", &planes_gradients<T>, nb::arg("quats").noconvert(), nb::arg("log_scales").noconvert(),
+          nb::arg("logits").noconvert(), nb::arg("sh").noconvert(), nb::arg("reference").noconvert(),
+          nb::arg("values").noconvert(), nb::arg("d_values").noconvert(), nb::arg("d_quats").noconvert(),
+          nb::arg("d_log_scales").noconvert(), nb::arg("d_logits").noconvert(), nb::arg("d_sh").noconvert(),
+          nb::arg("threads"));
+    m.def("dropout", &dropout<T>, nb::arg("logits").noconvert(), nb::arg("share"), nb::arg("seed"),
+          nb::arg("out").noconvert(), nb::arg("derivative").noconvert(), nb::arg("threads"));
+}
+
+template <typename T>
 void add(nb::module_& m, const char* frame_name) {
     nb::class_<Frame<T>>(m, frame_name, "What the backward pass needs from the forward pass.")
         .def_prop_ro("pairs", [](const Frame<T>& f) { return f.pairs; }, "Number of (tile, splat) pairs.");
@@ -205,9 +402,11 @@ void add(nb::module_& m, const char* frame_name) {
 NB_MODULE(_kernels, m) {
     // An autograd graph may still hold a frame when the interpreter exits; that is not worth a leak warning.
     nb::set_leak_warnings(false);
-    m.doc() = "C++ kernels of the CPU rasterizer and of the photometric loss; use studio.rasterizer instead.";
+    m.doc() = "C++ kernels of the CPU rasterizer and of training; use studio.rasterizer and studio.training instead.";
     vs::add<float>(m, "FrameFloat");
     vs::add<double>(m, "FrameDouble");
+    vs::add_training<float>(m, "FieldPassFloat");
+    vs::add_training<double>(m, "FieldPassDouble");
     m.def("loss", &vs::loss, nb::arg("image").noconvert(), nb::arg("target").noconvert(), nb::arg("width"),
           nb::arg("height"), nb::arg("dssim_weight"), nb::arg("gradient").noconvert().none(), nb::arg("threads"),
           "Mean absolute difference and mean SSIM; writes the gradient of (1 - w) L1 + w (1 - SSIM).");

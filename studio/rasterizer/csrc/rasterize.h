@@ -3,7 +3,7 @@
 //
 // Forward:   project  project the splats, eight at a time, and count the tiles that each touches
 //            bin      write (depth, splat) into the lists of those tiles
-//            blend    per tile: sort the list by depth, then blend splat by splat over blocks of 4x2 pixels
+//            blend    per tile: sort the list by depth, then blend splat by splat over blocks of pixels
 // Backward:  tile     per tile, front to back again: gradients of each (tile, splat) pair, each pair in its own slot
 //            splat    per splat: add up its slots and propagate through the projection
 // The order of lists, slots and sums does not depend on the number of threads, so the results are bitwise reproducible.
@@ -128,7 +128,6 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
 template <typename T>
 static void backward(const Splats<T>& splats, const Gradients<T>& grad, const Frame<T>& frame, int threads) {
     const int tiles = frame.tiles_x * frame.tiles_y;
-    const bool alpha_depth = grad.d_alpha != nullptr || grad.d_depth != nullptr;
     Buffer<T> slots{std::size_t(frame.pairs) * SLOT};
     auto tile_pass = [&](int task) {
         const int tile = int(frame.order.get()[task]);
@@ -136,10 +135,12 @@ static void backward(const Splats<T>& splats, const Gradients<T>& grad, const Fr
         if (count == 0) return;
         const TileBox box = tile_box(frame.camera, frame.tiles_x, tile);
         const Intersection<T>* list = frame.intersections.get() + begin;
-        if (alpha_depth)
-            backward_tile<T, true>(frame, box, list, count, grad, slots.get(), tile);
+        if (grad.d_depth != nullptr)
+            backward_tile<T, IMAGE_ALPHA_DEPTH>(frame, box, list, count, grad, slots.get(), tile);
+        else if (grad.d_alpha != nullptr)
+            backward_tile<T, IMAGE_ALPHA>(frame, box, list, count, grad, slots.get(), tile);
         else
-            backward_tile<T, false>(frame, box, list, count, grad, slots.get(), tile);
+            backward_tile<T, IMAGE>(frame, box, list, count, grad, slots.get(), tile);
     };
     parallel_for(tiles, threads, tile_pass);
 

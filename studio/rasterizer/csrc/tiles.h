@@ -5,13 +5,19 @@
 
 #include "isa_namespace.h"
 #include "kernels.h"
+#include "pixel_lanes.h"
 #include "simd.h"
 
 namespace vs::VS_ISA {
 
-// The pixels of a tile are stored in blocks of 4x2 pixels, one lane per pixel, blocks row by row.
-constexpr int BLOCK_W = 4, BLOCK_H = 2, BLOCKS_X = TILE / BLOCK_W, BLOCKS_Y = TILE / BLOCK_H,
-              BLOCKS = BLOCKS_X * BLOCKS_Y;
+// The pixels of a tile are stored in blocks of 4x2 or 4x4 pixels, one lane per pixel, blocks row by row.
+constexpr int BLOCK_W = 4, BLOCKS_X = TILE / BLOCK_W;
+template <typename T>
+constexpr int BLOCK_H = PixelLanes<T>::BLOCK_H;
+template <typename T>
+constexpr int BLOCKS = BLOCKS_X * TILE / BLOCK_H<T>;
+template <typename T>
+using PixelVec = typename PixelLanes<T>::V;
 
 struct TileBox {
     int left, top, width, height;  // image pixels
@@ -28,36 +34,45 @@ VS_INLINE TileBox tile_box(const Camera& camera, int tiles_x, int tile) {
 // Pixel coordinates of each column and each row of blocks, relative to the center of the tile's first pixel.
 template <typename T>
 struct PixelGrid {
-    Vec<T> x[BLOCKS_X], y[BLOCKS_Y];
+    PixelVec<T> x[BLOCKS_X], y[TILE / BLOCK_H<T>];
     VS_INLINE void init(PixelGrid& grid) {
-        const Vec<T> lane_x = {0, 1, 2, 3, 0, 1, 2, 3}, lane_y = {0, 0, 0, 0, 1, 1, 1, 1};
-        for (int i = 0; i < BLOCKS_X; i++) grid.x[i] = lane_x + T(i * BLOCK_W);
-        for (int i = 0; i < BLOCKS_Y; i++) grid.y[i] = lane_y + T(i * BLOCK_H);
+        for (int i = 0; i < BLOCKS_X; i++) grid.x[i] = PixelLanes<T>::x() + T(i * BLOCK_W);
+        for (int i = 0; i < TILE / BLOCK_H<T>; i++) grid.y[i] = PixelLanes<T>::y() + T(i * BLOCK_H<T>);
     }
 };
 
 // A set of blocks: bit 8 * row + column.
+template <typename T>
 struct BlockSet {
-    std::uint64_t half[2];
+    static constexpr int WORDS = BLOCKS<T> / 64;
+    std::uint64_t word[WORDS];
+
+    inline __attribute__((always_inline)) bool any() const {
+        std::uint64_t all = 0;
+        for (int w = 0; w < WORDS; w++) all |= word[w];
+        return all != 0;
+    }
 };
-static_assert(BLOCKS_X == 8 && BLOCKS == 128 && BLOCK_H == 2, "BlockSet holds 16 rows of 8");
+static_assert(BLOCKS_X == 8, "a row of blocks is a byte of BlockSet");
 
 // Sets the transmittance of a tile's pixels and returns the blocks that have unfinished pixels. Transmittance is
 // negative where a pixel is finished or outside the image. P is the per-block pixel state: one struct per block instead
 // of one array per quantity, because arrays that are a multiple of 4096 bytes apart compete for cache lines and cause
 // false store-to-load dependencies.
 template <typename T, typename P>
-VS_INLINE BlockSet init_pixels(const TileBox& box, const PixelGrid<T>& grid, P* pixels) {
+VS_INLINE BlockSet<T> init_pixels(const TileBox& box, const PixelGrid<T>& grid, P* pixels) {
+    using L = PixelLanes<T>;
+    BlockSet<T> active = {};
     if (box.width == TILE && box.height == TILE) {
-        for (int i = 0; i < BLOCKS; i++) pixels[i].transmittance = broadcast<T>(T(1));
-        return {{~std::uint64_t(0), ~std::uint64_t(0)}};
+        for (int i = 0; i < BLOCKS<T>; i++) pixels[i].transmittance = L::all(T(1));
+        for (std::uint64_t& word : active.word) word = ~std::uint64_t(0);
+        return active;
     }
-    BlockSet active = {{0, 0}};
-    for (int i = 0; i < BLOCKS; i++) {
-        Mask<T> inside = lt<T>(grid.x[i % BLOCKS_X], broadcast<T>(T(box.width))) &
-                         lt<T>(grid.y[i / BLOCKS_X], broadcast<T>(T(box.height)));
-        pixels[i].transmittance = select<T>(inside, broadcast<T>(T(1)), broadcast<T>(T(-1)));
-        active.half[i / 64] |= std::uint64_t(any(inside)) << (i % 64);
+    for (int i = 0; i < BLOCKS<T>; i++) {
+        const typename L::M inside = L::both(L::lt(grid.x[i % BLOCKS_X], L::all(T(box.width))),
+                                             L::lt(grid.y[i / BLOCKS_X], L::all(T(box.height))));
+        pixels[i].transmittance = L::select(inside, L::all(T(1)), L::all(T(-1)));
+        active.word[i / 64] |= std::uint64_t(L::any(inside)) << (i % 64);
     }
     return active;
 }
@@ -65,16 +80,17 @@ VS_INLINE BlockSet init_pixels(const TileBox& box, const PixelGrid<T>& grid, P* 
 // A splat relative to a tile. Both passes evaluate alpha through this, so that they get the same bits.
 template <typename T>
 struct SplatInTile {
-    using V = Vec<T>;
+    using L = PixelLanes<T>;
+    using V = PixelVec<T>;
     V x, y, a, b, c, log2_opacity;
 
     VS_INLINE SplatInTile of(const Projected<T>& p, const TileBox& box) {
-        return {broadcast<T>(p.x - T(box.left) - T(0.5)),
-                broadcast<T>(p.y - T(box.top) - T(0.5)),
-                broadcast<T>(p.a),
-                broadcast<T>(p.b),
-                broadcast<T>(p.c),
-                broadcast<T>(p.log2_opacity)};
+        return {L::all(p.x - T(box.left) - T(0.5)),
+                L::all(p.y - T(box.top) - T(0.5)),
+                L::all(p.a),
+                L::all(p.b),
+                L::all(p.c),
+                L::all(p.log2_opacity)};
     }
     // log2(alpha) at the pixels of a block, before the clamp; also u and v
     inline __attribute__((always_inline)) V log2_alpha(const PixelGrid<T>& grid, int block, V& u, V& v) const {
@@ -85,22 +101,30 @@ struct SplatInTile {
     }
 };
 
-// Blocks that a splat may touch: for each row of pixels, the interval in which u^2 + v^2 is small enough, eight rows of
-// blocks at a time. Conservative, except for rounding at the very edge, where alpha is 1/255.
+#if defined(__AVX512F__)
+// Joins pairs of rows of blocks, which are bytes.
+VS_INLINE std::uint64_t join_rows(std::uint64_t low, std::uint64_t high) {
+    const std::uint64_t even = 0x00ff00ff00ff00ffull;
+    return _pext_u64(low | low >> 8, even) | _pext_u64(high | high >> 8, even) << 32;
+}
+#endif
+
+// Blocks that a splat may touch: for each row of pixels, the interval in which u^2 + v^2 is small enough, eight pairs
+// of rows at a time. Conservative, except for rounding at the very edge, where alpha is 1/255.
 template <typename T>
-VS_INLINE BlockSet touched_blocks(const Projected<T>& p, const TileBox& box) {
+VS_INLINE BlockSet<T> touched_blocks(const Projected<T>& p, const TileBox& box) {
     using V = Vec<T>;
     using M = Mask<T>;
     typedef std::uint8_t Bytes __attribute__((vector_size(8)));
     const T x = p.x - T(box.left) - T(0.5), y = p.y - T(box.top) - T(0.5);
-    const int top = p.top > box.top ? (p.top - box.top) / BLOCK_H : 0;
+    const int top = p.top > box.top ? (p.top - box.top) / 2 : 0;
     int bottom = p.bottom - box.top;
-    bottom = (bottom < TILE ? bottom : TILE - 1) / BLOCK_H;
+    bottom = (bottom < TILE ? bottom : TILE - 1) / 2;
     const V steps = {0, 2, 4, 6, 8, 10, 12, 14};
     const V budget = broadcast<T>(p.log2_opacity - T(ALPHA_MIN_LOG2) + T(1e-4));
-    BlockSet found = {{0, 0}};
+    std::uint64_t half[2] = {0, 0};  // of 16 pairs of rows
     for (int row = top; row <= bottom; row += 8) {
-        V dy0 = steps + (T(row * BLOCK_H) - y), dy1 = dy0 + T(1);
+        V dy0 = steps + (T(row * 2) - y), dy1 = dy0 + T(1);
         V v0 = p.c * dy0, v1 = p.c * dy1;
         V rest0 = budget - v0 * v0, rest1 = budget - v1 * v1;
         V half0 = p.width * vsqrt(vmax<T>(rest0, V{})), half1 = p.width * vsqrt(vmax<T>(rest1, V{}));
@@ -118,13 +142,16 @@ VS_INLINE BlockSet touched_blocks(const Projected<T>& p, const TileBox& box) {
         std::uint64_t rows;
         __builtin_memcpy(&rows, &bytes, sizeof(rows));
         if (row == 0)
-            found.half[0] |= rows;
+            half[0] |= rows;
         else if (row < 8)
-            found.half[0] |= rows << (8 * row), found.half[1] |= rows >> (64 - 8 * row);
+            half[0] |= rows << (8 * row), half[1] |= rows >> (64 - 8 * row);
         else
-            found.half[1] |= rows << (8 * (row - 8));
+            half[1] |= rows << (8 * (row - 8));
     }
-    return found;
+#if defined(__AVX512F__)
+    if constexpr (BLOCK_H<T> == 4) return {{join_rows(half[0], half[1])}};
+#endif
+    if constexpr (BLOCK_H<T> == 2) return {{half[0], half[1]}};
 }
 
 // A run of a tile's intersections with the blocks that each touches. Computing the blocks of many splats before
@@ -133,24 +160,23 @@ template <typename T>
 struct Batch {
     static constexpr int CAPACITY = 64;
     const Projected<T>* splats[CAPACITY];
-    BlockSet touched[CAPACITY];
+    BlockSet<T> touched[CAPACITY];
     int size;
 
     // Reads intersections from index `n`, drops those that touch no active block, and returns the next index.
     inline __attribute__((always_inline)) std::uint32_t fill(const Projected<T>* projected, const Intersection<T>* list,
                                                              std::uint32_t n, std::uint32_t count, const TileBox& box,
-                                                             const BlockSet& active) {
+                                                             const BlockSet<T>& active) {
         const std::uint32_t end = count - n < std::uint32_t(CAPACITY) ? count : n + CAPACITY;
         size = 0;
         for (; n < end; n++) {
             if (n + 8 < count) __builtin_prefetch(&projected[list[n + 8].splat]);
             const Projected<T>* p = &projected[list[n].splat];
-            BlockSet found = touched_blocks<T>(*p, box);
-            found.half[0] &= active.half[0];
-            found.half[1] &= active.half[1];
+            BlockSet<T> found = touched_blocks<T>(*p, box);
+            for (int w = 0; w < BlockSet<T>::WORDS; w++) found.word[w] &= active.word[w];
             splats[size] = p;
             touched[size] = found;
-            size += (found.half[0] | found.half[1]) != 0;
+            size += found.any();
         }
         return end;
     }

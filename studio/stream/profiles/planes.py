@@ -2,15 +2,47 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
 from studio.gaussians import Gaussians
+from studio.rasterizer.cpu import kernel_threads
+from studio.rasterizer.kernels import kernels_for
 from studio.stream.layout import plane_side
 from studio.stream.profiles.coding import SplatCoding
 from studio.stream.quantize import LEVELS_8
 
 _MIN_STEP = 1e-3
+
+
+class _Fused(torch.autograd.Function):
+    """`PlanesCoding.coded_values` and its gradient, each in one pass."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        kernels: Any,
+        reference: Tensor,
+        quats: Tensor,
+        log_scales: Tensor,
+        logits: Tensor,
+        sh: Tensor,
+    ) -> Tensor:
+        inputs = [tensor.detach().contiguous() for tensor in (quats, log_scales, logits, sh, reference)]
+        values = quats.new_empty((len(quats), 8 + 3 * sh.shape[1]))
+        kernels.planes_values(*inputs, values, kernel_threads())
+        ctx.kernels = kernels
+        ctx.save_for_backward(*inputs, values)
+        return values
+
+    @staticmethod
+    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
+        *inputs, values = ctx.saved_tensors
+        gradients = [torch.empty_like(tensor) for tensor in inputs[:4]]
+        ctx.kernels.planes_gradients(*inputs, values, upstream[0].contiguous(), *gradients, kernel_threads())
+        return None, None, *gradients
 
 
 class PlanesCoding(SplatCoding):
@@ -33,6 +65,14 @@ class PlanesCoding(SplatCoding):
     def coded_values(self, gaussians: Gaussians) -> Tensor:
         """See `SplatCoding`. Each quaternion has the sign that is nearer to the previous frame (q and -q are the same
         rotation)."""
+        leaves = (gaussians.quats, gaussians.log_scales, gaussians.logit_opacities, gaussians.sh)
+        kernels = kernels_for(*leaves, self._quats)
+        if kernels is not None:
+            return _Fused.apply(kernels, self._quats, *leaves)  # type: ignore[no-untyped-call,no-any-return]
+        return self.coded_values_torch(gaussians)
+
+    def coded_values_torch(self, gaussians: Gaussians) -> Tensor:
+        """`coded_values` in plain PyTorch, for any device and dtype. This is the definition."""
         quats = gaussians.unit_quats
         sign = torch.where((quats.detach() * self._quats).sum(-1, keepdim=True) < 0, -1.0, 1.0)
         return torch.cat(

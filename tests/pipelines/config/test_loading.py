@@ -51,10 +51,8 @@ def test_defaults_of_the_library_are_those_of_the_command_line():
     assert config.calibrate == CalibrateSettings()
     assert config.calibrate.camera_model == "SIMPLE_RADIAL"
     assert config.capture == CaptureSettings()
-    assert config.bake == BakeSettings()
-    assert TrainSettings.model_validate({name: getattr(config.train, name) for name in TrainSettings.model_fields}) == (
-        TrainSettings()
-    )
+    for section, library in ((config.bake, BakeSettings), (config.train, TrainSettings)):  # with settings of stages
+        assert library.model_validate({name: getattr(section, name) for name in library.model_fields}) == library()
 
 
 def test_sections_are_the_librarys_models():

@@ -103,11 +103,17 @@ def draw_with_gradients(
     outputs: tuple[str, ...] = ("image", "alpha", "depth"),
     alpha_max: float | None = 0.99,
     device: str = "cpu",
+    picture: bool = False,
 ) -> Drawn:
-    """Render and backpropagate a random linear loss; `weight` (H, W) scales the loss of each pixel."""
+    """Render and backpropagate a random linear loss; `weight` (H, W) scales the loss of each pixel. With `picture`, the
+    background differs from pixel to pixel."""
     leaves = splats.map(lambda tensor: tensor.detach().to(device, dtype, copy=True).requires_grad_())
     offsets = torch.zeros(len(splats), 2, dtype=dtype, device=device, requires_grad=True)
-    background = torch.tensor([0.2, 0.5, 1.0], dtype=dtype, device=device, requires_grad=True)
+    background = torch.tensor([0.2, 0.5, 1.0], dtype=dtype, device=device)
+    if picture:
+        rows = torch.linspace(0.1, 1.0, camera.height, dtype=dtype, device=device)
+        background = rows[:, None, None] * background.repeat(camera.width, 1)
+    background.requires_grad_()
     render = rasterize(leaves, camera, background, backend=backend, screen_offsets=offsets, alpha_max=alpha_max)
     generator = torch.Generator().manual_seed(1)
     loss = render.image.sum() * 0

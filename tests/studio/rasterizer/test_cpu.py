@@ -40,6 +40,11 @@ def test_gradients_of_each_output_alone(helpers, outputs) -> None:
     compare(helpers, helpers.splats(80), helpers.camera(), outputs=outputs)
 
 
+@pytest.mark.parametrize("outputs", [("image",), ("image", "alpha")])
+def test_a_picture_as_background(helpers, outputs) -> None:
+    compare(helpers, helpers.splats(120), helpers.camera(), outputs=outputs, picture=True)
+
+
 def test_no_splats(helpers) -> None:
     compare(helpers, helpers.splats(0), helpers.camera())
 

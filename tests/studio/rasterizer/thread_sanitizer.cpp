@@ -88,7 +88,7 @@ struct Scene {
                         0.99};
         const T background[3] = {T(0.2), T(0.5), T(1)};
         std::vector<T> image(3 * pixels), alpha(pixels), depth(pixels), radii(COUNT);
-        const vs::Outputs<T> out = {background, image.data(), alpha.data(), depth.data(), radii.data()};
+        const vs::Outputs<T> out = {background, 0, image.data(), alpha.data(), depth.data(), radii.data()};
         std::vector<T> d_image(3 * pixels, T(1)), d_alpha(pixels, T(0.5)), d_depth(pixels, T(0.1));
         std::vector<T> d_means(means.size()), d_quats(quats.size()), d_log_scales(log_scales.size());
         std::vector<T> d_logits(logits.size()), d_sh(sh.size()), d_offsets(offsets.size());
@@ -160,10 +160,15 @@ int main(int count, char** arguments) {
     for (std::thread& caller : callers) caller.join();
     check_kernels(vs::kernels_baseline);
     std::printf("baseline: no lost task, same bits\n");
-#if defined(VS_HAVE_X86_64_V3)
+#if defined(VS_HAVE_X86_64)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2")) {
         check_kernels(vs::kernels_x86_64_v3);
         std::printf("x86-64-v3: no lost task, same bits\n");
+    }
+    if (__builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl")) {
+        check_kernels(vs::kernels_x86_64_v4);
+        std::printf("x86-64-v4: no lost task, same bits\n");
     }
 #endif
     return 0;

@@ -8,7 +8,7 @@ from studio.cameras import Camera
 from studio.capture import FootageView
 from studio.gaussians import Gaussians
 from studio.training import TrainingView, TrainSettings
-from studio.training.step import Stepper, dropped
+from studio.training.step import Stepper
 from studio.training.views import matte_box, surroundings
 from tests.support.errors import refuses
 
@@ -120,22 +120,6 @@ def test_an_empty_render_over_the_plate_is_the_plate() -> None:
     assert view.plate is not None
     assert torch.allclose(step.render.image[near], view.plate[near], atol=1e-6)
     assert float(step.render.image[~near].abs().max()) == 0
-
-
-def test_dropout_removes_a_fraction_and_keeps_the_total_opacity() -> None:
-    many = Gaussians(
-        torch.rand(4000, 3),
-        torch.ones(4000, 4),
-        torch.zeros(4000, 3),
-        torch.full((4000,), -1.0),
-        torch.zeros(4000, 1, 3),
-    )
-    left, kept = dropped(many, 0.25, torch.Generator().manual_seed(0))
-    assert torch.equal(left.means, many.means[kept])
-    assert len(left) == pytest.approx(3000, abs=100)
-    assert float(left.opacities.sum()) == pytest.approx(float(many.opacities.sum()), rel=0.03)
-    opaque = Gaussians(many.means, many.quats, many.log_scales, torch.full((4000,), 8.0), many.sh)
-    assert torch.isfinite(dropped(opaque, 0.5, torch.Generator())[0].logit_opacities).all()
 
 
 def test_dropped_splats_are_not_drawn() -> None:

@@ -8,7 +8,7 @@
  * A frame's escapes (codes that do not fit into a byte) are drawn as points over the result of the first pass.
  */
 
-import { ALPHA_MAX, ALPHA_MIN, DILATION } from "./renderer.ts";
+import { ALPHA_MAX, ALPHA_MIN, DILATION, NEAR } from "./renderer.ts";
 
 const float = (value: number): string => (Number.isInteger(value) ? `${value}.0` : String(value));
 
@@ -53,8 +53,8 @@ const HARMONICS = [
   "-0.5900435899266435 * d.x * (d.x * d.x - 3.0 * d.y * d.y)",
 ];
 
-/** Sum over the coefficients, each read from three channels, starting at `first`. */
-function colorSum(shDegree: number, first: number): string {
+/** Sum over the coefficients, each read from three channels, starting at `first`. Valid in GLSL and in WGSL. */
+export function colorSum(shDegree: number, first: number): string {
   return HARMONICS.slice(0, (shDegree + 1) ** 2)
     .map((basis, k) => `color += (${basis}) * vec3(v(${first + 3 * k}), v(${first + 3 * k + 1}), v(${first + 3 * k + 2}));`)
     .join("\n  ");
@@ -180,7 +180,7 @@ void main() {
   float opacity;
   if (!read(mean, q, scale, opacity)) return;
   vec3 local = rotation * mean + translation;
-  if (!(local.z >= 0.01) || !(opacity >= ${float(ALPHA_MIN)})) return;
+  if (!(local.z >= ${NEAR}) || !(opacity >= ${float(ALPHA_MIN)})) return;
   opacity = min(opacity, 1.0);
   float w = q.x, x = q.y, y = q.z, z = q.w;
   mat3 turned = rotation * mat3(

@@ -3,7 +3,7 @@
 import { StreamError } from "../stream/errors.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
-import type { Renderer } from "./renderer.ts";
+import type { GpuTimes, Renderer } from "./renderer.ts";
 import { ESCAPE_VERTEX, FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
 /** Blocks per row of the block table, and its width in texels. */
@@ -246,8 +246,10 @@ interface TimerQuery {
 
 export class WebGL2Renderer implements Renderer {
   readonly name = "WebGL2";
+  readonly sorts = false;
+  readonly visible = null;
   readonly maxTexture: number;
-  gpuMilliseconds: number | null = null;
+  gpuTimes: GpuTimes | null = null;
   private readonly gl: WebGL2RenderingContext;
   private readonly half: boolean;
   private readonly timer: TimerQuery | null;
@@ -537,7 +539,7 @@ export class WebGL2Renderer implements Renderer {
     if (this.query !== null) {
       if (gl.getQueryParameter(this.query, gl.QUERY_RESULT_AVAILABLE) !== true) return false;
       if (gl.getParameter(timer.GPU_DISJOINT_EXT) !== true)
-        this.gpuMilliseconds = (gl.getQueryParameter(this.query, gl.QUERY_RESULT) as number) / 1e6;
+        this.gpuTimes = { all: (gl.getQueryParameter(this.query, gl.QUERY_RESULT) as number) / 1e6, project: null, sort: null };
     }
     this.query ??= gl.createQuery();
     gl.beginQuery(timer.TIME_ELAPSED_EXT, this.query);

@@ -6,7 +6,8 @@
 import { depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View } from "../draw/camera.ts";
 import type { Renderer } from "../draw/renderer.ts";
 import { WebGL2Renderer } from "../draw/webgl2.ts";
-import { messageOf } from "../stream/errors.ts";
+import { requestWebGPU, WebGPURenderer } from "../draw/webgpu.ts";
+import { messageOf, StreamError } from "../stream/errors.ts";
 import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
@@ -53,7 +54,11 @@ export interface PlayerEvents {
 
 type Handler<T> = (value: T) => void;
 
+export type RendererChoice = "auto" | "webgl2" | "webgpu";
+
 export interface PlayerOptions {
+  /** By default WebGPU if there is one with a GPU, else WebGL2. */
+  readonly renderer?: RendererChoice;
   readonly path?: DecodePath | "auto";
   readonly loop?: boolean;
 }
@@ -61,7 +66,10 @@ export interface PlayerOptions {
 export class Player {
   readonly camera = new OrbitCamera();
   readonly statistics = new Statistics();
-  readonly canvas: HTMLCanvasElement;
+  /** Replaced if drawing changes to another graphics API. */
+  canvas: HTMLCanvasElement;
+  /** Why WebGPU is not used; null if it is, or was not asked for. */
+  withoutWebGPU: string | null = null;
   info: StreamInfo | null = null;
   path: DecodePath | null = null;
   bandwidth = 0;
@@ -69,7 +77,10 @@ export class Player {
   cachedBytes = 0;
   fetchedGroups: readonly number[] = [];
   readonly leftOut = new Map<number, string>();
-  private readonly renderer: Renderer;
+  /** Null until it is chosen. */
+  private renderer: Renderer | null = null;
+  /** Waits for the renderer: what to open. */
+  private opening: (() => void) | null = null;
   private readonly worker: Worker;
   private readonly videos: VideoReader;
   private readonly resolution = new Resolution();
@@ -113,7 +124,9 @@ export class Player {
     this.canvas = canvas;
     this.options = options;
     this.loop_ = options.loop ?? true;
-    this.renderer = new WebGL2Renderer(canvas);
+    const choice = options.renderer ?? "auto";
+    if (choice !== "webgl2" && (choice === "webgpu" || "gpu" in navigator)) void this.startWebGPU(choice === "webgpu");
+    else this.renderer = this.webgl2();
     const address = URL.createObjectURL(new Blob([workerSource], { type: "text/javascript" }));
     this.worker = new Worker(address);
     this.stop.signal.addEventListener("abort", () => {
@@ -131,9 +144,6 @@ export class Player {
       this.fail(`The player's worker failed: ${event.message}.`);
     };
     const { signal } = this.stop;
-    canvas.addEventListener("webglcontextrestored", () => {
-      this.restore();
-    }, { signal });
     document.addEventListener("visibilitychange", () => {
       // Hidden pages get no animation frames; the clock must not advance in the meantime.
       this.lastTick = this.drawBegan = this.lastShownAt = null;
@@ -147,6 +157,56 @@ export class Player {
   }
 
   private handlerTime = 0;
+
+  private webgl2(): Renderer {
+    this.canvas.addEventListener("webglcontextrestored", () => {
+      this.restore();
+    }, { signal: this.stop.signal });
+    return new WebGL2Renderer(this.canvas);
+  }
+
+  /** Starts with WebGPU, or with WebGL2 if that is not possible. */
+  private async startWebGPU(forced: boolean): Promise<void> {
+    let used = false;
+    try {
+      const device = await requestWebGPU(forced);
+      used = true;
+      if (this.stop.signal.aborted) device.destroy();
+      else
+        this.renderer = new WebGPURenderer(this.canvas, device, (why) => {
+          this.leaveWebGPU(why, true);
+        });
+    } catch (error) {
+      this.leaveWebGPU(messageOf(error), used);
+    }
+    this.opening?.();
+    this.opening = null;
+  }
+
+  /** Changes to WebGL2, on a new canvas if WebGPU has used it: a canvas can be used with one graphics API only. */
+  private leaveWebGPU(why: string, used: boolean): void {
+    if (this.stop.signal.aborted) return;
+    this.withoutWebGPU = why;
+    const before = this.renderer;
+    before?.dispose();
+    if (used) {
+      const canvas = this.canvas.cloneNode() as HTMLCanvasElement;
+      this.canvas.replaceWith(canvas);
+      this.resizing.unobserve(this.canvas);
+      this.resizing.observe(canvas);
+      this.canvas = canvas;
+    }
+    this.drawBegan = null;
+    try {
+      this.renderer = this.webgl2();
+    } catch (error) {
+      this.fail(before === null ? messageOf(error) : `The graphics driver has stopped working: ${why}. Reload the page.`);
+      return;
+    }
+    if (before === null || this.info === null) return;
+    this.renderer.prepare(this.info.profile, this.info.shDegree);
+    this.restore();
+  }
 
   on<K extends keyof PlayerEvents>(event: K, handler: Handler<PlayerEvents[K]>): void {
     let set = this.handlers.get(event);
@@ -167,14 +227,14 @@ export class Player {
     this.position = 0;
     this.leftOut.clear();
     this.fetchedGroups = [];
-    this.post({
-      type: "open",
-      url: new URL(address, document.baseURI).href,
-      files,
-      maxTexture: this.renderer.maxTexture,
-      path: this.options.path ?? "auto",
-      loop: this.loop_,
-    });
+    const url = new URL(address, document.baseURI).href;
+    const open = (): void => {
+      if (this.renderer === null) return; // there is none, which was reported
+      const { maxTexture } = this.renderer;
+      this.post({ type: "open", url, files, maxTexture, path: this.options.path ?? "auto", loop: this.loop_ });
+    };
+    if (this.renderer === null) this.opening = open;
+    else open();
   }
 
   get playing(): boolean {
@@ -230,14 +290,14 @@ export class Player {
 
   /** Number of splats on the canvas, and of the whole frame. */
   get splats(): { drawn: number; all: number } {
-    return { drawn: this.shown?.count ?? 0, all: this.group?.splats ?? 0 };
+    return { drawn: this.renderer?.visible ?? this.shown?.count ?? 0, all: this.group?.splats ?? 0 };
   }
 
   /** What the frame on the canvas is from: its group, in the rendition that was chosen for it. */
   group: Pick<GroupSetup, "rendition" | "bytes" | "frames" | "splats" | "shDegree"> | null = null;
 
   get rendererName(): string {
-    return this.renderer.name;
+    return this.renderer?.name ?? "none";
   }
 
   get drawSize(): readonly number[] {
@@ -302,15 +362,18 @@ export class Player {
    * Renders the current frame from a camera and returns the pixels: RGBA, top row first. Sorts for that camera first.
    */
   async snapshot(camera: Camera, background: Vector = [0, 0, 0]): Promise<ImageData> {
+    const { renderer } = this;
+    if (renderer === null) throw new StreamError("There is no renderer.");
     const before = this.fixed;
     const pinhole = pinholeOf(camera);
+    if (renderer.sorts) return new ImageData(await renderer.snapshot(pinhole, background), camera.width, camera.height);
     this.fixed = pinhole;
     const sorted = new Promise<void>((resolve) => {
       this.snapshotSorted = resolve;
     });
     this.requestSort(depthAxis(pinhole));
     await sorted;
-    const pixels = this.renderer.snapshot(pinhole, background);
+    const pixels = await renderer.snapshot(pinhole, background);
     this.fixed = before;
     this.sortedAxis = UNSORTED;
     this.dirty = true;
@@ -320,10 +383,10 @@ export class Player {
   private snapshotSorted: (() => void) | null = null;
 
   /** Draws the current frame, waits for the GPU, and returns the time in milliseconds. */
-  timeDraw(): number {
+  async timeDraw(): Promise<number> {
     const began = performance.now();
     this.draw(began);
-    this.renderer.finish();
+    await this.renderer?.finish();
     return performance.now() - began;
   }
 
@@ -333,7 +396,7 @@ export class Player {
     this.resizing.disconnect();
     this.worker.terminate();
     this.videos.dispose();
-    this.renderer.dispose();
+    this.renderer?.dispose();
     this.handlers.clear();
   }
 
@@ -359,7 +422,7 @@ export class Player {
         // Only the last sort is for the current view.
         if (message.request === this.sortRequest) this.sorting = false;
         if (message.frame === this.shown?.frame) {
-          this.renderer.setOrder(message.order, message.count);
+          this.renderer?.setOrder(message.order, message.count);
           this.shown.count = message.count;
           this.statistics.sort.add(message.sort);
           this.dirty = true;
@@ -396,7 +459,7 @@ export class Player {
 
   private opened(info: StreamInfo): void {
     this.info = info;
-    this.renderer.prepare(info.profile, info.shDegree);
+    this.renderer?.prepare(info.profile, info.shDegree);
     this.camera.frame(info.box, info.camera, info.up);
     if (info.background !== null) this.background_ = info.background;
     this.resolution.budget = 1000 / Math.min(60, Math.max(30, info.fps));
@@ -409,21 +472,27 @@ export class Player {
     // Sorted for the current camera: at most one frame old when it is drawn.
     const axis = depthAxis(this.pinhole());
     this.requested = { frame, at: performance.now(), seek, lap, axis };
-    this.post({ type: "present", frame, axis, seek });
+    this.post({ type: "present", frame, axis: this.renderer?.sorts === true ? null : axis, seek });
   }
 
   private arrived(picture: Picture): void {
     const { requested } = this;
     if (picture.setup !== null) this.setups.set(picture.group, picture.setup);
-    if (requested?.frame !== picture.frame) {
+    const { renderer } = this;
+    // After a change of the renderer, a picture for the one before may still arrive.
+    const usable = renderer !== null && (renderer.sorts || picture.order.length > 0) && !(this.needsSetup && picture.setup === null);
+    if (requested?.frame !== picture.frame || !usable) {
       this.recycle(picture);
       return;
     }
+    this.needsSetup = false;
     this.requested = null;
     const { decode, dequantize, sort } = picture.timings;
     this.statistics.decode.add(decode);
-    this.statistics.dequantize.add(dequantize);
-    this.statistics.sort.add(sort);
+    if (!renderer.sorts) {
+      this.statistics.dequantize.add(dequantize);
+      this.statistics.sort.add(sort);
+    }
     if (requested.seek) {
       this.show(picture, performance.now(), requested.axis);
       this.emit("seeked", { frame: picture.frame });
@@ -437,17 +506,22 @@ export class Player {
   /** Setups that came with pictures that have not been shown yet: one or two. */
   private readonly setups = new Map<number, NonNullable<Picture["setup"]>>();
 
+  /** Whether the renderer is new, or its contents were lost, and pictures without their group's setup are of no use. */
+  private needsSetup = false;
+
   private show(picture: Picture, now: number, axis: DepthAxis): void {
+    const { renderer } = this;
+    if (renderer === null) return;
     const began = performance.now();
     const setup = this.setups.get(picture.group);
     if (setup !== undefined) {
-      this.renderer.setGroup(setup);
+      renderer.setGroup(setup);
       const { rendition, bytes, frames, splats, shDegree } = setup;
       this.statistics.prepare.add(setup.prepare);
       this.group = { rendition, bytes, frames, splats, shDegree };
       this.setups.clear();
     }
-    this.renderer.setPicture(picture);
+    renderer.setPicture(picture);
     this.sortedAxis = axis;
     this.sorting = false;
     this.statistics.upload.add(performance.now() - began);
@@ -524,7 +598,7 @@ export class Player {
     try {
       this.advance(now);
       this.follow();
-      if (this.drawBegan !== null && !this.renderer.busy) this.drawn(now);
+      if (this.drawBegan !== null && this.renderer?.busy === false) this.drawn(now);
       if (this.dirty) {
         this.sharp = false;
         this.draw(now);
@@ -609,7 +683,7 @@ export class Player {
 
   /** Requests a new sort of the frame on the canvas if the camera has moved since it was sorted. */
   private follow(): void {
-    if (this.sorting || this.shown === null || this.requested?.seek === true) return;
+    if (this.renderer?.sorts === true || this.sorting || this.shown === null || this.requested?.seek === true) return;
     // While frames follow one another quickly, each comes sorted for a recent view.
     if (this.playing_ && this.requested !== null) return;
     const axis = depthAxis(this.pinhole());
@@ -656,8 +730,8 @@ export class Player {
   }
 
   private draw(now: number): void {
-    if (this.renderer.lost || this.shown === null) return;
-    if (this.renderer.busy) return;
+    const { renderer } = this;
+    if (renderer === null || renderer.lost || renderer.busy || this.shown === null) return;
     this.drawn(now);
     this.drawnAt = now;
     const [width, height] = this.canvasSize();
@@ -668,9 +742,14 @@ export class Player {
     const began = performance.now();
     const pinhole = this.pinhole();
     this.size = [pinhole.width, pinhole.height];
-    this.renderer.draw(pinhole, this.background_);
+    renderer.draw(pinhole, this.background_);
     this.statistics.draw.add(performance.now() - began);
-    if (this.renderer.gpuMilliseconds !== null) this.statistics.gpu.add(this.renderer.gpuMilliseconds);
+    const times = renderer.gpuTimes;
+    if (times !== null) this.statistics.gpu.add(times.all);
+    if (times !== null && times.project !== null && times.sort !== null) {
+      this.statistics.dequantize.add(times.project);
+      this.statistics.sort.add(times.sort);
+    }
     this.dirty = false;
     this.drawBegan = now;
     // In the same task, while the canvas still holds what was drawn.
@@ -698,7 +777,7 @@ export class Player {
 
   /** Nothing is moving any more: redraws once at full resolution. */
   private settle(now: number): void {
-    if (this.renderer.busy || this.shown === null || this.requested !== null) return;
+    if (this.renderer?.busy !== false || this.shown === null || this.requested !== null) return;
     this.sharp = true;
     this.draw(now);
   }
@@ -706,8 +785,9 @@ export class Player {
   private sharp = false;
   private drawnAt = 0;
 
-  /** Called when the graphics context is restored, without its contents. */
+  /** Called when the graphics context is restored without its contents, and when the renderer has changed. */
   private restore(): void {
+    this.needsSetup = true;
     this.post({ type: "forget-setup" });
     this.setups.clear();
     const { frame } = this;

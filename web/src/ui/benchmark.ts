@@ -80,7 +80,7 @@ export async function benchmark(player: Player, progress: (part: number) => void
   for (let n = 0; n < DRAWS; n++) {
     await new Promise(requestAnimationFrame);
     player.camera.orbit(TURN, 0);
-    draws.push(player.timeDraw());
+    draws.push(await player.timeDraw());
   }
   draws.sort((a, b) => a - b);
   const [width, height] = player.drawSize;

@@ -3,7 +3,7 @@
  */
 
 import type { PartialView, View } from "../draw/camera.ts";
-import { Player } from "../player/player.ts";
+import { Player, type RendererChoice } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
@@ -73,8 +73,10 @@ export class V3PlayerElement extends HTMLElement {
     this.lifetime = new AbortController();
     this.isReady = false;
     const path = this.getAttribute("decoder") as DecodePath | "auto" | null;
+    const renderer = this.getAttribute("renderer") as RendererChoice | null;
     try {
-      this.player = new Player(this.part_("canvas"), { loop: this.hasAttribute("loop"), path: path ?? "auto" });
+      const loop = this.hasAttribute("loop");
+      this.player = new Player(this.part_("canvas"), { loop, path: path ?? "auto", renderer: renderer ?? "auto" });
     } catch (error) {
       this.showFailure(messageOf(error));
       return;

@@ -34,6 +34,7 @@ export function figures(player: Player): [string, string][] {
       rows.push(["Rendition", info.renditions === 1 ? rate : `${group.rendition} (one of ${info.renditions}), ${rate}`]);
     }
     rows.push(["Player", `${player.path === null ? "–" : PATHS[player.path]}, ${player.rendererName}`]);
+    if (player.withoutWebGPU !== null) rows.push(["WebGPU", `not used: ${player.withoutWebGPU}`]);
     rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only; SHA-256 requires HTTPS"]);
   }
   return rows;

@@ -19,8 +19,8 @@ export type ToWorker =
       readonly path: DecodePath | "auto";
       readonly loop: boolean;
     }
-  /** Decode a frame and sort it along the axis. The latest request wins. */
-  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
+  /** Decode a frame and sort it along the axis, if there is one. The latest request wins. */
+  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis | null; readonly seek: boolean }
   /** Sort one of the last two decoded frames along another axis. `request` is returned with the order. */
   | { readonly type: "sort"; readonly request: number; readonly frame: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
@@ -119,6 +119,7 @@ export interface Picture {
   readonly luma: Uint8Array<ArrayBuffer>;
   readonly blocks: Float32Array<ArrayBuffer> | null;
   readonly escapes: Int32Array<ArrayBuffer> | null;
+  /** Empty if no order was requested. */
   readonly order: Uint32Array<ArrayBuffer>;
   /** How many entries of `order` to draw. */
   readonly count: number;

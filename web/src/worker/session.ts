@@ -1,5 +1,6 @@
 /** An open stream: turns requests for frames into sorted pictures. */
 
+import { NEAR } from "../draw/renderer.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { RateRule } from "../player/rate_rule.ts";
 import { GroupTable } from "../stream/group_table.ts";
@@ -29,8 +30,6 @@ import { Pool } from "./pool.ts";
 import { type Files, GroupStore } from "./store.ts";
 import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
-/** As in studio.rasterizer: splats nearer than this are not drawn. */
-export const NEAR = 0.01;
 const NEEDS_WEBCODECS =
   "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
 /** Number of groups kept prepared (side file parsed, video demuxed). */
@@ -67,7 +66,7 @@ export class Session {
   private readonly maxTexture: number;
   private bandwidth = 0;
   private received = 0;
-  private wanted: { frame: number; axis: DepthAxis; seek: boolean } | null = null;
+  private wanted: { frame: number; axis: DepthAxis | null; seek: boolean } | null = null;
   private running = false;
   /** Cancels waiting for the frame in progress, because another one was requested. */
   private interrupt: (() => void) | null = null;
@@ -178,8 +177,8 @@ export class Session {
     this.setupSent = -1;
   }
 
-  /** Decodes and sorts a frame; a later call replaces one that has not started. */
-  present(frame: number, axis: DepthAxis, seek: boolean): void {
+  /** Decodes a frame, and sorts it if there is an axis; a later call replaces one that has not started. */
+  present(frame: number, axis: DepthAxis | null, seek: boolean): void {
     this.wanted = { frame, axis, seek };
     if (seek) this.interrupt?.();
     if (!this.running) void this.run();
@@ -210,7 +209,7 @@ export class Session {
     }
   }
 
-  private async bring(frame: number, axis: DepthAxis): Promise<void> {
+  private async bring(frame: number, axis: DepthAxis | null): Promise<void> {
     const { manifest, store } = this;
     if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
     const index = groupOfFrame(manifest.spans, frame);
@@ -255,19 +254,26 @@ export class Session {
     within: number,
     luma: Uint8Array<ArrayBuffer>,
     decode: number,
-    axis: DepthAxis,
+    axis: DepthAxis | null,
   ): void {
     const { group, tables } = prepared;
     const began = performance.now();
-    const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
-    const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
     const blocks = tables?.blocks(within) ?? null;
-    if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
-    else planePositions(group, luma, positions);
-    const dequantize = performance.now() - began;
-    const pixels = tables?.pixels ?? null;
-    const [order, count, sort] = this.sorted(positions, pixels, axis);
-    this.decoded.unshift({ frame, positions, pixels });
+    let order = new Uint32Array(0);
+    let [count, dequantize, sort] = [group.splats, 0, 0];
+    if (axis === null) {
+      // The GPU dequantizes and sorts.
+      this.decoded.length = 0;
+    } else {
+      const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
+      const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
+      if (group.profile === "motion") tables!.positions(within, luma, blocks!, positions);
+      else planePositions(group, luma, positions);
+      dequantize = performance.now() - began;
+      const pixels = tables?.pixels ?? null;
+      [order, count, sort] = this.sorted(positions, pixels, axis);
+      this.decoded.unshift({ frame, positions, pixels });
+    }
     const setup = this.setupSent === group.index ? null : this.setup(prepared);
     this.setupSent = group.index;
     const escapes = tables?.escapes(within) ?? null;

@@ -47,6 +47,21 @@ def test_negated_quaternions_are_the_same_rotation() -> None:
     assert torch.allclose(coding.coded_values(before), coding.coded_values(flipped), atol=1e-6)
 
 
+@pytest.mark.parametrize(("dtype", "error"), [(torch.float64, 1e-12), (torch.float32, 2e-6)])
+@pytest.mark.parametrize("count", [1, 1029])
+def test_the_kernel_equals_the_definition(count: int, dtype: torch.dtype, error: float) -> None:
+    coding = PlanesCoding(random_gaussians(count, seed=1).map(lambda tensor: tensor.to(dtype)))
+    results = []
+    for function in (coding.coded_values, coding.coded_values_torch):
+        leaves = random_gaussians(count).map(lambda tensor: tensor.to(dtype).requires_grad_())
+        values = function(leaves)
+        upstream = torch.randn(values.shape, generator=torch.Generator().manual_seed(2), dtype=torch.float64).to(dtype)
+        inputs = (leaves.quats, leaves.log_scales, leaves.logit_opacities, leaves.sh)
+        results.append((values.detach(), *torch.autograd.grad(values, inputs, upstream)))
+    for fused, expected in zip(*results, strict=True):
+        assert float(((fused - expected).abs() / (1 + expected.abs())).max()) < 10 * error
+
+
 def test_steps_are_those_of_eight_bits() -> None:
     offset, step = PlanesCoding(random_gaussians(2)).quantizer(torch.tensor([[0.5, 1.0], [3.05, 1.0]]))
     assert offset.tolist() == [0.5, 1.0]

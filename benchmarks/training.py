@@ -1,0 +1,277 @@
+"""Speed of training on the CPU: each fused part against its PyTorch definition, and whole steps.
+
+    python benchmarks/training.py TAKE               # a trained take, such as demo-take; about two minutes
+    python benchmarks/training.py TAKE --json results.json
+
+The first two frames of the take are used: their splats, their views and the take's settings. The two sides of each
+comparison alternate in one process. Times are CPU times of one thread, in milliseconds: median and minimum, so that
+other load on the machine matters little. The share of a part is its median time, times its calls in a step, over that
+of the whole step.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+import torch
+from rich.console import Console
+from rich.table import Table
+
+from pipelines.config import load_config
+from pipelines.stages.base import Context
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize, set_kernel_threads
+from studio.rasterizer.cpu import load_kernels
+from studio.rasterizer.kernels import definitions_only
+from studio.stream.profiles import coding_of
+from studio.training import TrainingView, TrainSettings
+from studio.training.coded_loss import CodedLoss
+from studio.training.dropout import drop_splats
+from studio.training.interframe import performer_box
+from studio.training.keyframe import scene_extent
+from studio.training.motion import MotionField
+from studio.training.photometric import photometric_loss, photometric_loss_torch
+from studio.training.splat_optimizer import SplatOptimizer
+from studio.training.step import Stepper
+
+console = Console(width=112)
+
+
+@dataclass
+class Pair:
+    """Times of one computation in milliseconds, fused and by its definition.
+
+    Attributes:
+        name: what is computed, forward and backward.
+        fused, plain: (median, minimum).
+        step: the step that it is part of.
+        calls: its calls in one step.
+    """
+
+    name: str
+    fused: tuple[float, float]
+    plain: tuple[float, float]
+    step: str
+    calls: int
+
+    @property
+    def ratio(self) -> float:
+        """How many times as fast the fused computation is, by the medians."""
+        return self.plain[0] / self.fused[0]
+
+
+def timed(function: Callable[[], object]) -> float:
+    """CPU time of one call in milliseconds, of this thread."""
+    started = time.thread_time()
+    function()
+    return 1e3 * (time.thread_time() - started)
+
+
+@contextmanager
+def _nothing() -> Iterator[None]:
+    yield
+
+
+def alternate(fused: Callable[[], object], plain: Callable[[], object], rounds: int) -> tuple[list[float], list[float]]:
+    """Times of both, one call after the other; `plain` runs with `definitions_only`."""
+    times: tuple[list[float], list[float]] = ([], [])
+    for turn in range(rounds + 2):
+        for side, (function, mode) in enumerate(((fused, _nothing), (plain, definitions_only))):
+            with mode():
+                spent = timed(function)
+            if turn >= 2:  # the first calls allocate memory
+                times[side].append(spent)
+    return times
+
+
+class Scene:
+    """Two frames of a take, ready for the steps of training."""
+
+    def __init__(self, folder: Path, rounds: int) -> None:
+        take, config = Take.open(folder), load_config(folder / "config.yaml")
+        context = Context(take, config)
+        self.settings: TrainSettings = config.train
+        group = context.groups[0]
+        footage = context.footage.calibrated
+        self.previous, self.now = (read_frame(take.trained_frame(0, group.first + i)) for i in (0, 1))
+        self.views = [
+            TrainingView.from_view(
+                footage.view(camera, group.frames[1]), "cpu", self.settings.crop_margin, self.settings.use_plates
+            )
+            for camera in footage.train_cameras
+        ]
+        self.rounds = rounds
+        self.pairs: list[Pair] = []
+
+    def pair(self, name: str, function: Callable[[], object], step: str, calls: int = 1) -> None:
+        """Measure a function that chooses the kernel by itself."""
+        self.two(name, function, function, step, calls)
+
+    def two(
+        self, name: str, fused: Callable[[], object], plain: Callable[[], object], step: str, calls: int = 1
+    ) -> None:
+        """Measure two functions."""
+        times = alternate(fused, plain, self.rounds)
+        first, second = ((statistics.median(side), min(side)) for side in times)
+        self.pairs.append(Pair(name, first, second, step, calls))
+
+    def leaves(self) -> Gaussians:
+        """Splats of the second frame that require gradients."""
+        return self.now.map(lambda tensor: tensor.clone().requires_grad_())
+
+    def parts(self) -> None:
+        """Measure each part alone."""
+        settings, splats = self.settings, self.leaves()
+        field, corners = self.field()
+        upstream = torch.randn(len(splats), 3)
+        parameters = list(field.parameters())
+        self.pair("motion field", lambda: torch.autograd.grad(field(corners), parameters, upstream), "motion")
+        view, black = self.views[0], torch.zeros(3)
+        drawn = [*(tensor for _, tensor in splats.items())]
+
+        def draw() -> object:
+            render = rasterize(splats, view.camera, black)
+            return torch.autograd.grad([render.image, render.alpha], drawn, [view.image, view.matte])
+
+        for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
+            self.two("drawing", draw, draw, step, calls)
+        image = view.composited(black).clone().requires_grad_()
+        target = view.composited(torch.ones(3))
+        for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
+            self.two(
+                "picture loss",
+                lambda: torch.autograd.grad(photometric_loss(image, target, settings.dssim_weight), image),
+                lambda: torch.autograd.grad(photometric_loss_torch(image, target, settings.dssim_weight), image),
+                step,
+                calls,
+            )
+        logits = splats.logit_opacities
+        for step in ("keyframe", "fine-tuning"):
+            self.pair(
+                "dropout", lambda: torch.autograd.grad(drop_splats(logits, settings.dropout, 1).sum(), logits), step
+            )
+        coding = coding_of(settings.regularize, self.previous)
+        inputs = [splats.quats, splats.log_scales, splats.logit_opacities, splats.sh]
+        values = coding.coded_values(splats).detach().requires_grad_()
+        ones = torch.ones_like(values)
+        self.pair("coded values", lambda: torch.autograd.grad(coding.coded_values(splats), inputs, ones), "fine-tuning")
+        coded = self.coded()
+        learned = [values, *coded.parameters()]
+        self.pair("entropy and temporal loss", lambda: torch.autograd.grad(coded(values, 5)[0], learned), "fine-tuning")
+
+    def field(self) -> tuple[MotionField, object]:
+        """A motion field after a few updates, and its corners."""
+        generator = torch.Generator().manual_seed(0)
+        field = MotionField(*performer_box(self.previous.means), self.settings, generator)
+        with torch.no_grad():
+            field.mlp[-1].weight.normal_(0, 0.01, generator=generator)
+        return field, field.corners(self.previous.means)
+
+    def coded(self) -> CodedLoss:
+        """The loss on coded values."""
+        settings, coding = self.settings, coding_of(self.settings.regularize, self.previous)
+        before = coding.coded_values(self.previous).detach()
+        weights = (settings.entropy_weight, settings.temporal_weight, settings.temporal_huber)
+        return CodedLoss(before, coding.quantizer(before)[1], coding.attributes, coding.pixels, *weights)
+
+    def steps(self) -> None:
+        """Measure whole steps, as `keyframe.py` and `interframe.py` run them."""
+        settings = self.settings
+        extent = scene_extent(self.now.means)
+        stepper = Stepper(self.views[:1], settings, torch.Generator().manual_seed(0))
+        optimizer = SplatOptimizer(self.now, settings.rates, extent)
+
+        def keyframe() -> None:
+            splats = optimizer.gaussians
+            offsets = torch.zeros(len(splats), 2, requires_grad=True)
+            loss = stepper(splats, offsets, dropout=True).loss
+            loss = loss + settings.opacity_reg * splats.opacities.mean()
+            loss = loss + settings.scale_reg / extent * splats.scales.mean()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+
+        self.pair("whole step", keyframe, "keyframe")
+        field, corners = self.field()
+        adam = field.optimizer(1e-9)  # the scene stays as it is
+
+        def motion() -> None:
+            moved = replace(self.previous, means=self.previous.means + field(corners))  # type: ignore[arg-type]
+            losses = [stepper(moved).loss for _ in range(settings.motion_views)]
+            torch.stack(losses).mean().backward()  # type: ignore[no-untyped-call]
+            adam.step()
+            adam.zero_grad(set_to_none=True)
+
+        self.pair("whole step", motion, "motion")
+        coding, coded = coding_of(settings.regularize, self.previous), self.coded()
+        entropy_adam = torch.optim.Adam(coded.parameters(), lr=1e-9, fused=True)
+        tuned = SplatOptimizer(self.now, settings.rates, extent, train_means=settings.finetune_means)
+
+        def tune() -> None:
+            splats = tuned.gaussians
+            now = coding.coded_values(splats)
+            loss = stepper(splats, dropout=True).loss + coded(now, 5)[0]
+            loss.backward()  # type: ignore[no-untyped-call]
+            tuned.step()
+            entropy_adam.step()
+            entropy_adam.zero_grad(set_to_none=True)
+
+        self.pair("whole step", tune, "fine-tuning")
+
+
+def table_of(pairs: list[Pair]) -> Table:
+    """One row per part, and whole steps."""
+    table = Table(title="CPU time of one thread in ms, median / minimum")
+    for heading in ("step", "part", "calls", "fused", "definition", "ratio", "share of the step"):
+        table.add_column(heading, justify="left" if heading in ("step", "part") else "right")
+    whole = {pair.step: pair.fused[0] for pair in pairs if pair.name == "whole step"}
+    for step in whole:
+        for pair in (pair for pair in pairs if pair.step == step):
+            fused, plain = (f"{median:.2f} / {least:.2f}" for median, least in (pair.fused, pair.plain))
+            share = f"{pair.calls * pair.fused[0] / whole[step]:.0%}"
+            ratio = "" if pair.name == "drawing" else f"{pair.ratio:.2f}"
+            plain = "" if pair.name == "drawing" else plain
+            table.add_row(step, pair.name, str(pair.calls), fused, plain, ratio, share)
+        table.add_section()
+    return table
+
+
+def main() -> None:
+    """Measure, print, and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("take", type=Path, help="a trained take")
+    parser.add_argument("--rounds", type=int, default=25, help="calls of each side")
+    parser.add_argument("--json", type=Path, help="write the results to this file")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    set_kernel_threads(1)
+    scene = Scene(options.take, options.rounds)
+    scene.parts()
+    scene.steps()
+    kernels = load_kernels().instruction_set()
+    console.print(f"{len(scene.now)} splats, {len(scene.views)} views, {kernels}, load {os.getloadavg()[0]:.1f}")
+    console.print(table_of(scene.pairs))
+    if options.json:
+        results = {
+            "machine": platform.processor() or platform.machine(),
+            "instruction_set": kernels,
+            "splats": len(scene.now),
+            "pairs": [asdict(pair) for pair in scene.pairs],
+        }
+        options.json.write_text(json.dumps(results, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,167 @@
+"""JSON and TOML from outside of the program, parsed within bounds of size, depth, number of values and digits.
+
+Parsers take whatever they are given: 100,000 brackets end in a RecursionError, 60 MB of `[[],[],...` in 4 GB of
+memory, an integer of 5,000 digits in an error far from the file. Files that people exchange (takes, streams, cameras,
+settings) are therefore parsed here; YAML, in `studio.yaml_text`, has the same bounds.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from dataclasses import dataclass
+from typing import Any
+
+from studio.json_types import JsonObject
+
+_BRACKETS = re.compile(rb"[\[{]+|[\]}]+")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a text may hold.
+
+    Attributes:
+        size: bytes.
+        depth: lists and objects inside of each other.
+        values: values of any kind, those of a YAML alias counted each time that it stands for them.
+        digits: of an integer.
+    """
+
+    size: int = 64 << 20
+    depth: int = 64
+    values: int = 4_000_000
+    digits: int = 40
+
+
+BOUNDS = Bounds()
+
+
+class TextError(ValueError):
+    """A text that cannot be parsed, or is out of bounds. `str(error)` is a clause of bounded length.
+
+    Attributes:
+        line, column: where, counted from 1; None if unknown.
+    """
+
+    def __init__(self, problem: str, line: int | None = None, column: int | None = None) -> None:
+        super().__init__(problem)
+        self.line, self.column = line, column
+
+
+def parse_json(text: str | bytes, bounds: Bounds = BOUNDS) -> Any:
+    """The value of a JSON text (RFC 8259; NaN and Infinity are accepted, as Python's json module does).
+
+    Args:
+        text: bytes are UTF-8, -16 or -32.
+        bounds: what it may hold.
+
+    Raises:
+        TextError: not JSON, or out of bounds.
+    """
+    check_text(text, bounds)
+
+    def integer(digits: str) -> int:
+        return _integer(digits, bounds)
+
+    try:
+        value = json.loads(text, parse_int=integer)
+    except json.JSONDecodeError as error:
+        raise TextError(error.msg, error.lineno, error.colno) from None
+    except UnicodeDecodeError as error:
+        raise TextError(f"not {error.encoding.upper()} text (byte {error.start})") from None
+    except RecursionError:
+        raise _too_deep(bounds) from None
+    check_value(value, bounds)
+    return value
+
+
+def parse_toml(text: str, bounds: Bounds = BOUNDS) -> JsonObject:
+    """The values of a TOML text (TOML 1.0).
+
+    Raises:
+        TextError: not TOML, or out of bounds.
+    """
+    check_text(text, bounds)
+    try:
+        values = tomllib.loads(text)
+    except RecursionError:
+        raise _too_deep(bounds) from None
+    except ValueError as error:  # TOMLDecodeError, or an integer of more than 4,300 digits
+        raise TextError(str(error)[:200]) from None
+    check_value(values, bounds)
+    return values
+
+
+def check_text(text: str | bytes, bounds: Bounds = BOUNDS) -> None:
+    """Refuse a text that would take too much time or memory to parse.
+
+    Raises:
+        TextError: out of bounds.
+    """
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
+    if len(data) > bounds.size:
+        raise TextError(f"it has {len(data):,} bytes; at most {bounds.size:,} are read")
+    # every value but the first follows a comma or an opening bracket
+    if data.count(b",") + data.count(b"[") + data.count(b"{") > bounds.values:
+        raise TextError(f"it has more than {bounds.values:,} values")
+
+
+def check_depth(text: str, bounds: Bounds = BOUNDS) -> None:
+    """Refuse brackets that are nested too deeply, those in quotes included: for parsers that take long over them.
+
+    Raises:
+        TextError: nested too deeply.
+    """
+    depth = 0
+    for match in _BRACKETS.finditer(text.encode("utf-8", "surrogatepass")):
+        run = match[0]
+        depth = depth + len(run) if run[:1] in b"[{" else max(0, depth - len(run))
+        if depth > 2 * bounds.depth:  # brackets in quotes and comments do not have to match
+            raise _too_deep(bounds)
+
+
+def check_value(value: Any, bounds: Bounds = BOUNDS) -> None:
+    """Refuse a parsed value that is nested too deeply or holds too many values or too long an integer.
+
+    Raises:
+        TextError: out of bounds.
+    """
+    largest = 10**bounds.digits
+    known: dict[int, tuple[int, int]] = {}  # values and levels by id: what an alias stands for is walked once
+
+    def measure(item: Any, depth: int) -> tuple[int, int]:
+        if not isinstance(item, (dict, list)):
+            if type(item) is int and not -largest < item < largest:
+                raise _too_long(bounds)
+            return 1, 0
+        if id(item) not in known:
+            if depth >= bounds.depth:  # also ends a value that contains itself
+                raise _too_deep(bounds)
+            values = levels = 0
+            for child in item.values() if isinstance(item, dict) else item:
+                more, deep = measure(child, depth + 1)
+                values, levels = values + more, max(levels, deep)
+            known[id(item)] = values + 1, levels + 1
+            if values >= bounds.values:
+                raise TextError(f"it has more than {bounds.values:,} values")
+            if levels >= bounds.depth:
+                raise _too_deep(bounds)
+        return known[id(item)]
+
+    measure(value, 0)
+
+
+def _integer(digits: str, bounds: Bounds) -> int:
+    if len(digits.lstrip("-")) > bounds.digits:
+        raise _too_long(bounds)
+    return int(digits)
+
+
+def _too_deep(bounds: Bounds) -> TextError:
+    return TextError(f"nested more than {bounds.depth} levels deep")
+
+
+def _too_long(bounds: Bounds) -> TextError:
+    return TextError(f"it has an integer of more than {bounds.digits} digits")

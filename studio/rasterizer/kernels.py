@@ -1,0 +1,42 @@
+"""Which computations of training run in the C++ kernels, and which in their PyTorch definitions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from studio.rasterizer.cpu import load_kernels
+from studio.rasterizer.interface import available_backends
+
+_enabled = True
+
+
+def kernels_for(*tensors: Tensor) -> Any | None:
+    """The C++ kernels if they can compute with these tensors, else None.
+
+    They take tensors on the CPU, all float32 or all float64. On other devices, and where the kernels are not built, the
+    PyTorch definition of each computation is used.
+    """
+    if not _enabled:
+        return None
+    dtype = tensors[0].dtype
+    if dtype not in (torch.float32, torch.float64):
+        return None
+    if any(tensor.device.type != "cpu" or tensor.dtype != dtype for tensor in tensors):
+        return None
+    return load_kernels() if "cpu" in available_backends() else None
+
+
+@contextmanager
+def definitions_only() -> Iterator[None]:
+    """In this block, `kernels_for` gives None: for tests and measurements."""
+    global _enabled
+    before, _enabled = _enabled, False
+    try:
+        yield
+    finally:
+        _enabled = before

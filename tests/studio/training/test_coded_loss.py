@@ -1,0 +1,80 @@
+"""The kernel of the entropy and temporal losses against its PyTorch definition."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from studio.rasterizer import set_kernel_threads
+from studio.training.coded_loss import CodedLoss
+
+ATTRIBUTES = {"rotation": slice(0, 4), "scale": slice(4, 7), "opacity": slice(7, 8), "color": slice(8, 11)}
+
+
+def make(
+    dtype: torch.dtype, count: int, spread: float, huber: float, weights: tuple[float, float], seed: int = 0
+) -> tuple[CodedLoss, torch.Tensor]:
+    """A loss with learned distributions, and values whose residuals have a deviation of `spread` steps."""
+    random = torch.Generator().manual_seed(seed)
+
+    def normal(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=random, dtype=torch.float64)
+
+    steps = (0.02 * (0.5 * normal(11)).exp()).to(dtype)
+    before = normal(count, 11).to(dtype)
+    now = before + (spread * normal(count, 11)).to(dtype) * steps
+    loss = CodedLoss(before, steps, ATTRIBUTES, 900, *weights, huber).to(dtype)
+    with torch.no_grad():
+        loss.entropy.mu.copy_(0.3 * normal(4))
+        loss.entropy.log_sigma.copy_(0.7 * normal(4))
+    return loss, now
+
+
+def results(loss: CodedLoss, now: torch.Tensor, fused: bool) -> list[torch.Tensor]:
+    leaf = now.clone().requires_grad_()
+    total, bits = (loss if fused else loss.forward_torch)(leaf, 91)
+    leaves = [leaf, loss.entropy.mu, loss.entropy.log_sigma] if loss.entropy_weight else [leaf]
+    return [total.detach(), bits, *torch.autograd.grad(2 * total, leaves)]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(1, 60),
+    st.sampled_from([0.0, 0.3, 3.0, 60.0, 300.0]),
+    st.sampled_from([0.0, 0.7]),
+    st.sampled_from([(0.3, 0.2), (0.0, 0.2), (0.3, 0.0)]),
+)
+def test_the_kernel_equals_the_definition(
+    count: int, spread: float, huber: float, weights: tuple[float, float]
+) -> None:
+    loss, now = make(torch.float64, count, spread, huber, weights)
+    for fused, expected in zip(results(loss, now, True), results(loss, now, False), strict=True):
+        assert torch.allclose(fused, expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.usefixtures("instruction_set")
+@pytest.mark.parametrize("spread", [0.3, 5.0, 400.0])
+def test_float32_is_as_accurate_as_the_definition(spread: float) -> None:
+    loss, now = make(torch.float32, 3000, spread, 0.0, (0.3, 0.2))
+    exact = CodedLoss(loss.before.double(), loss.steps.double(), ATTRIBUTES, 900, 0.3, 0.2)
+    exact.entropy.load_state_dict({**exact.entropy.state_dict(), **_learned(loss)})
+    right = results(exact.double(), now.double(), False)
+    for value, reference, expected in zip(results(loss, now, True), results(loss, now, False), right, strict=True):
+        error, usual = ((one.double() - expected).norm() / expected.norm() for one in (value, reference))
+        assert float(error) < max(2 * float(usual), 1e-5)
+
+
+def _learned(loss: CodedLoss) -> dict[str, torch.Tensor]:
+    return {name: value.detach().double() for name, value in loss.entropy.named_parameters()}
+
+
+def test_any_number_of_threads_gives_the_same_bits() -> None:
+    loss, now = make(torch.float32, 5000, 2.0, 0.0, (0.3, 0.2))
+    try:
+        found = []
+        for threads in (1, 3):
+            set_kernel_threads(threads)
+            found.append(results(loss, now, True))
+    finally:
+        set_kernel_threads(None)
+    assert all(torch.equal(one, other) for one, other in zip(*found, strict=True))
