@@ -32,6 +32,17 @@ import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
 const NEEDS_WEBCODECS =
   "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
+const needsWebCodecs = ({ codec }: Manifest): string =>
+  `This stream's ${codec.toUpperCase()} videos need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.`;
+
+/**
+ * Whether a <video> element can stand in for WebCodecs. It gives the luma of H.264 exactly, that of AV1 only nearly, and
+ * splats need it exactly. Streams of version 3 have checksums that tell.
+ */
+function videoMayBeExact({ profile, codec, version }: Manifest): boolean {
+  return profile === "motion" && (codec === "h264" || version >= 3);
+}
+
 /** Number of groups kept prepared (side file parsed, video demuxed). */
 const PREPARED = 3;
 
@@ -101,7 +112,10 @@ export class Session {
     if (digest !== null && digest !== manifest.sha256)
       throw new StreamError("The stream's manifest is damaged: its content does not match its own SHA-256.");
     this.checkDevice(manifest);
-    if (manifest.profile === "planes" && this.path === "video") throw new StreamError(NEEDS_WEBCODECS);
+    if (this.path === "video") {
+      if (manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
+      if (!videoMayBeExact(manifest)) throw new StreamError(needsWebCodecs(manifest));
+    }
     this.manifest = manifest;
     const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
@@ -446,7 +460,7 @@ export class Session {
   private changePath(): boolean {
     if (!this.mayChangePath) return false;
     if (this.path === "webcodecs") this.path = "webcodecs-software";
-    else if (this.path === "webcodecs-software" && this.manifest!.profile === "motion") this.path = "video";
+    else if (this.path === "webcodecs-software" && videoMayBeExact(this.manifest!)) this.path = "video";
     else return false;
     for (const index of [...this.prepared.keys()]) this.drop(index);
     this.post({ type: "path", path: this.path });
