@@ -2,10 +2,10 @@
 
     python benchmarks/hostile_streams.py STREAM [--count 1000] [--first 0] [--browser /usr/bin/chromium]
 
-Each mutation changes the manifest, a side file (compressed, or its content) or a video of a stream of version 2, of the
-profile `motion`, and then updates all sizes and checksums, as a malicious writer would. All are played one after the
-other in one page, that is, in one process with one player. Mutation N is always the same, so that a failure can be
-repeated with `--first N --count 1`.
+Each mutation changes the manifest, a side file (compressed, or its content) or a video of a stream of the profile
+`motion` (of version 2, or of version 3 without pages), and then updates all sizes and checksums, as a malicious writer
+would. All are played one after the other in one page, that is, in one process with one player. Mutation N is always the
+same, so that a failure can be repeated with `--first N --count 1`.
 """
 
 from __future__ import annotations
@@ -76,21 +76,35 @@ def read_stream(folder: Path) -> Files:
 def signed(values: Any, files: Files) -> bytes:
     """The bytes of a manifest, with the total size and the checksum filled in; as good as possible for nonsense."""
     try:
-        groups = sum(group["bytes"] for group in values["groups"])
+        if "renditions" in values:  # each file once
+            entries = [
+                one[key] for group in values["groups"] for one in group["renditions"] for key in ("side", "video")
+            ]
+            groups = sum({entry["path"]: entry["bytes"] for entry in entries}.values())
+        else:
+            groups = sum(group["bytes"] for group in values["groups"])
         values["manifest_sha256"] = zeros = "0" * 64
         for _ in range(5):
             data = json.dumps(values).encode()
             values["total_bytes"] = groups + len(data)
         return data.replace(zeros.encode(), hashlib.sha256(data).hexdigest().encode(), 1)
-    except (TypeError, KeyError, ValueError, IndexError):
+    except (TypeError, KeyError, ValueError, IndexError, AttributeError):
         return json.dumps(values).encode()
+
+
+def _best(group: Any) -> Any:
+    """What the manifest says of a group's best rendition; in version 2, of the group."""
+    return group["renditions"][0] if "renditions" in group else group
 
 
 def _with_file(files: Files, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> Files:
     values = json.loads(files[MANIFEST])
-    entry = values["groups"][group][key]
-    values["groups"][group]["bytes"] += len(data) - entry["bytes"]
-    entry["bytes"], entry["sha256"] = len(data), hashlib.sha256(data).hexdigest()
+    best = _best(values["groups"][group])
+    entry, digest = best[key], hashlib.sha256(data).hexdigest()
+    best["bytes"] += len(data) - entry["bytes"]
+    entry["bytes"], entry["sha256"] = len(data), digest
+    if "renditions" in values:
+        entry["path"] = f"files/{digest[:32]}.{entry['path'].rpartition('.')[2]}"
     if raw_bytes is not None:
         entry["raw_bytes"] = raw_bytes
     changed = {**files, entry["path"]: data}
@@ -141,7 +155,7 @@ def mutate(files: Files, number: int) -> tuple[str, Files]:
     groups = json.loads(files[MANIFEST])["groups"]
     group = rng.randrange(len(groups))
     key = "video" if kind == "video" else "side"
-    data = files[groups[group][key]["path"]]
+    data = files[_best(groups[group])[key]["path"]]
     if kind != "side content":
         return kind, _with_file(files, group, key, _changed_bytes(rng, data))
     raw = _changed_bytes(rng, zlib.decompress(data, wbits=-15))

@@ -35,7 +35,7 @@ HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
 _SHUTDOWN_SECONDS = 1  # for pending responses after Ctrl-C
 _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
-_KEEP = "public, max-age=31536000, immutable"  # the names of the player's files change with their content
+_KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
 
 HTTP_NOTE = (
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
@@ -149,7 +149,7 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None) -> St
         ) -> Response:
             response = super().file_response(full_path, stat_result, scope, status_code)
             named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
-            response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if named else "no-cache"
+            response.headers["Cache-Control"] = _KEEP if named else "no-cache"
             response.headers["X-Content-Type-Options"] = "nosniff"
             response.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
             if isinstance(response, FileResponse):

@@ -43,7 +43,8 @@ ADDED: JsonObject = {
     "bake.b_frames": None,
     "bake.smooth_paths": None,
 }
-"""Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior."""
+"""Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior. This
+need not be the default, as for `bake.stream_version`."""
 
 REPORT_KEYS = {
     "explained": "match_inlier_ratio",

@@ -27,6 +27,7 @@ from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, writ
 from pipelines.stages import STAGES, stage_named
 from pipelines.stages.base import Context, Stage, StageReporter
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
+from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.migration import migrate
 from pipelines.takes.records import write_failure
 from pipelines.takes.settings_file import save_config
@@ -38,6 +39,8 @@ _KEPT = Message("run.cancelled", "finished work is kept", fix="Run again to resu
 _INTERRUPTED = Message(
     "run.cancelled", "the current step was interrupted; finished work is kept", fix="Run again to resume."
 )
+_CHECKED = ("calibrate", "initialize")
+"""Stages whose results are compared with their record before use; frames and streams are checked as they are read."""
 ALL_STAGES = tuple(stage.name for stage in STAGES)
 
 
@@ -185,6 +188,9 @@ def _refuse_gaps(todo: list[str], found: dict[str, StageStatus]) -> None:
 def _run_stage(stage: Stage, context: Context, reporter: StageReporter, reason: str, force: bool) -> None:
     started = context.clock()
     context.cancellation.check()
+    for dependency in stage.dependencies:
+        if dependency in _CHECKED:
+            refuse_damage(context.take, dependency)
     context.emit(StageStarted(stage=stage.name, reason=reason))
     context.take.forget(stage.name)
     if force:

@@ -9,12 +9,16 @@ from typing import cast
 
 from pydantic import JsonValue
 
+from pipelines.config.renamed import ADDED
 from pipelines.stages.base import Context, Stage
 from pipelines.stages.params import Params
-from pipelines.takes.atomic_files import Result, digest_of, digest_of_files, remove, write_model
+from pipelines.takes.atomic_files import Result, digest_of, digest_of_file, digest_of_files, remove, write_model
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
 from studio.errors import StudioError
 from studio.json_types import JsonData
+
+NEW_DEFAULT = ("bake.stream_version", 2, 3)
+"""A setting whose default has changed, from and to: takes become stale although nobody changed a setting."""
 
 DONE, PARTIAL, STALE, FAILED, MISSING = "done", "partial", "stale", "failed", "missing"
 
@@ -68,6 +72,7 @@ def write_record(stage: Stage, context: Context, seconds: float, summary: Result
         stage=stage.name,
         params=cast(dict[str, JsonValue], current_params(stage, context)),  # the same values in pydantic's words
         result=digest_of_files(root, files),
+        digests={path.relative_to(root).as_posix(): digest_of_file(path) for path in files},
         files={path.relative_to(root).as_posix(): path.stat().st_size for path in files},
         written={path.relative_to(root).as_posix(): path.stat().st_mtime_ns for path in files},
         seconds=round(seconds, 3),
@@ -137,7 +142,10 @@ def _why_not_done(stage: Stage, context: Context, record: StageRecord | None, wa
 
 
 def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
-    """Descriptions of what changed, at most four."""
+    """Descriptions of what changed, at most four.
+
+    A setting that a side lacks has the value that keeps the behavior from before it existed (`ADDED`).
+    """
     found = []
     for name in sorted(before.keys() | now.keys()):
         old, new = before.get(name), now.get(name)
@@ -148,7 +156,9 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
         elif name in ("footage", "camera file"):
             found.append(f"the {name} changed")
         else:
-            found.append(f"{name} changed from {_short(old)} to {_short(new)}")
+            old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
+            keep = f", now the default; {_short(old)} keeps the stream" if (name, old, new) == NEW_DEFAULT else ""
+            found.append(f"{name} changed from {_short(old)} to {_short(new)}{keep}")
     return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
 
 

@@ -169,7 +169,7 @@ class BakeStage:
                 with atomic_path(target) as temporary:
                     link_or_copy(str(new / path), str(temporary))
         fps, settings = context.footage.calibrated.fps, context.config.bake
-        write_manifest(stream, entries, fps, settings, self._metadata(context).to_json(), live=live)
+        write_manifest(stream, entries, fps, settings, self._metadata(context, entries).to_json(), live=live)
 
     def _folder(self, context: Context) -> Path:
         return context.take.work(self.name) / "stream"

@@ -210,7 +210,7 @@ class GroupWork:
                 self.reporter.progress(fraction, label)
             view = footage.view(camera, frame)
             if (view.matte > 127).any():
-                views.append(TrainingView.from_view(view, device, self.settings.crop_margin))
+                views.append(TrainingView.from_view(view, device, self.settings.crop_margin, self.settings.use_plates))
             else:
                 self.reporter.warn(
                     Message(

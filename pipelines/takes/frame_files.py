@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,6 +37,9 @@ class FrameMetadata(Result):
     step: int | None = None
     """Training step of a checkpoint."""
 
+    digest: str = ""
+    """BLAKE2b-128 of the tensors' bytes, all that follows the file's header; "" in files of earlier versions."""
+
 
 def write_frame(path: Path, gaussians: Gaussians, about: FrameMetadata) -> None:
     """Write the Gaussians of a frame atomically, with metadata that `read_about` returns."""
@@ -47,6 +51,7 @@ def write_tensors(path: Path, tensors: dict[str, Tensor], about: FrameMetadata) 
     from safetensors.torch import save
 
     contiguous = {name: value.contiguous() for name, value in tensors.items()}
+    about = about.model_copy(update={"digest": _digest(save(contiguous))})
     data = save(contiguous, metadata={_ENTRY: json.dumps(about.to_json(), sort_keys=True)})
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)  # unlike safetensors' save_file, raises OSError on a full disk
@@ -59,12 +64,11 @@ def read_frame(path: Path) -> Gaussians:
         StudioError: no such file (`take.not_trained`), or `take.damaged`.
     """
     from safetensors import SafetensorError
-    from safetensors.torch import load_file
 
     from studio.gaussians import Gaussians
 
     try:
-        return Gaussians.from_state_dict(load_file(path))
+        return Gaussians.from_state_dict(_load(path))
     except FileNotFoundError:
         raise StudioError(
             "take.not_trained", "no such file", file=path, fix="Run `v3studio train`.", stage="train"
@@ -86,15 +90,25 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
         tensors by name, on the CPU; None if there is no such file, it is damaged, or its metadata has another `key`.
     """
     from safetensors import SafetensorError
-    from safetensors.torch import load_file
 
     about = read_about(path)
     if about is None or about.key != key:
         return None
     try:
-        return load_file(path)
+        return _load(path)
     except (SafetensorError, OSError):
         return None
+
+
+def intact(path: Path) -> bool:
+    """Whether a file can be read and its tensors are those that were written."""
+    from safetensors import SafetensorError
+
+    try:
+        _load(path)
+    except (SafetensorError, OSError):
+        return False
+    return True
 
 
 def read_about(path: Path) -> FrameMetadata | None:
@@ -108,3 +122,33 @@ def read_about(path: Path) -> FrameMetadata | None:
             return FrameMetadata.model_validate_json((file.metadata() or {})[_ENTRY])
     except (SafetensorError, OSError, KeyError, ValueError):  # pydantic's ValidationError is a ValueError
         return None
+
+
+def _load(path: Path) -> dict[str, Tensor]:
+    """Raises SafetensorError for a damaged file."""
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    data = path.read_bytes()
+    tensors = load(data)
+    try:
+        header = json.loads(data[_HEADER : _HEADER + _header_bytes(data)])
+        about = FrameMetadata.model_validate_json(header.get("__metadata__", {}).get(_ENTRY, "{}"))
+    except ValueError:  # pydantic's ValidationError is one
+        about = FrameMetadata()
+    if about.digest and about.digest != _digest(data):
+        raise SafetensorError("checksum differs")
+    return tensors
+
+
+_HEADER = 8
+"""Bytes of the length that the file begins with (safetensors' format)."""
+
+
+def _header_bytes(data: bytes) -> int:
+    return int.from_bytes(data[:_HEADER], "little")
+
+
+def _digest(data: bytes) -> str:
+    """BLAKE2b-128 of what follows the header."""
+    return hashlib.blake2b(memoryview(data)[_HEADER + _header_bytes(data) :], digest_size=16).hexdigest()

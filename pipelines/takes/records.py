@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field, JsonValue, ValidationError
 
 from pipelines.config.renamed import RECORD_KEYS, REPORT_KEYS, current_name, current_names, current_path
-from pipelines.takes.atomic_files import Result, digest_of_files, read_json, read_model, write_model
+from pipelines.takes.atomic_files import Result, digest_of_file, digest_of_files, read_json, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
 from studio.json_types import JsonObject
@@ -23,6 +23,9 @@ class StageRecord(Result):
 
     files: dict[str, int] = Field(default_factory=dict)
     """Size in bytes by path relative to the take."""
+
+    digests: dict[str, str] = Field(default_factory=dict)
+    """`digest_of_file` by path relative to the take; empty in takes of earlier versions."""
 
     written: dict[str, int] = Field(default_factory=dict)
     """Modification time in ns by path relative to the take."""
@@ -74,7 +77,7 @@ def current_record(record: JsonObject) -> JsonObject | None:
         return None
     found["params"] = current_names(found["params"])
     found["stage"] = current_name(str(record.get("stage", "")))
-    for table in ("files", "written"):
+    for table in ("files", "digests", "written"):
         if isinstance(found.get(table), dict):
             found[table] = {current_path(name): value for name, value in found[table].items()}
     if isinstance(found.get("summary"), dict):
@@ -90,6 +93,7 @@ def note_rewritten(take: Take, stage: str) -> None:
     stats = {current_path(name): take.file(name).stat() for name in record.files}
     update = {
         "result": digest_of_files(take.root, [take.file(name) for name in record.files]),
+        "digests": {current_path(name): digest_of_file(take.file(name)) for name in record.files},
         "files": {name: stat.st_size for name, stat in stats.items()},
         "written": {name: stat.st_mtime_ns for name, stat in stats.items()},
     }

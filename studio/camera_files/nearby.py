@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from studio.capture.media import open_media
 from studio.errors import StudioError
 
 _FOLDERS = ("", "images", "image", "imgs", "videos", "video", "rgbs", "rgb")
@@ -48,9 +49,7 @@ def _size(file: Path, camera: str) -> tuple[int, int]:
 
             with Image.open(file) as image:
                 return image.size
-        import av
-
-        with av.open(str(file)) as container:
+        with open_media(file) as container:
             stream = container.streams.video[0]
             return stream.codec_context.width, stream.codec_context.height
     except Exception as error:

@@ -43,7 +43,7 @@ def _image_size(path: Path, file: str) -> tuple[int, int] | None:
             try:
                 with Image.open(candidate) as image:
                     return image.size
-            except OSError:
+            except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
                 return None
     return None
 

@@ -70,11 +70,19 @@ def read_image(path: Path) -> np.ndarray:
 
 def _open(path: Path) -> Image:
     from PIL import Image, UnidentifiedImageError
+    from PIL.Image import MAX_IMAGE_PIXELS, DecompressionBombError
 
     try:
         return Image.open(path)
     except FileNotFoundError:
         raise StudioError("footage.image_missing", "image not found", file=path) from None
+    except DecompressionBombError:
+        raise StudioError(
+            "footage.image_too_large",
+            f"the image has more than {2 * (MAX_IMAGE_PIXELS or 0):,} pixels",
+            file=path,
+            fix="Scale the images down.",
+        ) from None
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
         raise StudioError(
             "footage.image_unreadable", f"cannot read the image ({_reason(error)})", file=path, fix=_FIX

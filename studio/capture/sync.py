@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from studio.capture.footage import Footage
+from studio.capture.media import open_media
 from studio.capture.patterns import VIDEO_EXTENSIONS
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
@@ -245,7 +246,7 @@ def sound_signal(file: Path) -> np.ndarray | None:
     import av
 
     try:
-        with av.open(str(file)) as container:
+        with open_media(file) as container:
             if not container.streams.audio:
                 return None
             video: Any = container.streams.video[0]

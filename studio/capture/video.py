@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from studio.capture.media import open_media
 from studio.errors import StudioError
 
 # swscale flags: bicubic, full horizontal chroma interpolation, accurate rounding. The default repeats chroma samples,
@@ -137,7 +138,7 @@ class VideoReader:
         if not self.path.is_file():
             raise StudioError("footage.video_missing", "video not found", file=self.path)
         try:
-            container = av.open(str(self.path))
+            container = open_media(self.path)
         except (av.error.FFmpegError, OSError, ValueError):
             raise StudioError(
                 "footage.video_unreadable",
@@ -163,7 +164,7 @@ class VideoReader:
         keys: list[int] = []
         known = True
         try:
-            with av.open(str(self.path)) as container:
+            with open_media(self.path) as container:
                 stream = container.streams.video[0]
                 for packet in container.demux(stream):
                     if packet.size == 0 or packet.is_discard:

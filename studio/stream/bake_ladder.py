@@ -188,7 +188,7 @@ def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int
     """CRC-32 of the decoded luma of the first and of the middle picture of a video, as in the manifest."""
     wanted = sorted({0, frame_count // 2})
     found = []
-    decoder = PlaneDecoder(data, "baking", size, codec)
+    decoder = PlaneDecoder(data, "baking", size, frame_count, codec)
     try:
         picture = np.empty(size[::-1], dtype=np.uint8)
         for index in range(wanted[-1] + 1):

@@ -114,7 +114,8 @@ class MotionDecoder(GroupDecoder):
     def __init__(self, group: MotionGroup, files: Mapping[str, bytes], name: str, codec: str, threads: int) -> None:
         super().__init__(group)
         self._size, self._entry, self._name = group.size, group.video, name
-        self._video = PlaneDecoder(files[group.video.path], f"{name}/{group.video.path}", group.size, codec, threads)
+        path, pictures = group.video.path, group.frame_count
+        self._video = PlaneDecoder(files[path], f"{name}/{path}", group.size, pictures, codec, threads)
         try:
             self._tables = GroupTables(group, files[group.side.path])
         except ValueError as error:

@@ -59,9 +59,12 @@ class PlanesDecoder(GroupDecoder):
         super().__init__(group)
         self._planes_group = group
         self._pool, self._name = pool, name
-        size = (group.side, group.side)
+        size, pictures = (group.side, group.side), group.frame_count
         # Opening parses each file's headers, so it pays to do that in parallel too.
-        opening = [pool.submit(PlaneDecoder, files[plane.path], f"{name}/{plane.path}", size) for plane in group.planes]
+        opening = [
+            pool.submit(PlaneDecoder, files[plane.path], f"{name}/{plane.path}", size, pictures)
+            for plane in group.planes
+        ]
         wait(opening)
         self._decoders = [future.result() for future in opening if future.exception() is None]
         for future in opening:

@@ -126,9 +126,9 @@ class BakeSettings(Settings):
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
     to 0. false: plain low bytes, as in the paper."""
 
-    stream_version: Annotated[Literal[2, 3], Heading("Network")] = 2
-    """Version of the stream's format (docs/STREAM.md). 3: several renditions, files named by content, an index in
-    pages, checks of decoders. 2: one rendition, for players that do not read 3 yet."""
+    stream_version: Annotated[Literal[2, 3], Heading("Network")] = 3
+    """Version of the stream's format (docs/STREAM.md). 3: smaller, any number of renditions, files named by content, an
+    index in pages, checks of decoders. 2: for players that do not read 3 yet."""
 
     ladder: Annotated[tuple[Rung, ...], Field(max_length=16)] = ()
     """Renditions of a stream of version 3, the best first, each with qp, splats (share of the splats that are kept) and

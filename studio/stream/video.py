@@ -191,14 +191,17 @@ class PlaneDecoder:
         data: the whole file.
         name: path or URL for messages.
         size: width and height, from the manifest.
+        pictures: that the file may have at most, from the manifest.
         codec: h264, hevc or av1, from the manifest.
         threads: decoder threads; more than one decode several pictures in parallel.
 
     Raises:
-        StudioError: not an MP4 of that codec and picture size.
+        StudioError: not an MP4 of that codec and picture size, or with more pictures.
     """
 
-    def __init__(self, data: bytes, name: str, size: tuple[int, int], codec: str = "h264", threads: int = 1) -> None:
+    def __init__(
+        self, data: bytes, name: str, size: tuple[int, int], pictures: int, codec: str = "h264", threads: int = 1
+    ) -> None:
         import av
 
         self._errors: tuple[type[BaseException], ...] = (av.error.FFmpegError, ValueError, IndexError, EOFError)
@@ -227,6 +230,17 @@ class PlaneDecoder:
                 value=(found, *found_size),
                 fix=BAKE_AGAIN,
                 expected=(codec, *size),
+            )
+        if stream.frames > pictures:  # a group that costs more than its manifest promises
+            count = stream.frames
+            self.close()
+            raise StudioError(
+                "stream.video_too_long",
+                f"the video has {count} pictures; the manifest says {pictures}",
+                file=name,
+                value=count,
+                fix=BAKE_AGAIN,
+                expected=pictures,
             )
         context.thread_count = threads
         if threads > 1:

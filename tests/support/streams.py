@@ -11,14 +11,15 @@ from typing import Any
 import torch
 
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, bake_group, write_manifest
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 
 
 def bake_numbered(
     folder: Path, lengths: Sequence[int], fps: float, splats: int = 40, settings: BakeSettings | None = None
 ) -> Path:
-    """A stream with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame."""
-    settings = settings or BakeSettings(profile="planes", qp=0)
+    """A stream with groups of these lengths, by default of version 2. Splat 0 of frame i is at x = i, which identifies
+    the frame."""
+    settings = settings or BakeSettings(profile="planes", qp=0, stream_version=2)
     entries, first = [], 0
     for group, length in enumerate(lengths):
         frames = []
@@ -39,7 +40,25 @@ def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None
     path = folder / "manifest.json"
     values = json.loads(path.read_bytes())
     change(values)
-    write_signed(path, values, sum(group["bytes"] for group in values["groups"]))
+    write_sealed(path, values)
+
+
+def write_sealed(path: Path, values: dict[str, Any]) -> None:
+    """Write a manifest with `total_bytes` and checksum that fit, as far as its values allow it. In version 3 each file
+    counts once; groups in pages are left out."""
+    if "renditions" not in values:
+        return write_signed(path, values, sum(group["bytes"] for group in values["groups"]))
+    sizes: dict[str, int] = {}
+    stack: list[Any] = [values]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, dict):
+            if isinstance(item.get("path"), str) and isinstance(item.get("bytes"), int):
+                sizes[item["path"]] = item["bytes"]
+            stack += item.values()
+        elif isinstance(item, list):
+            stack += item
+    return write_signed(path, values, sum(sizes.values()))
 
 
 def write_signed(path: Path, values: dict[str, Any], file_bytes: int) -> None:
@@ -64,19 +83,42 @@ def set_at(path: Sequence[Any], value: object) -> Callable[[dict[str, Any]], Non
     return change
 
 
+def best_of(group: dict[str, Any]) -> dict[str, Any]:
+    """What a group's JSON in the manifest says of its best rendition; in version 2, of the group."""
+    best: dict[str, Any] = group["renditions"][0] if "renditions" in group else group
+    return best
+
+
+def group_files(folder: Path, group: int) -> list[Path]:
+    """A group's files in the best rendition: side file and video, or the planes in the order of the components."""
+    with StreamReader.open(folder) as reader:
+        return [folder / file.path for file in reader.manifest.groups[group].files]
+
+
 def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:
-    """Replace the bytes of a group's `side` or `video` and update the checksums, as a faulty or malicious writer
-    would."""
+    """Replace the bytes of a group's `side` or `video` in the best rendition and update name and checksums, as a faulty
+    or malicious writer would."""
 
     def change(values: dict[str, Any]) -> None:
-        entry = values["groups"][group][key]
-        (folder / entry["path"]).write_bytes(data)
-        values["groups"][group]["bytes"] += len(data) - entry["bytes"]
-        entry["bytes"], entry["sha256"] = len(data), hashlib.sha256(data).hexdigest()
+        best = best_of(values["groups"][group])
+        entry = best[key]
+        best["bytes"] += len(data) - entry["bytes"]
+        if "renditions" in values:
+            put_file(folder, entry, data)
+        else:
+            (folder / entry["path"]).write_bytes(data)
+            entry.update(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
         if raw_bytes is not None:
             entry["raw_bytes"] = raw_bytes
 
     edit_manifest(folder, change)
+
+
+def put_file(folder: Path, entry: dict[str, Any], data: bytes) -> None:
+    """Store other content for a file of a stream of version 3, under its own name, and update its entry."""
+    digest = hashlib.sha256(data).hexdigest()
+    entry.update(path=f"files/{digest[:32]}.{entry['path'].rsplit('.', 1)[1]}", bytes=len(data), sha256=digest)
+    (folder / entry["path"]).write_bytes(data)
 
 
 def damage(file: Path, how: str) -> None:

@@ -5,7 +5,6 @@ If modules move, this is the only file to change.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,8 +23,7 @@ from studio.stream.manifest_models import MotionGroup
 from studio.stream.motion_state import Side
 from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
-from studio.stream.video import PlaneEncoder
-from tests.support.streams import edit_manifest, replace_file
+from tests.support.streams import edit_manifest
 
 FPS = 25.0
 
@@ -93,11 +91,12 @@ def bake(
     metadata: dict[str, Any] | None = None,
     ladder: Sequence[int] = (),
     paged: bool = False,
+    **options: Any,
 ) -> Path:
-    """Bake a stream of the figure into a folder; `ladder`: QPs of version 3, `paged`: all groups but one in a page."""
-    settings = BakeSettings(profile=profile, qp=qp, preset="ultrafast")  # type: ignore[arg-type]
-    if ladder:
-        settings = settings.replace(stream_version=3, ladder=tuple(Rung(qp=one) for one in ladder))
+    """Bake a stream of the figure into a folder; `ladder`: QPs of its renditions, `paged`: all groups but one in a
+    page, `options`: further settings."""
+    rungs = tuple(Rung(qp=one) for one in ladder)
+    settings = BakeSettings(profile=profile, qp=qp, preset="ultrafast", ladder=rungs, **options)  # type: ignore[arg-type]
     entries, first = [], 0
     for index, frames in enumerate(lengths):
         entries.append(bake_group(body(frames, splats + 40 * index, degree, index), folder, index, first, settings))
@@ -112,23 +111,8 @@ def bake(
     return folder
 
 
-def with_b_frames(folder: Path, b_frames: int) -> None:
-    """Encode the pictures of a stream of profile `motion` again, with B-frames between them."""
-    for index, group in enumerate(json.loads((folder / "manifest.json").read_bytes())["groups"]):
-        python = PythonFrames(folder)
-        pictures = python.luma(index)
-        python.close()
-        path = folder / "b.mp4"
-        encoder = PlaneEncoder(path, pictures[0].shape[::-1], 16, "veryfast", tiles="h264", b_frames=b_frames)
-        for picture in pictures:
-            encoder.add(picture)
-        encoder.close()
-        replace_file(folder, group["index"], "video", path.read_bytes())
-        path.unlink()
-
-
 def as_version_1(folder: Path) -> None:
-    """Convert a `planes` stream to version 1, whose bytes have the same meaning."""
+    """Convert a `planes` stream of version 2 to version 1, whose bytes have the same meaning."""
     edit_manifest(folder, lambda values: values.update(version=1))
 
 

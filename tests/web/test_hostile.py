@@ -14,7 +14,7 @@ from types import ModuleType
 import pytest
 
 from studio.stream.sidefile import deflate
-from tests.support.streams import edit_manifest, replace_file
+from tests.support.streams import best_of, edit_manifest, replace_file
 
 pytestmark = pytest.mark.web
 
@@ -54,8 +54,9 @@ def test_mutated_streams(baked, browser):
 
 def test_a_bomb_is_not_unpacked(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
+    bomb = deflate([bytes(200_000_000)])
     for group in range(2):
-        replace_file(site.stream, group, "side", deflate([bytes(200_000_000)]))
+        replace_file(site.stream, group, "side", bomb)
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
     assert "decompresses to more than" in page.seen("error")[0]
@@ -63,17 +64,17 @@ def test_a_bomb_is_not_unpacked(site, baked, open_page):
 
 def test_a_path_out_of_the_stream_is_refused(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
-    edit_manifest(site.stream, lambda values: values["groups"][0]["side"].update(path="../secret.bin"))
+    edit_manifest(site.stream, lambda values: best_of(values["groups"][0])["side"].update(path="../secret.bin"))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "groups.0.side.path" in page.seen("error")[0]
+    assert "groups.0.renditions.0.side.path" in page.seen("error")[0]
     assert not any("secret" in path for path, _ in site.requests)
 
 
 def test_a_manifest_that_was_edited_is_refused(site, baked, open_page):
     shutil.copytree(baked(), site.stream)
     path = site.stream / "manifest.json"
-    path.write_bytes(path.read_bytes().replace(b'"fps": 25', b'"fps": 24'))
+    path.write_bytes(path.read_bytes().replace(b'"fps":25', b'"fps":24'))
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
     assert "does not match its own SHA-256" in page.seen("error")[0]

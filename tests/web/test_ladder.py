@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 
 import pytest
 import support
 from driver import psnr
 
-from tests.support.streams import write_signed
+from tests.support.streams import edit_manifest
 
 pytestmark = pytest.mark.web
 
@@ -40,10 +39,11 @@ def test_the_picture_is_the_rasterizers(site, baked, open_page, decoder):
 
 def spoil(folder, group):
     """Change the CRC-32 of a group's first picture, and seal the manifest again."""
-    path = folder / "manifest.json"
-    values = json.loads(path.read_bytes())
-    values["groups"][group]["renditions"][0]["video"]["checks"][0]["crc32"] ^= 1
-    write_signed(path, values, values["total_bytes"] - path.stat().st_size)
+
+    def change(values):
+        values["groups"][group]["renditions"][0]["video"]["checks"][0]["crc32"] ^= 1
+
+    edit_manifest(folder, change)
 
 
 def test_a_decoder_that_is_not_exact_is_not_drawn_from(site, baked, open_page):

@@ -66,16 +66,19 @@ def test_webgl2_takes_over_when_the_webgpu_device_is_lost(site, baked, open_page
     assert "not used: Device was destroyed" in page.handle.locator("v3-player .info").inner_text()
 
 
-def test_planes_of_versions_1_and_2_are_drawn_alike(site, baked, open_page):
-    """Version 2 with WebGPU, version 1 with WebGL2."""
-    shutil.copytree(baked(profile="planes", qp=20), site.stream)
-    python = support.PythonFrames(site.stream)
+def test_planes_of_all_versions_are_drawn_alike(site, baked, open_page):
+    """Version 2 with WebGPU, the others with WebGL2."""
     view = support.camera(40, size=(240, 300))
-    want = support.draw(python.gaussians(6), view)
-    python.close()
-    for version in (2, 1):
+    for version in (3, 2, 1):
         if version == 1:
             support.as_version_1(site.stream)
+        else:
+            shutil.rmtree(site.stream, ignore_errors=True)
+            shutil.copytree(baked(profile="planes", qp=20, stream_version=version), site.stream)
+        if version == 3:
+            python = support.PythonFrames(site.stream)
+            want = support.draw(python.gaussians(6), view)
+            python.close()
         page = open_page("?t=0&renderer=" + ("webgpu" if version == 2 else "webgl2"))
         page.seek_frame(6)
         assert psnr(page.picture(support.camera_values(view)), want) >= PSNR
@@ -110,11 +113,10 @@ _TAP = """() => {
 
 @pytest.mark.parametrize("b_frames", [0, 2, 7])
 @pytest.mark.parametrize("decoder", ["webcodecs", "webcodecs-software", "video"])
-def test_every_luma_byte_is_what_python_decodes(stream, open_page, decoder, b_frames):
-    if b_frames:
-        support.with_b_frames(stream, b_frames)
+def test_every_luma_byte_is_what_python_decodes(site, baked, open_page, decoder, b_frames):
+    shutil.copytree(baked(b_frames=b_frames), site.stream)
     page = open_page(f"?decoder={decoder}&t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
-    python = support.PythonFrames(stream)
+    python = support.PythonFrames(site.stream)
     want = [picture for group in range(2) for picture in python.luma(group)]
     for frame in range(9):
         page.seek_frame(frame)

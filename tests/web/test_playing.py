@@ -8,7 +8,7 @@ import shutil
 import pytest
 import support
 
-from tests.support.streams import damage, edit_manifest
+from tests.support.streams import damage, edit_manifest, group_files
 
 pytestmark = pytest.mark.web
 
@@ -79,16 +79,17 @@ def test_speed(stream, open_page):
     assert len({entry["frame"] for entry in page.seen("time")}) >= 8
 
 
-@pytest.mark.parametrize("name", ["motion.bin", "video.mp4"])
+@pytest.mark.parametrize("file", [0, 1], ids=["side file", "video"])
 @pytest.mark.parametrize("how", ["flipped", "truncated", "missing"])
-def test_a_damaged_group_is_left_out(stream, open_page, name, how):
-    damage(stream / "group_001" / name, how)
+def test_a_damaged_group_is_left_out(stream, open_page, file, how):
+    damaged = group_files(stream, 1)[file]
+    damage(damaged, how)
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 2")
     assert {entry["frame"] for entry in page.seen("time")} <= set(range(5))
     notices = page.seen("notice")
     assert len(notices) == 1
-    assert f"group_001/{name}" in notices[0]
+    assert f"files/{damaged.name}" in notices[0]
     assert "Frames 5 to 8 are skipped." in notices[0]
     # Seeking into it continues with what follows.
     page.call("seek", 6 / 25)
@@ -97,10 +98,10 @@ def test_a_damaged_group_is_left_out(stream, open_page, name, how):
 
 def test_all_groups_damaged(stream, open_page):
     for group in range(2):
-        (stream / f"group_00{group}" / "video.mp4").unlink()
+        group_files(stream, group)[1].unlink()
     page = open_page(wait=False)
     page.wait("(seen.error ?? []).length")
-    assert "video.mp4 cannot be fetched: the server returned status 404" in page.seen("error")[0]
+    assert ".mp4 cannot be fetched: the server returned status 404" in page.seen("error")[0]
     assert page.handle.locator("v3-player .failure").is_visible()
 
 
@@ -119,11 +120,12 @@ def test_a_newer_version_is_refused_in_a_sentence(stream, open_page):
 
 
 def test_a_cut_connection_is_resumed_where_it_broke(site, stream, open_page):
-    site.cut, site.cuts_left = {"group_000/video.mp4": 1000}, 2
+    video = f"files/{group_files(stream, 0)[1].name}"
+    site.cut, site.cuts_left = {video: 1000}, 2
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 1")
     assert site.cuts_left == 0
-    ranges = [wanted for path, wanted in site.requests if path.endswith("group_000/video.mp4")]
+    ranges = [wanted for path, wanted in site.requests if path.endswith(video)]
     assert ranges[0] is None
     assert "bytes=1000-" in ranges
     assert any("trying again" in notice for notice in page.seen("notice"))
@@ -140,7 +142,7 @@ def test_the_server_restarts(site, stream, open_page):
 
 
 def test_a_slow_network_plays_from_the_first_group_on(site, stream, open_page):
-    total = sum(file.stat().st_size for file in (stream / "group_001").iterdir())
+    total = sum(file.stat().st_size for file in group_files(stream, 1))
     page = open_page("?t=0", wait=False)
     site.bytes_per_second = total / 3
     page.wait_ready()

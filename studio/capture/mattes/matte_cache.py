@@ -33,7 +33,7 @@ class MatteCache:
         try:
             with Image.open(self._path(image)) as file:
                 matte = np.array(file)
-        except (OSError, ValueError, SyntaxError):  # missing or truncated: recomputed
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # missing or truncated: recomputed
             return None
         return matte if matte.dtype == np.uint8 and matte.shape == image.shape[:2] else None
 

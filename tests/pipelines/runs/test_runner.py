@@ -73,7 +73,8 @@ def test_a_run_leaves_every_result_in_its_place(project):
     assert [path.name for path in sorted((root / "train/group_000").iterdir())] == [
         "frame_000000.safetensors", "frame_000001.safetensors", "frame_000002.safetensors", "group.json",
     ]  # fmt: skip
-    assert {path.name for path in (root / "stream").iterdir()} == {"manifest.json", "group_000", "group_001"}
+    assert {path.name for path in (root / "stream").iterdir()} == {"manifest.json", "files"}
+    assert len(list((root / "stream" / "files").iterdir())) == 4  # a side file and a video for each group
     points, colors = read_points(root / "initialize/group_001/points.ply")
     assert points.shape == colors.shape == (400, 3)
     # the ball of radius 0.55 is at (0.09, 0.06, 0) in frame 3; a hull from five cameras is slightly larger
@@ -236,7 +237,7 @@ def test_a_shorter_take_drops_the_frames_it_lost(project):
     assert ran(events) == ["initialize", "train", "bake", "evaluate"]
     assert sorted(project.written("train")) == ["frame_000000.safetensors", "frame_000001.safetensors"]
     assert not (project.take.root / "train/group_001").exists()
-    assert {path.name for path in project.take.stream.iterdir()} == {"manifest.json", "group_000"}
+    assert len(list((project.take.stream / "files").iterdir())) == 2
     assert len(json.loads(project.take.evaluation.read_text())["frames"]) == 2
 
 

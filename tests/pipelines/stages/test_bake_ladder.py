@@ -5,6 +5,8 @@ import shutil
 
 import pytest
 
+from pipelines.stages import bake
+from pipelines.takes.atomic_files import remove
 from studio.stream import StreamReader
 
 
@@ -28,10 +30,44 @@ def done(result):
     return result
 
 
-def test_a_take_is_baked_as_a_ladder_and_back(here, take):
-    two = {name: (take / "stream" / name).read_bytes() for name in names(take)}
+def contents(take):
+    return {name: (take / "stream" / name).read_bytes() for name in names(take)}
+
+
+def test_a_take_of_version_2_becomes_version_3_and_back(here, take, monkeypatch):
+    three = contents(take)
+    assert manifest_of(take)["version"] == 3
+    done(here("bake", take, "--stream-version", "2"))
+    two = contents(take)
+    assert set(two) == {"manifest.json"} | {
+        f"group_00{group}/{name}" for group in (0, 1) for name in ("motion.bin", "video.mp4")
+    }
+    done(here("evaluate", take))
+
+    # as the program wrote it before the setting existed
+    config = take / "config.yaml"
+    config.write_text(config.read_text().replace("  stream_version: 2\n", ""))
+    assert "bake.stream_version changed from 2 to 3, now the default" in done(here("status", take)).stdout
+
+    def killed(path):
+        if path.parent.name == "stream":
+            raise KeyboardInterrupt
+        remove(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bake, "remove", killed)
+        assert here("bake", take).returncode != 0
+    assert three.items() <= contents(take).items()  # whole, with left-overs of version 2
+    done(here("bake", take))
+    assert contents(take) == three
+    assert not list((take / "stream").glob("group_*"))
+    done(here("bake", take, "--stream-version", "2"))
+    assert contents(take) == two
+
+
+def test_a_take_is_baked_as_a_ladder(here, take):
     rungs = "[{qp: 20}, {qp: 34}, {qp: 30, splats: 0.5, sh_degree: 0}]"
-    done(here("bake", take, "--stream-version", "3", "--bake.ladder", rungs))
+    done(here("bake", take, "--bake.ladder", rungs))
     manifest = manifest_of(take)
     assert manifest["version"] == 3
     assert [one["id"] for one in manifest["renditions"]] == ["qp20", "qp34", "qp30-splats50-sh0"]
@@ -57,9 +93,6 @@ def test_a_take_is_baked_as_a_ladder_and_back(here, take):
     with StreamReader.open(take / "stream") as reader:
         assert figures["summary"]["bytes_per_frame"] == round(reader.manifest.played_bytes / 5, 1)
 
-    done(here("bake", take, "--stream-version", "2"))
-    assert {name: (take / "stream" / name).read_bytes() for name in names(take)} == two
-
 
 def test_the_default_ladder(here, take):
     done(here("bake", take, "--ladder", "--bake.preset", "ultrafast"))
@@ -76,9 +109,8 @@ def test_a_short_first_group(here, take):
 
 
 def test_a_damaged_file_is_baked_again(here, take):
-    done(here("bake", take, "--stream-version", "3"))
-    before = {name: (take / "stream" / name).read_bytes() for name in names(take)}
+    before = contents(take)
     video = manifest_of(take)["groups"][1]["renditions"][0]["video"]["path"]
     (take / "stream" / video).write_bytes(b"damaged")
     done(here("bake", take, "--force"))
-    assert {name: (take / "stream" / name).read_bytes() for name in names(take)} == before
+    assert contents(take) == before

@@ -8,6 +8,7 @@ import pytest
 
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
+from studio.capture.images import read_image
 from studio.errors import Cancelled
 from tests.support.errors import refuses
 
@@ -192,3 +193,13 @@ def test_a_video_is_not_a_single_frame(three_videos: Path) -> None:
     video = three_videos / "videos" / "cam1.mp4"
     with refuses("footage.video_as_frame", file=video, camera="cam"):
         open_footage(CaptureSettings(root=three_videos, images="videos/{camera}{frame}.mp4"))
+
+
+def test_an_image_beyond_pillows_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import Image
+
+    path = tmp_path / "large.png"
+    Image.new("RGB", (64, 48)).save(path)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
+    with refuses("footage.image_too_large", file=path):
+        read_image(path)

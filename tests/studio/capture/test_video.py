@@ -160,3 +160,27 @@ def test_a_video_truncated_after_its_index_reports_where_it_ends(tmp_path: Path,
     assert caught.value.file == path
     assert 0 < caught.value.fields["frame"] < 40
     assert reader.read(0).shape == (64, 96, 3)  # intact frames can still be read
+
+
+PLAYLISTS = {
+    "ffconcat": "ffconcat version 1.0\nfile 'real.mp4'\n",
+    "hls": "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nreal.mp4\n#EXT-X-ENDLIST\n",
+    "sdp": "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nc=IN IP4 127.0.0.1\nt=0 0\nm=video 5004 RTP/AVP 96\n",
+}
+
+
+@pytest.mark.parametrize("kind", PLAYLISTS)
+def test_a_playlist_with_the_name_of_a_video_is_refused(tmp_path: Path, make: SimpleNamespace, kind: str) -> None:
+    make.video(tmp_path / "real.mp4", [make.numbered(index) for index in range(3)])
+    trap = tmp_path / "cam01.mp4"
+    trap.write_text(PLAYLISTS[kind])
+    with refuses("footage.video_unreadable", file=trap):
+        VideoReader(trap)
+
+
+@pytest.mark.parametrize("name", ["http:a.mp4", "concat:a|b.mp4", "cam 1 %d é.mp4"])
+def test_any_file_name_is_that_of_a_file(tmp_path: Path, make: SimpleNamespace, monkeypatch, name: str) -> None:
+    made = make.video(tmp_path / "v.mp4", [make.numbered(index) for index in range(3)])
+    made.rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    assert make.number_of(VideoReader(Path(name)).read(2)) == 2

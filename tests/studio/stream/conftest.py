@@ -1,7 +1,5 @@
 """Fixtures: small moving splat sets and baked streams."""
 
-import hashlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -46,12 +44,13 @@ def make_frames() -> MakeFrames:
 
 @pytest.fixture
 def make_stream(tmp_path: Path, make_frames: MakeFrames) -> Callable[..., tuple[Path, list[list[Gaussians]]]]:
-    """`make_stream(lengths, ...)`: a stream of groups of these lengths, its folder and the frames of each group."""
+    """`make_stream(lengths, ...)`: a stream of groups of these lengths, its folder and the frames of each group. It has
+    version 2, unless settings are given; `make_ladder` makes version 3."""
 
     def make(
         lengths: tuple[int, ...] = (4, 3), splats: int = 200, degree: int = 0, settings: BakeSettings | None = None
     ) -> tuple[Path, list[list[Gaussians]]]:
-        settings = settings or BakeSettings(profile="planes", qp=0)
+        settings = settings or BakeSettings(profile="planes", qp=0, stream_version=2)
         folder = tmp_path / "stream"
         groups = [make_frames(length, splats + 5 * g, degree, seed=g) for g, length in enumerate(lengths)]
         entries, first = [], 0
@@ -92,41 +91,6 @@ def make_ladder(tmp_path: Path) -> Callable[..., Path]:
         return folder
 
     return make
-
-
-@pytest.fixture
-def edit_ladder() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
-    """`edit_ladder(folder, change)`: change the manifest of version 3, then update its size and checksum."""
-
-    def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-        path = folder / "manifest.json"
-        values = json.loads(path.read_bytes())
-        change(values)
-        write_sealed(path, values)
-
-    return edit
-
-
-def write_sealed(path: Path, values: dict[str, Any]) -> None:
-    """Write a manifest of version 3 with `total_bytes` and checksum that fit, as far as its values allow it."""
-    sizes: dict[str, int] = {}
-    stack: list[Any] = [values]
-    while stack:
-        item = stack.pop()
-        if isinstance(item, dict):
-            if isinstance(item.get("path"), str) and isinstance(item.get("bytes"), int):
-                sizes[item["path"]] = item["bytes"]
-            stack += item.values()
-        elif isinstance(item, list):
-            stack += item
-    streams.write_signed(path, values, sum(sizes.values()))
-
-
-def put_file(folder: Path, entry: dict[str, Any], data: bytes) -> None:
-    """Store other content for a file of a stream of version 3, under its own name, and update its entry."""
-    digest = hashlib.sha256(data).hexdigest()
-    entry.update(path=f"files/{digest[:32]}.{entry['path'].rsplit('.', 1)[1]}", bytes=len(data), sha256=digest)
-    (folder / entry["path"]).write_bytes(data)
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ def encode(path, planes, codec="h264", qp=24, b_frames=3):
 
 
 def decoded(path, count, codec="h264"):
-    decoder = PlaneDecoder(path.read_bytes(), "test", SIZE, codec)
+    decoder = PlaneDecoder(path.read_bytes(), "test", SIZE, count, codec)
     result = np.empty((count, *SIZE[::-1]), dtype=np.uint8)
     for picture in result:
         decoder.read(picture)

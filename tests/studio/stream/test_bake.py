@@ -17,8 +17,11 @@ def contents(folder):
     return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
 
 
+PLANES = BakeSettings(profile="planes", stream_version=2)
+
+
 def bake(folder, frames, threads=0, **settings):
-    settings = BakeSettings(profile="planes", **settings)
+    settings = PLANES.replace(**settings)
     entry = bake_group(frames, folder, 0, 0, settings, threads=threads)
     return write_manifest(folder, [entry], 30, settings)
 
@@ -144,7 +147,7 @@ def test_cancelled_bake_leaves_what_was_there(tmp_path, make_frames):
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        bake_group(make_frames(3, 100, seed=5), tmp_path, 0, 0, BakeSettings(profile="planes"), progress=stop)
+        bake_group(make_frames(3, 100, seed=5), tmp_path, 0, 0, PLANES, progress=stop)
     assert contents(tmp_path) == before
 
 
@@ -167,7 +170,7 @@ def test_progress_counts_frames(tmp_path, make_frames):
         tmp_path,
         0,
         0,
-        BakeSettings(profile="planes"),
+        PLANES,
         progress=lambda done, total, **f: calls.append((done, total)),
     )
     assert calls[-3:] == [(1, 3), (2, 3), (3, 3)]
@@ -176,37 +179,36 @@ def test_progress_counts_frames(tmp_path, make_frames):
 def test_bad_frames_are_refused(tmp_path, make_frames):
     frames = make_frames(3, 100)
     with refuses("bake.no_frames", group=0):
-        bake_group([], tmp_path, 0, 0, BakeSettings(profile="planes"))
+        bake_group([], tmp_path, 0, 0, PLANES)
     with refuses("bake.no_splats"):
-        bake_group([frames[0][:0]], tmp_path, 0, 0, BakeSettings(profile="planes"))
+        bake_group([frames[0][:0]], tmp_path, 0, 0, PLANES)
     with refuses("bake.mixed_frames", frame=1, value=(99, 0), expected=(100, 0)):
-        bake_group([frames[0], frames[1][:99]], tmp_path, 0, 0, BakeSettings(profile="planes"))
+        bake_group([frames[0], frames[1][:99]], tmp_path, 0, 0, PLANES)
     with refuses("bake.mixed_frames", frame=1, value=(100, 1), expected=(100, 0)):
-        bake_group([frames[0], frames[1].with_sh_degree(1)], tmp_path, 0, 0, BakeSettings(profile="planes"))
+        bake_group([frames[0], frames[1].with_sh_degree(1)], tmp_path, 0, 0, PLANES)
     frames[2].sh[4, 0, 1] = float("nan")
     with refuses("gaussians.not_finite", frame=2, attribute="sh"):
-        bake_group(frames, tmp_path, 0, 0, BakeSettings(profile="planes"))
+        bake_group(frames, tmp_path, 0, 0, PLANES)
     assert contents(tmp_path) == {}
 
 
 def test_folder_that_cannot_be_made(tmp_path, make_frames):
     (tmp_path / "file").write_text("no folder")
     with refuses("bake.write_failed", file=tmp_path / "file" / "group_000"):
-        bake_group(make_frames(1, 50), tmp_path / "file", 0, 0, BakeSettings(profile="planes"))
+        bake_group(make_frames(1, 50), tmp_path / "file", 0, 0, PLANES)
 
 
 def test_groups_must_follow_each_other(tmp_path, make_frames):
-    settings = BakeSettings(profile="planes")
-    one = bake_group(make_frames(2, 50), tmp_path, 0, 0, settings)
-    two = bake_group(make_frames(2, 50), tmp_path, 1, 3, settings)  # a gap
+    one = bake_group(make_frames(2, 50), tmp_path, 0, 0, PLANES)
+    two = bake_group(make_frames(2, 50), tmp_path, 1, 3, PLANES)  # a gap
     with refuses("bake.manifest_invalid", file=tmp_path / "manifest.json") as caught:
-        write_manifest(tmp_path, [one, two], 30, settings)
+        write_manifest(tmp_path, [one, two], 30, PLANES)
     assert "group 1 has index 1 and starts at frame 3" in str(caught.value)
     with refuses("bake.no_groups", file=tmp_path / "manifest.json"):
-        write_manifest(tmp_path, [], 30, settings)
+        write_manifest(tmp_path, [], 30, PLANES)
     with refuses("bake.manifest_invalid", file=tmp_path / "manifest.json") as caught:
-        write_manifest(tmp_path, [one], float("nan"), settings)
+        write_manifest(tmp_path, [one], float("nan"), PLANES)
     assert "fps" in str(caught.value)
     (tmp_path / "group_000" / "opacity.mp4").write_bytes(b"short")
     with refuses("bake.group_changed", file=tmp_path / "group_000" / "opacity.mp4", value=5, group=0):
-        write_manifest(tmp_path, [one], 30, settings)
+        write_manifest(tmp_path, [one], 30, PLANES)

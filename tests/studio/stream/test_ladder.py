@@ -189,13 +189,13 @@ def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path, turning_bodie
     assert b"colr" not in two
 
 
-def test_a_decoder_that_is_not_exact_is_found(make_ladder, edit_ladder):
+def test_a_decoder_that_is_not_exact_is_found(make_ladder, edit_manifest):
     folder = make_ladder((4,))
 
     def other(values):
         values["groups"][0]["renditions"][0]["video"]["checks"][1]["crc32"] ^= 1
 
-    edit_ladder(folder, other)
+    edit_manifest(folder, other)
     with StreamReader.open(folder) as reader:
         reader.gaussians(1)
         with refuses("stream.wrong_luma", picture=2):
@@ -275,7 +275,7 @@ def test_same_input_gives_the_same_bytes(make_ladder):
 
 def test_settings_that_contradict_each_other():
     with pytest.raises(ValueError, match="stream_version 3"):
-        BakeSettings(ladder=(Rung(qp=20),))
+        BakeSettings(stream_version=2, ladder=(Rung(qp=20),))
     with pytest.raises(ValueError, match="a target"):
         BakeSettings(stream_version=3, ladder=(Rung(qp=20),), target_psnr=40)
     with pytest.raises(ValueError, match="the same"):

@@ -25,6 +25,7 @@ def drop_component(values):
     values["groups"][0]["components"].pop()
 
 
+PLANES = BakeSettings(profile="planes", stream_version=2)
 PLANE = ("groups", 0, "components", 3, "planes", 0)
 # change, then location and violated rule, or another code than manifest.invalid
 DAMAGE = {
@@ -288,12 +289,17 @@ class TestFiles:
         self.refuses_group(stream, "stream.video_unreadable")
 
     def test_signed_video_with_too_few_frames(self, stream, edit_manifest, plane, make_frames, tmp_path):
-        bake_group(make_frames(2, 85), tmp_path / "short", 0, 0, BakeSettings(profile="planes"))
+        bake_group(make_frames(2, 85), tmp_path / "short", 0, 0, PLANES)
         self.replace(stream, edit_manifest, plane, (tmp_path / "short/group_000/opacity.mp4").read_bytes())
         self.refuses_group(stream, "stream.video_too_short")
 
+    def test_signed_video_with_too_many_frames(self, stream, edit_manifest, plane, make_frames, tmp_path):
+        bake_group(make_frames(50, 85), tmp_path / "long", 0, 0, PLANES)
+        self.replace(stream, edit_manifest, plane, (tmp_path / "long/group_000/opacity.mp4").read_bytes())
+        self.refuses_group(stream, "stream.video_too_long", value=50, expected=3)
+
     def test_signed_video_of_another_size(self, stream, edit_manifest, plane, make_frames, tmp_path):
-        bake_group(make_frames(3, 600), tmp_path / "large", 0, 0, BakeSettings(profile="planes"))
+        bake_group(make_frames(3, 600), tmp_path / "large", 0, 0, PLANES)
         self.replace(stream, edit_manifest, plane, (tmp_path / "large/group_000/opacity.mp4").read_bytes())
         self.refuses_group(stream, "stream.wrong_video", value=("h264", 32, 32), expected=("h264", 16, 16))
 

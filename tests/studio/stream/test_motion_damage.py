@@ -20,7 +20,7 @@ QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCh
 
 @pytest.fixture
 def stream(make_stream):
-    return make_stream((4, 3), splats=80, settings=BakeSettings(qp=24, preset="ultrafast"))[0]
+    return make_stream((4, 3), splats=80, settings=BakeSettings(qp=24, preset="ultrafast", stream_version=2))[0]
 
 
 def swap_entries(values):
@@ -209,7 +209,7 @@ def test_a_bomb_is_not_unpacked(stream):
 
 def test_motion_without_bounds_is_refused(tmp_path, turning_bodies, edit_manifest):
     """Motion that exceeds all bounds is detected when the group is opened."""
-    baking = BakeSettings(preset="ultrafast")
+    baking = BakeSettings(preset="ultrafast", stream_version=2)
     write_manifest(tmp_path, [bake_group(turning_bodies(3, 200), tmp_path, 0, 0, baking)], 25, baking)
     edit_manifest(tmp_path, set_at(("groups", 0, "blocks", "step"), 1e9))
     file = tmp_path / "group_000" / "motion.bin"

@@ -26,7 +26,7 @@ def test_a_written_manifest_has_the_keys_of_the_schema(tmp_path, make_frames):
         ("planes", "PlanesManifest", "PlanesGroup"),
         ("motion", "MotionManifest", "MotionGroup"),
     ):
-        settings = BakeSettings(profile=profile)
+        settings = BakeSettings(profile=profile, stream_version=2)
         folder = tmp_path / profile
         write_manifest(folder, [bake_group(make_frames(2, 50), folder, 0, 0, settings)], 25, settings)
         manifest = json.loads((folder / "manifest.json").read_text())

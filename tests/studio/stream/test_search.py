@@ -79,7 +79,7 @@ def test_psnr_by_the_callers_measure(tmp_path, turning_bodies):
     def settings_at(qp):
         return BakeSettings(qp=qp, preset="veryfast")
 
-    qp = entry.video.qp
+    qp = entry.best.video.qp
     assert psnr(qp) >= 40 > psnr(qp + 1)
     with refuses("bake.no_renderer", setting="bake.target_psnr"):
         bake_group(frames, tmp_path, 0, 0, settings)

@@ -29,6 +29,7 @@ from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.players import settle
+from tests.support.streams import group_files
 from tests.support.waiting import wait_until
 
 
@@ -99,7 +100,7 @@ def test_decoded_frames_are_the_readers(stream_folder: Path) -> None:
 def damaged(stream: Path, folder: Path, group: int) -> Path:
     """A copy of a stream with the video of one group truncated; returns the video."""
     shutil.copytree(stream, folder)
-    victim = sorted((folder / f"group_{group:03d}").glob("*.mp4"))[0]
+    victim = group_files(folder, group)[1]
     victim.write_bytes(victim.read_bytes()[:-100])
     return victim
 
@@ -157,15 +158,14 @@ def test_nothing_whole_is_a_sentence_and_playing_ends(
     shutil.copytree(stream_folder, tmp_path / "gone")
     source.close()
     source = StreamSource(tmp_path / "gone")
-    for group in ("group_000", "group_001"):
-        shutil.rmtree(tmp_path / "gone" / group)
+    shutil.rmtree(tmp_path / "gone" / "files")
     with refuses("playback.group_skipped", group=1):
         source.gaussians(8)
     with refuses("playback.nothing_playable"):
         source.gaussians(0)
     source.close()
     assert not player.open(tmp_path / "gone")
-    assert "group_00" in player.message
+    assert "files/" in player.message
 
 
 def test_what_cannot_be_opened_is_a_sentence_and_what_was_open_stays(

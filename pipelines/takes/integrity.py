@@ -1,0 +1,119 @@
+"""Finds damage on disk: compares the files of a take with the digests that were recorded when they were written."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from pipelines.takes.atomic_files import digest_of_file, digest_of_files
+from pipelines.takes.frame_files import intact
+from pipelines.takes.records import StageRecord, read_record
+from pipelines.takes.take import Take
+from studio.errors import StudioError
+from studio.progress import ProgressFn, no_progress
+
+Problem = Literal["changed", "missing", "damaged"]
+
+
+class Damage(BaseModel):
+    """A file that is not what the program wrote."""
+
+    model_config = ConfigDict(frozen=True)
+
+    file: str
+    """Relative to the take; "" if only the whole stage's digest is known, as in takes of earlier versions."""
+
+    stage: str
+    """The stage that wrote it, and that has to run again."""
+
+    problem: Problem
+    """changed: another content than recorded; missing; damaged: its own checksum is wrong."""
+
+
+class Integrity(BaseModel):
+    """What `check_take` found."""
+
+    model_config = ConfigDict(frozen=True)
+
+    files: int
+    """Checked."""
+
+    bytes: int
+
+    damage: tuple[Damage, ...]
+
+    unchecked: tuple[str, ...]
+    """Stages that have not finished: nothing is recorded of their files. Trained frames hold their own checksums."""
+
+
+def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_progress) -> Integrity:
+    """Read all results of the finished stages, and all trained frames, and compare them with what was recorded.
+
+    Args:
+        take: read only.
+        stages: names of all stages, in order.
+        progress: called with the files checked so far, and with how many are known of.
+    """
+    damage: list[Damage] = []
+    unchecked: list[str] = []
+    files: list[Path] = []
+    work: list[Iterator[Damage | None]] = []
+    for stage in stages:
+        record = read_record(take, stage)
+        if record is not None:
+            files += [take.file(name) for name in record.files]
+            work.append(_changed(take, record))
+            continue
+        unchecked.append(stage)
+        if stage == "train":
+            frames = sorted(take.folder(stage).rglob("*.safetensors"))
+            files += frames
+            work.append(_damaged_tensors(take, path) for path in frames)
+    for done, found in enumerate(itertools.chain(*work), 1):
+        progress(done, max(done, len(files)))
+        damage += [found] if found else []
+    size = sum(path.stat().st_size for path in files if path.is_file())
+    return Integrity(files=len(files), bytes=size, damage=tuple(damage), unchecked=tuple(unchecked))
+
+
+def refuse_damage(take: Take, stage: str) -> None:
+    """Check the results of a finished stage before another one uses them.
+
+    Raises:
+        StudioError: a file is not as it was recorded (`take.damaged`).
+    """
+    record = read_record(take, stage)
+    for found in filter(None, _changed(take, record) if record else ()):
+        raise StudioError(
+            "take.damaged",
+            f"the file is {found.problem}: it is not what the stage {stage} wrote",
+            file=take.root / found.file,
+            fix=f"Run `v3studio {stage} --force`.",
+            stage=stage,
+        )
+
+
+def _changed(take: Take, record: StageRecord) -> Iterator[Damage | None]:
+    """For each file that a stage wrote, its damage or None."""
+    files = {name: take.file(name) for name in record.files}
+    for name, path in files.items():
+        digest = record.digests.get(name)  # "" in records of earlier versions
+        if not path.is_file():
+            yield Damage(file=name, stage=record.stage, problem="missing")
+        elif digest and digest_of_file(path) != digest:
+            yield Damage(file=name, stage=record.stage, problem="changed")
+        else:
+            yield None
+    known = record.digests or not all(path.is_file() for path in files.values())
+    if not known and digest_of_files(take.root, files.values()) != record.result:
+        yield Damage(file="", stage=record.stage, problem="changed")
+
+
+def _damaged_tensors(take: Take, path: Path) -> Damage | None:
+    if intact(path):
+        return None
+    return Damage(file=path.relative_to(take.root).as_posix(), stage="train", problem="damaged")

@@ -1,0 +1,34 @@
+"""What the trainer of a group takes from the footage."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from pipelines.config import Config
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.train_clock import TrainClock
+from pipelines.stages.train_group import GroupWork
+from tests.support.rigs import camera_at
+
+
+@pytest.mark.parametrize("use_plates", [True, False])
+def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> None:
+    camera = camera_at("cam0", (3.0, 0.0, 0.0))
+    shape = (camera.height, camera.width)
+    matte = np.zeros(shape, np.uint8)
+    matte[10:20, 10:20] = 255
+    plate = np.full((*shape, 3), 40, np.uint8)
+    view = SimpleNamespace(camera=camera, image=plate + 20, matte=matte, plate=plate)
+    footage = SimpleNamespace(train_cameras=("cam0",), view=lambda name, frame: view)
+    config = Config()
+    config = config.model_copy(update={"train": config.train.model_copy(update={"use_plates": use_plates})})
+    context = SimpleNamespace(
+        config=config, footage=SimpleNamespace(calibrated=footage), device="cpu", cancellation=Cancellation()
+    )
+    trainer = GroupWork(cast(Any, context), cast(Any, None), cast(TrainClock, None))
+    (found,) = trainer._views(0)
+    assert (found.plate is not None) == use_plates

@@ -1,0 +1,113 @@
+"""Damage on disk is found, named, and repaired by running again."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors import safe_open
+from safetensors.torch import load_file
+
+from pipelines.runs.runner import ALL_STAGES
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.integrity import check_take, refuse_damage
+from pipelines.takes.take import Take
+from tests.support.errors import refuses
+
+FRAME = "train/group_000/frame_000001.safetensors"
+
+
+@pytest.fixture
+def take(finished: Path, tmp_path: Path) -> Take:
+    return Take.open(Path(shutil.copytree(finished / "take", tmp_path / "take")))
+
+
+def flip(path: Path, place: int = -5) -> None:
+    """Change one bit; size and modification time stay."""
+    stat = path.stat()
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+
+
+def test_a_take_as_it_was_written_is_whole(take: Take) -> None:
+    found = check_take(take, ALL_STAGES)
+    assert (found.damage, found.unchecked) == ((), ())
+    files = [path for path in take.root.rglob("*") if path.is_file() and ".v3studio" not in path.parts]
+    notes = {"take.json", "config.yaml", "report.json", "group.json"}  # no stage uses them as input
+    assert found.files == len([path for path in files if path.name not in notes])
+
+
+def test_one_bit_in_any_result_is_found(take: Take) -> None:
+    for name in ("calibrate/rig.json", "initialize/group_001/points.ply", FRAME, "evaluation.json"):
+        flip(take.root / name)
+        found = check_take(take, ALL_STAGES)
+        assert [(damage.file, damage.problem) for damage in found.damage] == [(name, "changed")]
+        flip(take.root / name)
+    (take.root / FRAME).unlink()
+    assert [damage.problem for damage in check_take(take, ALL_STAGES).damage] == ["missing"]
+
+
+def test_a_damaged_frame_is_refused_where_it_is_read(take: Take) -> None:
+    whole = load_file(take.root / FRAME)
+    assert torch.equal(read_frame(take.root / FRAME).means, whole["means"])
+    flip(take.root / FRAME)
+    with refuses("take.damaged", file=take.root / FRAME):
+        read_frame(take.root / FRAME)
+
+
+def test_a_frame_of_an_unfinished_take_is_checked_by_itself(take: Take) -> None:
+    take.forget("train")
+    flip(take.root / FRAME)
+    found = check_take(take, ALL_STAGES)
+    assert found.unchecked == ("train",)
+    assert [(damage.file, damage.problem) for damage in found.damage] == [(FRAME, "damaged")]
+
+
+def test_files_without_checksums_are_still_read(take: Take) -> None:
+    from safetensors.torch import save_file
+
+    path = take.root / FRAME
+    with safe_open(path, framework="np") as file:
+        about = json.loads(file.metadata()["v3studio"])
+    assert len(about.pop("digest")) == 32
+    tensors = load_file(path)
+    save_file(tensors, path, metadata={"v3studio": json.dumps(about)})
+    assert torch.equal(read_frame(path).means, tensors["means"])
+    record = json.loads(take.record("train").read_text())
+    del record["digests"]
+    take.record("train").write_text(json.dumps(record))
+    found = check_take(take, ALL_STAGES)  # the digest of all results is all that there is
+    assert [(damage.file, damage.stage, damage.problem) for damage in found.damage] == [("", "train", "changed")]
+
+
+def test_a_stage_refuses_damaged_input(take: Take) -> None:
+    refuse_damage(take, "initialize")
+    flip(take.root / "initialize/group_000/points.ply")
+    with refuses("take.damaged", file=take.root / "initialize/group_000/points.ply", stage="initialize"):
+        refuse_damage(take, "initialize")
+
+
+def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path, here: Callable, cli: Callable) -> None:
+    assert here("check", take.root).returncode == 0
+    video = next((take.stream).rglob("*.mp4"))
+    whole = video.read_bytes()
+    flip(video)
+    done = here("check", take.root, "--json")
+    assert done.returncode == 1
+    name = video.relative_to(take.root).as_posix()
+    assert json.loads(done.stdout)["damage"] == [{"file": name, "stage": "bake", "problem": "changed"}]
+    done = here("check", take.root, "--remove")
+    assert done.returncode == 1
+    assert name in done.stdout
+    assert not video.exists()
+    again = cli("run", "--take", take.root)
+    assert again.returncode == 0, again.stderr
+    assert video.read_bytes() == whole
+    assert here("check", take.root).returncode == 0
