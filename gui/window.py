@@ -25,7 +25,7 @@ from gui.presenters.marks import Marks
 from gui.presenters.playback.player import PlayerPresenter
 from gui.presenters.playback.rate import Rate
 from gui.presenters.playback.sources import Opened
-from gui.presenters.playback.timeline_plots import plots_of
+from gui.presenters.playback.timeline_plots import Waveform, plots_of
 from gui.presenters.preferences import PICTURE_SIZES, Preferences
 from gui.presenters.run.exports import Exports
 from gui.presenters.run.serving import Serving
@@ -72,6 +72,7 @@ class MainWindow:
         self.opening = ""
         self._opener: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open")
         self._evaluation_file = EvaluationFile()
+        self._waveform: Waveform | None = None
         self._software = software
         self._redraws = Redraws()
         self._log = StateLog(log)
@@ -253,6 +254,10 @@ class MainWindow:
         if self.workspace.take_results():
             changed |= self.player.refresh()
         self._read_evaluation()
+        self._show_waveform()
+        if self.marks.refresh():  # somebody marked a frame in a browser
+            self.marks_changed()
+            changed = True
         if self.exports.poll():
             changed = True
             if self.exports.result:
@@ -310,7 +315,16 @@ class MainWindow:
         self.evaluation = Evaluation.read(take.evaluation) if take is not None else Evaluation()
         series = {name: self.evaluation.series(name, frames) for name in ("psnr_trained", "psnr_decoded", "bytes")}
         self.timeline.plots = plots_of(series, self.evaluation.mean)
+        self._waveform = None
         self.timeline.picture.widget.tooltip = self.evaluation.explanation
+
+    def _show_waveform(self) -> None:
+        """Add the sound's row to the timeline once its waveform is known, or remove it."""
+        waveform = self.player.audio.waveform if self.player.audio is not None else None
+        if waveform is not self._waveform:
+            plots = [plot for plot in self.timeline.plots if not isinstance(plot, Waveform)]
+            self.timeline.plots = (*plots, *((waveform,) if waveform is not None else ()))
+            self._waveform = waveform
 
     def marks_changed(self) -> None:
         """Update the timeline's marks."""

@@ -27,6 +27,7 @@ RESULTS = {
     "later_frames": "trained frames after a keyframe",
     "videos": "the encoded groups of the stream",
     "manifest": "the stream's manifest",
+    "sound": "the stream's sound",
     "evaluation": "the evaluation and its report",
 }
 """Results that settings can affect: name to description. A result is stale when a setting that affects it changes."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from studio.audio.pcm import Pcm, part_of
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
@@ -26,6 +27,7 @@ class SplatVideo:
         up: (3,) unit vector that points up in the world; None if unknown.
         view: a camera with a good view of the performer; None if unknown.
         background: RGB color behind the splats, 0 to 1.
+        sound: its sample 0 sounds when frame 0 appears; None: silent.
 
     Raises:
         StudioError: there are no frames (splat_video.no_frames).
@@ -41,6 +43,7 @@ class SplatVideo:
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     numbers: tuple[int, ...] = field(default=())
     """Frame numbers, if they differ from the indices: for the result of `part`, the indices in the whole video."""
+    sound: Pcm | None = None
 
     def __post_init__(self) -> None:
         if self.frame_count < 1 or not self.group_starts or self.group_starts[0] != 0:
@@ -94,4 +97,5 @@ class SplatVideo:
             group_starts=tuple(starts),
             read=lambda index: read(chosen[index]),
             numbers=tuple(self.number(index) for index in chosen),
+            sound=None if self.sound is None else part_of(self.sound, start / self.fps, len(chosen) * step / self.fps),
         )

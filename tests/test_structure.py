@@ -88,6 +88,7 @@ PIPELINES = (
     "commands",
     "ablation",
     "share",
+    "review",
     "runs",
     "stages",
     "reports",

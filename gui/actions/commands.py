@@ -107,6 +107,7 @@ class Actions:
             key.C: player.next_camera,
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
+            key.V: player.toggle_sound,
             **{one: menu[name] for name, keys in of_menu.items() for one in keys},
             **self.points.keys(),
         }

@@ -16,6 +16,7 @@ SHORTCUTS: tuple[tuple[str, str], ...] = (
     ("R", "reset the view"),
     ("B", "next background: dark, black, white"),
     ("L", "toggle looping"),
+    ("V", "sound off or on"),
     ("M", "mark the frame, with a note"),
     ("< and >", "go to the previous or next mark"),
     ("K", "add the view to the camera path"),

@@ -25,14 +25,15 @@ class MarkActions:
             return
         window.player.transport.pause()
         frame = window.player.transport.frame
+        known = window.marks.marks.get(frame)
         where = "" if window.marks.kept else " Marks on a stream are lost when it is closed."
         answers: list[tuple[str, str, Callable[[str], None]]] = [
-            ("save", "Mark", lambda note: self._try(lambda: window.marks.set(frame, note)))
+            ("save", "Mark", lambda note: self._try(lambda: window.marks.set(frame, note, known)))
         ]
-        if frame in window.marks.notes:
-            answers.append(("remove", "Remove mark", lambda _: self._try(lambda: window.marks.remove(frame))))
+        if known is not None:
+            answers.append(("remove", "Remove mark", lambda _: self._try(lambda: window.marks.remove(frame, known))))
         answers.append(("close", "Cancel", lambda _: None))
-        note = window.marks.notes.get(frame, "")
+        note = "" if known is None else known.note
         window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional).{where}", note, answers)
 
     def _try(self, action: Callable[[], object]) -> None:

@@ -16,8 +16,13 @@ FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
 
 
+VOLUMES = {"sound off": 0.0, "sound 25 %": 0.25, "sound 50 %": 0.5, "sound 100 %": 1.0}
+SOUND = "Volume of the stream's sound (V: off or on). It plays at speed 1x only."
+NO_SOUND = "What is open has no sound"
+
+
 class ControlsPanel:
-    """Buttons: start, back, play, forward, end; loop, speed, capture camera, background, reset.
+    """Buttons: start, back, play, forward, end; loop, speed, sound, capture camera, background, reset.
 
     Args:
         player: what the buttons act on.
@@ -52,6 +57,11 @@ class ControlsPanel:
         self._speed.tooltip = "Playback speed"
         self._speed.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_speed(name)))
         self._add("speed", self._speed)
+        self._volume = gui.Combobox()
+        for name in VOLUMES:
+            self._volume.add_item(name)
+        self._volume.set_on_selection_changed(lambda name, _: self._did(lambda: self._set_volume(name)))
+        self._add("volume", self._volume)
         self._camera = gui.Combobox()
         self._camera.tooltip = "Free view or a capture camera (C: next camera)"
         self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
@@ -88,6 +98,20 @@ class ControlsPanel:
     def _set_speed(self, name: str) -> None:
         self._player.transport.speed = SPEEDS[name]
 
+    def _set_volume(self, name: str) -> None:
+        if self._player.audio is not None:
+            self._player.audio.volume = VOLUMES[name]
+
+    def _update_volume(self) -> bool:
+        audio = self._player.audio
+        tooltip = NO_SOUND if audio is None else audio.message or SOUND
+        volume = 0.0 if audio is None else audio.volume
+        name = min(VOLUMES, key=lambda one: abs(VOLUMES[one] - volume))
+        changed = self._volume.selected_text != name or self._volume.tooltip != tooltip
+        if changed:
+            self._volume.selected_text, self._volume.tooltip = name, tooltip
+        return changed
+
     def update(self) -> tuple[bool, bool]:
         """Show the state of the player; return (whether a widget changed, whether a layout is due)."""
         changed = layout = False
@@ -115,8 +139,10 @@ class ControlsPanel:
             self._camera.selected_text = camera
             changed = True
         enabled = self._player.opened is not None
+        changed |= self._update_volume()
         for widget in self.buttons.values():
-            if widget.enabled != enabled:
-                widget.enabled = enabled
+            usable = enabled and (widget is not self._volume or self._player.audio is not None)
+            if widget.enabled != usable:
+                widget.enabled = usable
                 changed = True
         return changed, layout

@@ -4,60 +4,86 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipelines.takes.marks import read_marks, write_marks
+from pipelines.takes.marks import Mark, change_mark, read_marks
 from studio.errors import StudioError
 
 
 class Marks:
-    """The take's marks.
+    """The take's marks. The file may also be changed by others, such as browsers (`v3studio serve --review`).
 
     Args:
         path: the file, which may not exist yet. None keeps marks in memory only (for a bare stream).
 
     Attributes:
-        notes: notes by frame, counted from 0.
+        marks: by frame, counted from 0.
         error: message if the file is damaged, in which case it is never written; "" otherwise.
     """
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
-        self.notes: dict[int, str] = {}
+        self._seen: object = None
+        self.marks: dict[int, Mark] = {}
         self.error = ""
         self._damage: StudioError | None = None
-        try:
-            self.notes = read_marks(path) if path is not None else {}
-        except StudioError as error:
-            self._damage, self.error = error, str(error)
+        self.refresh()
 
     @property
     def kept(self) -> bool:
         """Whether marks are saved to disk."""
         return self._path is not None
 
-    def set(self, frame: int, note: str) -> None:
+    @property
+    def notes(self) -> dict[int, str]:
+        """Notes by frame, with their authors where known."""
+        return {frame: mark.words for frame, mark in self.marks.items()}
+
+    def refresh(self) -> bool:
+        """Read the file if it has changed; returns whether it has."""
+        if self._path is None:
+            return False
+        stamp = None
+        if self._path.is_file():
+            about = self._path.stat()
+            stamp = (about.st_mtime_ns, about.st_ino, about.st_size)
+        if stamp == self._seen:
+            return False
+        self._seen, self._damage, self.error = stamp, None, ""
+        try:
+            self.marks = read_marks(self._path)
+        except StudioError as error:
+            self.marks, self._damage, self.error = {}, error, str(error)
+        return True
+
+    def set(self, frame: int, note: str, replaces: Mark | None) -> None:
         """Mark a frame, or change its note.
 
-        Raises:
-            StudioError: the file is damaged or cannot be written.
-        """
-        self._write({**self.notes, frame: note.strip()})
-
-    def remove(self, frame: int) -> None:
-        """Remove a frame's mark.
+        Args:
+            frame: counted from 0.
+            note: the text; unchanged text keeps its author.
+            replaces: the frame's mark when the change was begun.
 
         Raises:
-            StudioError: the file is damaged or cannot be written.
+            StudioError: somebody else has changed this mark meanwhile, or the file is damaged or cannot be written.
         """
-        self._write({other: note for other, note in self.notes.items() if other != frame})
+        note = note.strip()
+        if replaces is None or note != replaces.note:
+            self._change(frame, Mark(frame=frame, note=note), replaces)
+
+    def remove(self, frame: int, replaces: Mark | None) -> None:
+        """Remove a frame's mark; arguments and exceptions as `set`."""
+        self._change(frame, None, replaces)
 
     def next_after(self, frame: int, direction: int) -> int | None:
         """The nearest marked frame after (1) or before (-1) this one; None if there is none."""
-        others = [other for other in self.notes if (other - frame) * direction > 0]
+        others = [other for other in self.marks if (other - frame) * direction > 0]
         return min(others, key=lambda other: abs(other - frame)) if others else None
 
-    def _write(self, notes: dict[int, str]) -> None:
+    def _change(self, frame: int, mark: Mark | None, replaces: Mark | None) -> None:
         if self._damage is not None:
             raise self._damage
         if self._path is not None:
-            write_marks(self._path, notes)
-        self.notes = notes
+            self.marks = change_mark(self._path, frame, mark, replaces)
+        elif mark is None:
+            self.marks = {other: one for other, one in self.marks.items() if other != frame}
+        else:
+            self.marks = {**self.marks, frame: mark}

@@ -16,6 +16,7 @@ from studio.errors import StudioError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from studio.audio import Pcm
     from studio.cameras import Camera
     from studio.progress import ProgressFn
     from studio.splat_video import SplatVideo
@@ -122,6 +123,8 @@ def _export(arguments: argparse.Namespace) -> int:
         else:
             _need_stream(arguments.source)
             video = decoded_video(stack.enter_context(open_reader(arguments.source)))
+        if arguments.format in ("turntable", "camera-path"):
+            video = replace(video, sound=_sound(arguments.source, stack))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         json_output = arguments.output if arguments.json else None
         progress = stack.enter_context(working(f"export {arguments.format}", json_output))
@@ -182,6 +185,19 @@ def _need_stream(source: str) -> None:
             fix="Run `v3studio bake`, or export trained frames with --of trained.",
             stage="bake",
         )
+
+
+def _sound(source: str, stack: ExitStack) -> Pcm | None:
+    """The sound of the source's stream, also for trained frames; None if it has none."""
+    from pipelines.takes.take import Take
+    from pipelines.takes.videos import is_take, open_reader
+
+    if is_take(source) and not Take.open(Path(source).expanduser()).stream.is_dir():
+        return None
+    sound = stack.enter_context(open_reader(source)).sound()
+    if sound is not None:
+        stack.callback(sound.close)
+    return sound
 
 
 def _chosen(video: SplatVideo, text: str | None, sh_degree: int | None) -> SplatVideo:
@@ -251,7 +267,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
 
 
 def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:
-    from studio.export import CameraPath, read_path_keys, render_movie, turntable
+    from studio.export import CameraPath, movie_sound, read_path_keys, render_movie, turntable
 
     if arguments.background is not None:
         video = replace(video, background=_color(arguments.background))
@@ -269,10 +285,11 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
         camera = path.camera
         if path.has_frames:
             frame = path.frame
-    count = render_movie(
-        video, arguments.out, camera, frame, seconds, arguments.fps or video.fps, arguments.crf, progress
-    )
-    return f"{count} frames of {size[0]}x{size[1]}"
+    fps = arguments.fps or video.fps
+    count = render_movie(video, arguments.out, camera, frame, seconds, fps, arguments.crf, progress)
+    sound, why = movie_sound(video, frame, seconds, fps)
+    heard = "with sound" if sound is not None else f"without sound: {why}"
+    return f"{count} frames of {size[0]}x{size[1]}, {heard}"
 
 
 def _color(text: str) -> tuple[float, float, float]:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
 import json
 import logging
-import os
-import re
+import secrets
 import socket
 import sys
-import time
-from html import escape
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 from urllib.parse import quote
@@ -20,22 +17,12 @@ from urllib.parse import quote
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from starlette.applications import Starlette
-
     from pipelines.share.certificates import Certificate
     from pipelines.share.player_files import PlayerFiles
+    from pipelines.share.web_app import Reviews
 
-MANIFEST = "manifest.json"
-TYPES = {".json": "application/json", ".mp4": "video/mp4"}
-"""Content types by suffix; others are application/octet-stream."""
-
-HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
-"""Files in the folder files/ of a stream of version 3, which never change under their names."""
-
+_SECRET_BYTES = 16  # of the random part of secret links
 _SHUTDOWN_SECONDS = 1  # for pending responses after Ctrl-C
-_LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
-_PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
-_KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
 
 HTTP_NOTE = (
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
@@ -74,222 +61,26 @@ def register(commands: Any) -> None:
         action=argparse.BooleanOptionalAction,
         help="print the address as a QR code (default: in a terminal, if other machines can reach the server)",
     )
+    serve.add_argument(
+        "--review",
+        action="store_true",
+        help="also serve what a review of the take needs, below a secret link that is printed: quality and size per "
+        "frame, footage of held-out cameras, marks, which whoever has the link may change",
+    )
     serve.add_argument("--json", action="store_true", help="print addresses and fingerprint as a JSON line")
     serve.set_defaults(command=_serve)
 
 
-def find_streams(folder: str) -> dict[str, Path]:
-    """Folders of streams by their path on the server: "/" for a single one, else "/<name>" per subfolder.
-
-    Raises:
-        StudioError: no stream in the folder (`serve.no_stream`), or a URL (`serve.not_a_folder`).
-    """
-    from pipelines.takes.locate_stream import stream_place
-
-    place = stream_place(folder)
-    if isinstance(place, str) or place.is_file():
-        raise StudioError("serve.not_a_folder", "only folders can be served", file=folder, fix="Specify a folder.")
-    if (place / MANIFEST).is_file():
-        return {"/": place}
-    found = {}
-    for path in sorted(place.iterdir()):
-        stream = path / "stream" if (path / "take.json").is_file() else path
-        if not path.name.startswith(".") and (stream / MANIFEST).is_file():
-            found[f"/{path.name}"] = stream
-    if not found:
-        raise StudioError(
-            "serve.no_stream",
-            f"no stream in this folder (no {MANIFEST})",
-            file=folder,
-            fix="Run `v3studio bake`, or specify another folder.",
-        )
-    return found
-
-
-def build_app(streams: dict[str, Path], player: PlayerFiles | None = None) -> Starlette:
-    """The web application: GET and HEAD of stream files, with ranges, CORS and revalidation, and the player.
-
-    Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
-    revalidate every response (ETag), since a stream that is baked again keeps its file names; files of version 3, which
-    are named by their content, may be kept forever. Browsers that ask for a stream's folder get the player's page, and
-    for the list of several streams a page with links; other clients get the list of manifests as text.
-
-    Args:
-        streams: from `find_streams`.
-        player: None for none.
-    """
-    from starlette.applications import Starlette
-    from starlette.exceptions import HTTPException
-    from starlette.middleware import Middleware
-    from starlette.middleware.cors import CORSMiddleware
-    from starlette.requests import Request
-    from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
-    from starlette.routing import Mount, Route
-    from starlette.staticfiles import StaticFiles
-    from starlette.types import Scope
-
-    hashed = {} if player is None else player.hashed
-    uncached = {"Cache-Control": "no-cache", "Vary": "Accept"}
-
-    class StreamFiles(StaticFiles):
-        async def get_response(self, path: str, scope: Scope) -> Response:
-            if player is not None and path == ".":
-                assert self.directory is not None
-                page = _page(player, f"../{_PLAYER_PATH}/", Path(self.directory))
-                return HTMLResponse(page, headers=uncached)
-            return await super().get_response(path, scope)
-
-        def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
-            if any(part.startswith(".") for part in Path(path).parts):
-                return "", None
-            return super().lookup_path(path)
-
-        def file_response(
-            self, full_path: Any, stat_result: os.stat_result, scope: Scope, status_code: int = 200
-        ) -> Response:
-            response = super().file_response(full_path, stat_result, scope, status_code)
-            named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
-            response.headers["Cache-Control"] = _KEEP if named else "no-cache"
-            response.headers["X-Content-Type-Options"] = "nosniff"
-            response.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
-            if isinstance(response, FileResponse):
-                kind = TYPES.get(Path(full_path).suffix.lower(), "application/octet-stream")
-                response.headers["Content-Type"] = kind
-            return response
-
-    async def index(request: Request) -> Response:
-        if player is not None and "text/html" in request.headers.get("accept", ""):
-            if "/" in streams:
-                return HTMLResponse(_page(player, f"{_PLAYER_PATH}/", streams["/"]), headers=uncached)
-            return HTMLResponse(_list_page(streams), headers=uncached)
-        base = str(request.base_url).rstrip("/")
-        lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST}" for path in streams]
-        return PlainTextResponse("V3 Studio streams:\n" + "\n".join(lines) + "\n", headers=uncached)
-
-    async def player_file(request: Request) -> Response:
-        name = request.path_params["name"]
-        if name not in hashed:
-            raise HTTPException(404)
-        kind = "text/javascript" if name.endswith(".js") else "text/plain"
-        headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff"}
-        return Response(hashed[name], media_type=kind, headers=headers)
-
-    cors = Middleware(
-        CORSMiddleware,
-        allow_origins=["*"],
-        allow_methods=["GET", "HEAD"],
-        allow_headers=["Range", "If-Range", "If-None-Match", "If-Modified-Since"],
-        expose_headers=["Accept-Ranges", "Content-Length", "Content-Range", "ETag", "Last-Modified"],
-        max_age=86400,
-    )
-    mounts = [Mount(path.rstrip("/"), StreamFiles(directory=folder)) for path, folder in streams.items()]
-    files = Route(f"/{_PLAYER_PATH}/{{name}}", player_file)
-    return Starlette(routes=[Route("/", index), files, *mounts], middleware=[cors])
-
-
-def _page(player: PlayerFiles, player_path: str, stream: Path) -> str:
-    """The player's page for a stream beside it."""
-    from pipelines.share.page import player_page
-    from pipelines.share.results import PageText
-    from pipelines.share.stream_files import name_of
-
-    title = name_of(stream)
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        own = json.loads((stream / MANIFEST).read_bytes())["metadata"]["title"]  # the player reports what is damaged
-        title = own if isinstance(own, str) and own.strip() else title
-    script = f'<script type="module" src="{player_path}{player.script_name}"></script>'
-    return player_page(player.page, script, MANIFEST, PageText(title=title))
-
-
-def _list_page(streams: dict[str, Path]) -> str:
-    """Links to the pages of several streams."""
-    links = "\n".join(
-        f'<li><a href="{escape(quote(path.removeprefix("/")))}/">{escape(path.removeprefix("/"))}</a></li>'
-        for path in streams
-    )
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="dark">
-<title>V3 Studio streams</title>
-<link rel="icon" href="data:,">
-<style>
-body {{
-  margin: 0 auto; max-width: 34em; padding: 8vh 20px; background: #0b0d10; color: #eef1f4;
-  font: 16px/1.5 system-ui, sans-serif;
-}}
-h1 {{ font-size: 18px; }}
-ul {{ list-style: none; padding: 0; }}
-a {{
-  display: block; margin: 8px 0; padding: 14px 18px; border-radius: 12px; background: #16191f; color: inherit;
-  text-decoration: none; overflow-wrap: anywhere;
-}}
-a:hover, a:focus-visible {{ background: #222731; }}
-</style>
-</head>
-<body>
-<h1>V3 Studio streams</h1>
-<ul>
-{links}
-</ul>
-</body>
-</html>
-"""
-
-
-def listen(host: str, port: int) -> socket.socket:
-    """Open a listening socket.
-
-    Raises:
-        StudioError: an invalid port (`command.invalid_option`), a port in use (`serve.port_in_use`), an unknown host
-            (`serve.unknown_host`), or an address that cannot be bound (`serve.cannot_bind`).
-    """
-    if not 0 <= port <= 65535:
-        raise StudioError(
-            "command.invalid_option",
-            f"--port {port}: not between 0 and 65535",
-            value=port,
-            fix="Example: 8000.",
-            option="--port",
-        )
-    try:
-        family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
-        return socket.create_server((host, port), family=family, backlog=128)
-    except socket.gaierror as error:
-        raise StudioError(
-            "serve.unknown_host",
-            f"unknown host '{host}' ({error.strerror})",
-            value=host,
-            fix="Specify an address of this machine with --host.",
-            option="--host",
-        ) from None
-    except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            raise StudioError(
-                "serve.port_in_use",
-                f"port {port} is in use",
-                value=port,
-                fix="Specify another one with --port.",
-                option="--port",
-            ) from None
-        raise StudioError(
-            "serve.cannot_bind",
-            f"cannot listen on {host}, port {port} ({error.strerror})",
-            value=host,
-            fix="Specify another address with --host, or another port with --port.",
-            option="--host",
-            port=port,
-        ) from None
-
-
 def _serve(arguments: argparse.Namespace) -> int:
-    _wait_for_first_group(arguments.folder)
-    streams = find_streams(arguments.folder)
     from pipelines.events.cancellation import EXIT_CANCELLED
     from pipelines.share.addresses import is_local, reachable_hosts
+    from pipelines.share.listening import listen
+    from pipelines.share.served_streams import find_reviews, find_streams, wait_for_first_group
+    from pipelines.share.web_app import Reviews, build_app
 
+    wait_for_first_group(arguments.folder)
+    streams = find_streams(arguments.folder)
+    reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if arguments.review else None
     hosts = reachable_hosts(arguments.host)
     certificate = _certificate(arguments, hosts)
     player = _player()
@@ -297,18 +88,21 @@ def _serve(arguments: argparse.Namespace) -> int:
         import uvicorn
 
         config = uvicorn.Config(
-            build_app(streams, player), log_level="warning", lifespan="off", timeout_graceful_shutdown=_SHUTDOWN_SECONDS
+            build_app(streams, player, reviews),
+            log_level="warning",
+            lifespan="off",
+            timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
         )
         if certificate is not None:
             config.load()
             config.ssl = certificate.context
         port = sock.getsockname()[1]
         bases = [f"http{'s' * (certificate is not None)}://{host}:{port}" for host in hosts]
-        local = is_local(arguments.host)
+        links = Links(streams, bases, reviews, is_local(arguments.host), certificate)
         if arguments.json:
-            _print_json(arguments.output, streams, bases, local, certificate)
+            _print_json(arguments.output, links)
         else:
-            _print(streams, bases, local, certificate, player is not None, arguments.qr)
+            _print(links, player is not None, arguments.qr)
         server = uvicorn.Server(config)
         # connections closed by Ctrl-C need no traceback
         logging.getLogger("uvicorn.error").addFilter(lambda record: not server.should_exit)
@@ -316,23 +110,6 @@ def _serve(arguments: argparse.Namespace) -> int:
         with contextlib.suppress(KeyboardInterrupt):
             server.run(sockets=[sock])
         return EXIT_CANCELLED if server.should_exit else 0
-
-
-def _wait_for_first_group(folder: str) -> None:
-    """Returns when a take that is baked live (`bake.live`) has a stream; at once for anything else."""
-    from pipelines.config import load_config
-    from pipelines.takes.take import Take
-
-    root = Path(folder).expanduser()
-    if not (root / "take.json").is_file():
-        return
-    take = Take.open(root)
-    manifest = take.stream / MANIFEST
-    if manifest.is_file() or not take.config.is_file() or not load_config(take.config).bake.live:
-        return
-    print(f"{folder}: waiting for the first group to be trained and baked", file=sys.stderr)
-    while not manifest.is_file():
-        time.sleep(_LOOK_SECONDS)
 
 
 def _certificate(arguments: argparse.Namespace, hosts: list[str]) -> Certificate | None:
@@ -364,47 +141,81 @@ def _player() -> PlayerFiles | None:
         return None
 
 
-def _print(
-    streams: dict[str, Path],
-    bases: list[str],
-    local: bool,
-    certificate: Certificate | None,
-    player: bool,
-    qr: bool | None,
-) -> None:
+@dataclass(frozen=True)
+class Links:
+    """Where everything is served.
+
+    Attributes:
+        streams: folders by path on the server.
+        bases: addresses below which the paths are, the one to try first at the beginning.
+        reviews: what can be reviewed; None for nothing.
+        local: whether only this machine can reach it.
+        certificate: None over http.
+    """
+
+    streams: dict[str, Path]
+    bases: list[str]
+    reviews: Reviews | None
+    local: bool
+    certificate: Certificate | None
+
+    @property
+    def to_play(self) -> dict[str, str]:
+        """Addresses by path."""
+        return {path: f"{self.bases[0]}{quote(path)}" for path in self.streams}
+
+    @property
+    def to_review(self) -> dict[str, str]:
+        """Secret addresses by path: a trailing slash is part of them."""
+        if self.reviews is None:
+            return {}
+        base = f"{self.bases[0]}/{self.reviews.secret}"
+        return {path: f"{base}{quote(path.rstrip('/'))}/" for path in self.reviews.takes}
+
+
+def _print(links: Links, player: bool, qr: bool | None) -> None:
     """Addresses, and what phones need."""
-    first = f"{bases[0]}{quote(next(iter(streams)))}"
-    lines = [f"Serving {folder} at {bases[0]}{quote(path)}" for path, folder in streams.items()]
+    bases, certificate = links.bases, links.certificate
+    lines = [f"Serving {links.streams[path]} at {address}" for path, address in links.to_play.items()]
+    first = next(iter(links.to_play.values()))
     browser = "open the address in a browser, or run " if player else ""
     lines.append(f"To play: {browser}v3studio play --headless {first}    To stop: Ctrl-C")
+    for path, address in links.to_review.items():
+        lines.append(f"To review {links.streams[path].parent.name}: {address}")
+    if links.reviews is not None:
+        lines.append("Whoever has a review link sees the footage of held-out cameras and may change marks.")
     if len(bases) > 1:
         lines.append(f"Other addresses of this machine: {', '.join(f'{base}/' for base in bases[1:])}")
     if certificate is not None:
         lines.append(f"SHA-256 fingerprint of the certificate: {certificate.fingerprint}")
         if certificate.made:
             lines.append("Browsers warn of it, since it was made here; accept it if the fingerprint is the same.")
-    if local:
+    if links.local:
         lines.append("Only this machine can reach it; --host 0.0.0.0 lets phones and other machines in.")
     elif certificate is None and player:
         lines.append(HTTP_NOTE)
     print("\n".join(lines), flush=True)
-    if qr if qr is not None else player and not local and sys.stdout.isatty():
+    if qr if qr is not None else player and not links.local and sys.stdout.isatty():
         from pipelines.share.qr_code import qr_text
 
-        address = first if len(streams) == 1 else f"{bases[0]}/"
+        address = first if len(links.streams) == 1 else f"{bases[0]}/"
+        address = next(iter(links.to_review.values()), address)
         print(f"{qr_text(address)}\n{address}", flush=True)
 
 
-def _print_json(
-    output: TextIO, streams: dict[str, Path], bases: list[str], local: bool, certificate: Certificate | None
-) -> None:
+def _print_json(output: TextIO, links: Links) -> None:
     """One line for programs: the first address of each stream, and all bases."""
     event = {
         "kind": "serving",
-        "streams": [{"folder": str(folder), "address": f"{bases[0]}{quote(path)}"} for path, folder in streams.items()],
-        "bases": bases,
-        "local": local,
-        "https": certificate is not None,
-        "fingerprint": None if certificate is None else certificate.fingerprint,
+        "streams": [
+            {"folder": str(links.streams[path]), "address": address} for path, address in links.to_play.items()
+        ],
+        "reviews": [
+            {"folder": str(links.streams[path].parent), "address": address} for path, address in links.to_review.items()
+        ],
+        "bases": links.bases,
+        "local": links.local,
+        "https": links.certificate is not None,
+        "fingerprint": None if links.certificate is None else links.certificate.fingerprint,
     }
     print(json.dumps(event), file=output, flush=True)

@@ -42,6 +42,8 @@ ADDED: JsonObject = {
     "bake.splats": 1.0,
     "bake.b_frames": None,
     "bake.smooth_paths": None,
+    "capture.audio": None,
+    "capture.audio_offset": 0.0,
 }
 """Settings added after takes of format 2 were first written, each with the value that keeps the earlier behavior. This
 need not be the default, as for `bake.stream_version`."""

@@ -104,7 +104,7 @@ def _over_time(take: Take, groups: Sequence[Group], evaluation: Evaluation) -> s
     """The part of the report with the marks, between two comments."""
     error, marks = "", dict[int, str]()
     try:
-        marks = read_marks(take.marks)
+        marks = {frame: mark.words for frame, mark in read_marks(take.marks).items()}
     except StudioError as found:  # write the report even if the marks are damaged
         error = str(found)
     body = _rendered(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from studio.errors import StudioError
 
-SCRIPT_NAME, LICENSES_NAME = "v3-player.js", "THIRD_PARTY_LICENSES.txt"
+SCRIPT_NAME, REVIEW_NAME, LICENSES_NAME = "v3-player.js", "v3-review.js", "THIRD_PARTY_LICENSES.txt"
 
 
 @dataclass(frozen=True)
@@ -17,11 +17,13 @@ class PlayerFiles:
     Attributes:
         page: index.html as the build wrote it.
         script: the player, a JavaScript module.
+        review: what `v3studio serve --review` adds to the page, a JavaScript module; no other page needs it.
         licenses: of the packages in the script, plain text.
     """
 
     page: str
     script: bytes
+    review: bytes
     licenses: bytes
 
     @property
@@ -39,8 +41,18 @@ class PlayerFiles:
         return hashed_name(SCRIPT_NAME, self.script)
 
     @property
+    def hashed_review(self) -> dict[str, bytes]:
+        """The script for reviews by its hashed name."""
+        return {self.review_name: self.review}
+
+    @property
+    def review_name(self) -> str:
+        """The hashed name of the script for reviews."""
+        return hashed_name(REVIEW_NAME, self.review)
+
+    @property
     def size(self) -> int:
-        """Bytes of all three."""
+        """Bytes of page, script and licenses, which every share has."""
         return len(self.page.encode()) + len(self.script) + len(self.licenses)
 
 
@@ -57,6 +69,7 @@ def read_player() -> PlayerFiles:
         return PlayerFiles(
             (folder / "index.html").read_text(encoding="utf-8"),
             (folder / SCRIPT_NAME).read_bytes(),
+            (folder / REVIEW_NAME).read_bytes(),
             (folder / LICENSES_NAME).read_bytes(),
         )
     except OSError as error:

@@ -20,10 +20,16 @@ from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
+from studio.capture.digest import digest_files
+from studio.errors import Message
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
-    from studio.stream import BakedGroup, StreamMetadata
+    from studio.stream import AudioEntry, BakedGroup, StreamMetadata
+
+
+SHORT_SOUND = 0.05
+"""Seconds of silence at an end of the sound that a warning tells of."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +78,9 @@ class BakeStage:
     def params(self, context: Context) -> Params:
         """Encoding settings, and the contents of the manifest."""
         return {
-            **settings_affecting(context.config, "videos", "manifest"),
+            **settings_affecting(context.config, "videos", "manifest", "sound"),
             "frames a second": float(context.footage.raw.fps),
+            **_content_of_sound(context),
         }
 
     def results(self, context: Context) -> list[Path]:
@@ -116,7 +123,8 @@ class BakeStage:
             if path.name not in (wanted if settings.stream_version == 2 else {"files"}):
                 remove(path)
         metadata = self._metadata(context, entries).to_json()
-        manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, metadata)
+        audio = self._sound(context, new, reporter)
+        manifest = write_manifest(new, entries, context.footage.calibrated.fps, settings, metadata, audio=audio)
         if settings.stream_version == 3 and (context.take.stream / "manifest.json").is_file():
             self._update(context, new)
         else:
@@ -261,6 +269,40 @@ class BakeStage:
             for message in beyond_hardware(entry, float(context.footage.raw.fps), context.config.bake.codec):
                 reporter.warn(message)
 
+    def _sound(self, context: Context, new: Path, reporter: StageReporter) -> AudioEntry | None:
+        """Encode the sound, in seconds; warns of what it lacks."""
+        from studio.stream import bake_sound
+
+        footage = context.footage.raw
+        if footage.sound is None:
+            return None
+        if context.config.bake.stream_version == 2:
+            reporter.warn(
+                Message(
+                    "bake.no_sound_in_version_2",
+                    "streams of version 2 have no sound",
+                    fix="Set bake.stream_version to 3, or capture.audio to null.",
+                    fields={"setting": "bake.stream_version"},
+                )
+            )
+            return None
+        cut = footage.sound.cut(footage.frames, footage.spec.step)
+        audio = bake_sound(cut, new)
+        for seconds, where in ((cut.missing_before, "begins"), (cut.missing_after, "ends")):
+            if seconds > SHORT_SOUND:
+                when = "after the take's beginning" if where == "begins" else "before the take's end"
+                reporter.warn(
+                    Message(
+                        "bake.short_sound",
+                        f"the sound {where} {seconds:.2f} s {when}; the rest is silent",
+                        file=footage.sound.path,
+                        value=seconds,
+                        fix="If it should not, change capture.audio_offset.",
+                        fields={"setting": "capture.audio_offset"},
+                    )
+                )
+        return audio
+
     def _metadata(self, context: Context, entries: Sequence[BakedGroup]) -> StreamMetadata:
         """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
         camera: nothing tells where the front is, and held-out cameras are chosen for other reasons."""
@@ -303,6 +345,13 @@ class BakeStage:
         for path in stream.glob("group_*"):  # of a stream of version 2
             remove(path)
         remove(new)
+
+
+def _content_of_sound(context: Context) -> Params:
+    sound = context.footage.raw.sound
+    if sound is None or context.config.bake.stream_version == 2:
+        return {}
+    return {"sound": digest_files(sound.path.parent, [sound.path])}
 
 
 class DrawnContribution:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from pipelines.config import Config
 from pipelines.stages.params import Params, settings_affecting
@@ -70,3 +73,24 @@ class TakeFootage:
         return open_footage(
             self.config.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads
         )
+
+
+def performer_over(footage: Footage, camera: str, frame: int, background: Sequence[float]) -> np.ndarray:
+    """The performer as filmed, over a background, as in the evaluation.
+
+    Args:
+        footage: with cameras.
+        camera: its name.
+        frame: number in the footage.
+        background: RGB, 0 to 1.
+
+    Returns:
+        (H, W, 3) uint8 RGB, without lens distortion, in the size of `footage.rig[camera]`.
+
+    Raises:
+        StudioError: `footage.unknown_camera`, `footage.no_such_frame`, or an unreadable image or matte.
+    """
+    alpha = footage.evaluation_matte(camera, frame)[..., None].astype(np.float32) / 255
+    color = np.array(background, np.float32) * 255
+    image = footage.image(camera, frame).astype(np.float32) * alpha + color * (1 - alpha)
+    return (image + 0.5).astype(np.uint8)

@@ -1,12 +1,31 @@
-"""marks.json: frames marked for review, each with a note."""
+"""marks.json: frames marked for review, each with a note.
+
+The window and browsers (`v3studio serve --review`) change the same file. A change concerns one frame, is made under a
+lock, and says what it replaces, so that neither loses what the other wrote.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import fcntl
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
 from studio.errors import StudioError
+
+MAX_NOTE, MAX_AUTHOR = 2000, 80
+"""Longest note and name, in characters."""
+
+MAX_MARKS = 2000
+"""Most marks of a take."""
+
+MAX_FILE_BYTES = 32_000_000
+"""Larger files are refused; `MAX_MARKS` notes of `MAX_NOTE` characters take less."""
+
+# characters that reverse the direction of the text around them
+_BIDI = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
 class Mark(Result):
@@ -17,6 +36,14 @@ class Mark(Result):
 
     note: str
 
+    author: str = ""
+    """Who wrote the note, as they gave their name in the browser; "" for marks of the window."""
+
+    @property
+    def words(self) -> str:
+        """The note, with its author where there is one."""
+        return f"{self.note} ({self.author})" if self.author else self.note
+
 
 class Marks(Result):
     """Contents of marks.json."""
@@ -24,16 +51,91 @@ class Marks(Result):
     marks: tuple[Mark, ...]
 
 
-def read_marks(path: Path) -> dict[int, str]:
-    """Notes by frame, counted from 0 in the take; empty if the file does not exist.
+def read_marks(path: Path) -> dict[int, Mark]:
+    """Marks by frame, counted from 0 in the take; empty if the file does not exist.
 
     Raises:
-        StudioError: the file is not what `write_marks` writes (`take.marks_damaged`).
+        StudioError: the file is not what this module writes (`take.marks_damaged`).
     """
+    return {mark.frame: mark for mark in _read(path).marks}
+
+
+def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None) -> dict[int, Mark]:
+    """Add, change or remove the mark of one frame; all other marks stay as they are in the file.
+
+    Args:
+        path: marks.json, which may not exist yet.
+        frame: counted from 0 in the take.
+        mark: the new mark; None removes it. Note and author are made plain (`plain_text`).
+        replaces: the frame's mark as it was when the change was begun; None for none.
+
+    Returns:
+        All marks by frame.
+
+    Raises:
+        StudioError: the frame's mark is another one by now (`take.mark_changed`), too long (`take.mark_too_long`), one
+            too many (`take.too_many_marks`), or the file is damaged (as `read_marks`) or cannot be written
+            (`take.disk_full`, `take.not_writable`).
+    """
+    if mark is not None:
+        mark = _plain(path, mark)
+    with disk_errors(path.parent), _locked(path.parent):
+        found = _read(path)
+        marks = {one.frame: one for one in found.marks}
+        if _content(marks.get(frame)) != _content(replaces):
+            raise StudioError(
+                "take.mark_changed",
+                f"the mark of frame {frame} was changed in the meantime",
+                file=path,
+                value=frame,
+                fix="Look at it, then change it again.",
+            )
+        if mark is None:
+            marks.pop(frame, None)
+        elif frame not in marks and len(marks) >= MAX_MARKS:
+            raise StudioError(
+                "take.too_many_marks", f"there are {len(marks)} marks already", file=path, fix="Remove some."
+            )
+        else:
+            marks[frame] = mark
+        write_model(path, found.model_copy(update={"marks": tuple(marks[one] for one in sorted(marks))}))
+    return marks
+
+
+def plain_text(text: str) -> str:
+    """One line without control characters and without characters that reorder the text around them."""
+    kept = (
+        one
+        for one in " ".join(text.split())
+        if one not in _BIDI and unicodedata.category(one) not in ("Cc", "Cs", "Co", "Cn")
+    )
+    return "".join(kept).strip()
+
+
+def _plain(path: Path, mark: Mark) -> Mark:
+    note, author = plain_text(mark.note), plain_text(mark.author)
+    for text, most, what in ((note, MAX_NOTE, "note"), (author, MAX_AUTHOR, "name")):
+        if len(text) > most:
+            raise StudioError(
+                "take.mark_too_long",
+                f"the {what} has {len(text)} characters, at most {most} are kept",
+                file=path,
+                fix="Shorten it.",
+            )
+    return Mark(frame=mark.frame, note=note, author=author) if author else Mark(frame=mark.frame, note=note)
+
+
+def _content(mark: Mark | None) -> tuple[str, str] | None:
+    return None if mark is None else (mark.note, mark.author)
+
+
+def _read(path: Path) -> Marks:
     if not path.is_file():
-        return {}
+        return Marks(marks=())
     try:
-        return {mark.frame: mark.note for mark in read_model(path, Marks).marks}
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise StudioError("take.damaged", f"has more than {MAX_FILE_BYTES} bytes")
+        return read_model(path, Marks)
     except StudioError as error:
         raise StudioError(
             "take.marks_damaged",
@@ -43,11 +145,11 @@ def read_marks(path: Path) -> dict[int, str]:
         ) from None
 
 
-def write_marks(path: Path, notes: Mapping[int, str]) -> None:
-    """Write notes by frame, sorted by frame.
-
-    Raises:
-        StudioError: the file cannot be written (`take.disk_full`, `take.not_writable`).
-    """
-    with disk_errors(path.parent):
-        write_model(path, Marks(marks=tuple(Mark(frame=frame, note=notes[frame]) for frame in sorted(notes))))
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Changes of marks by all processes, one after the other. The kernel releases the lock of a killed process."""
+    private = folder / ".v3studio"
+    private.mkdir(parents=True, exist_ok=True)
+    with (private / "marks.lock").open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

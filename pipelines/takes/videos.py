@@ -41,7 +41,7 @@ def trained_video(root: Path) -> SplatVideo:
         )
     capture = load_config(take.config if take.config.is_file() else None).capture
     rig = read_rig(take.rig) if take.rig.is_file() else None
-    fps = capture.fps
+    fps = None if capture.fps is None else capture.fps / capture.step
     if fps is None and (take.stream / "manifest.json").is_file():
         from studio.stream import StreamReader
 

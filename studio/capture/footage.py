@@ -14,6 +14,7 @@ from studio.capture.frame_sources import DecoderPool, FrameSource
 from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.matte_source import MatteSource, PlateMatteSource, Recolors
 from studio.capture.settings import CaptureSettings
+from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
 from studio.errors import Message, StudioError
 
@@ -47,9 +48,10 @@ class Footage:
         camera_names: all cameras, in natural order (cam2 before cam10).
         train_cameras, held_out_cameras: the cameras to train on, and those used only for evaluation.
         frames: frame numbers as in the files, after start, stop and step.
-        fps: frames per second.
+        fps: frames per second of these frames: the footage's rate divided by step.
         description: the files that were found and how they are read, one sentence per line.
         problems: problems with the set of files; empty unless the footage was opened with strict=False.
+        sound: the sound of the footage; None without `spec.audio`.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class Footage:
         cache: ByteCache,
         description: str,
         problems: tuple[Message, ...] = (),
+        sound: CaptureSound | None = None,
     ) -> None:
         self.spec = spec
         self.camera_names = tuple(sources)
@@ -75,6 +78,7 @@ class Footage:
         self.fps = fps
         self.description = description
         self.problems = problems
+        self.sound = sound
         self._sources = dict(sources)
         self._matte_source = matte_source
         self._exact_matte_source = exact_matte_source
@@ -115,6 +119,10 @@ class Footage:
         """(width, height) of the camera's stored frames in pixels."""
         source = self._source(camera)
         return source.width, source.height
+
+    def has_lens_distortion(self, camera: str) -> bool:
+        """Whether the stored frames have lens distortion, which `image` removes. False without calibration."""
+        return not self._warp(camera).source.is_pinhole
 
     def frames_of(self, camera: str) -> tuple[int, ...]:
         """All frame numbers of one camera, including those that other cameras lack."""
@@ -208,7 +216,7 @@ class Footage:
         return Footage(
             self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, matte_source,
             self._exact_matte_source, self._warps, self._pool, ByteCache(self._cache.limit), self.description,
-            self.problems,
+            self.problems, self.sound,
         )  # fmt: skip
 
     def _source(self, camera: str) -> FrameSource:

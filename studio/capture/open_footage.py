@@ -16,6 +16,7 @@ from studio.capture.lru_cache import ByteCache
 from studio.capture.mattes.choose import exact_mattes, mask_source
 from studio.capture.patterns import Match, find_files, natural_key
 from studio.capture.settings import CaptureSettings
+from studio.capture.sound import find_sound
 from studio.capture.warp import Warp, fit_size
 from studio.errors import Message, StudioError
 
@@ -71,8 +72,11 @@ def open_footage(
     frames, problems = _frames(spec, sources)
     if strict and problems:
         raise _all_of(problems)
-    fps, fps_note = _fps(spec, sources)
+    rate, fps_note = _fps(spec, sources)
+    sound = find_sound(spec, sources, rate)
     notes = [_found(spec, pattern, sources, frames), fps_note]
+    if sound is not None:
+        notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     cache = ByteCache(_cache_bytes() if spec.cache_megabytes is None else spec.cache_megabytes << 20)
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     held_out = _held_out(spec, tuple(sources))
@@ -84,8 +88,9 @@ def open_footage(
         notes.append(f"Held out: {', '.join(held_out)}.")
     description = "\n".join(note for note in notes if note)
     return Footage(
-        spec, sources, frames, held_out, fps, matte_source, exact, warps, pool, cache, description, tuple(problems)
-    )
+        spec, sources, frames, held_out, rate / spec.step, matte_source, exact, warps, pool, cache, description,
+        tuple(problems), sound,
+    )  # fmt: skip
 
 
 def _cache_bytes() -> int:

@@ -61,6 +61,17 @@ class FileSettings(Settings):
     evaluation_mattes: Annotated[str, Affects("evaluation")] = ""
     """Pattern of ground-truth mattes, if the capture has them. Used for evaluation only, never for training."""
 
+    audio: Annotated[str | None, Affects("sound")] = None
+    """Sound of the performance: an audio file (WAV or anything else that FFmpeg reads) relative to root, or the name of
+    a camera whose video has sound. null: none. It is cut to the take, and becomes part of streams of version 3 and of
+    exported movies."""
+
+    audio_offset: Annotated[
+        float, Unbounded("an offset beyond the take is refused when the sound is cut"), Affects("sound")
+    ] = 0.0
+    """Time in seconds from the footage's first frame (not that of the take, so that start does not change it) to the
+    beginning of the sound. Positive: the sound starts later; negative: its beginning is cut off."""
+
 
 class DifferenceSettings(Settings):
     """Mattes from the difference between the footage and a known background."""
@@ -143,7 +154,8 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation")] = Field(
         default=None, gt=0, lt=10_000
     )
-    """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images."""
+    """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images. The take's is this
+    divided by step."""
 
     color_matrix: Annotated[
         Literal["auto", "bt601", "bt709"],
@@ -181,7 +193,7 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     """Frame to stop before (exclusive), as numbered in the files. null: the end."""
 
     step: Annotated[int, Affects("evaluation")] = Field(default=1, ge=1)
-    """Use every step-th frame."""
+    """Use every step-th frame, and show each of them step times as long."""
 
     offsets: Annotated[
         dict[str, int],

@@ -2,6 +2,7 @@
 
 from studio.export.camera_path import CameraPath, Key, read_path_keys, turntable, write_path_keys
 from studio.export.movie import render_movie
+from studio.export.movie_sound import movie_sound
 from studio.export.rigid_motion import turned, upright
 from studio.export.sequence import axes_of, export_frame, export_sequence
 from studio.export.videogs import export_videogs
@@ -13,6 +14,7 @@ __all__ = [
     "export_frame",
     "export_sequence",
     "export_videogs",
+    "movie_sound",
     "read_path_keys",
     "render_movie",
     "turned",

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from studio.audio.encode import SoundEncoder
 from studio.cameras import Camera
 from studio.errors import StudioError
+from studio.export.movie_sound import MovieSound, movie_sound
 from studio.export.placing import new_file
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
@@ -33,6 +35,8 @@ def render_movie(
     progress: ProgressFn = no_progress,
 ) -> int:
     """Render and encode a movie. The file appears only when it is complete.
+
+    It has the video's sound if it shows the frames at their own speed, see `movie_sound`.
 
     Args:
         video: the splat video, rendered over its background.
@@ -77,7 +81,8 @@ def render_movie(
     device = preferred_device()
     background = torch.tensor(video.background, dtype=torch.float32, device=device)
     shown, gaussians = -1, None
-    with new_file(path) as temporary, _Encoder(temporary, first.width, first.height, fps, crf) as encoder:
+    sound, _ = movie_sound(video, frame, seconds, fps)
+    with new_file(path) as temporary, _Encoder(temporary, first.width, first.height, fps, crf, sound) as encoder:
         for index in range(count):
             progress(index, count)
             time = index / fps
@@ -98,18 +103,24 @@ def _picture(gaussians: Gaussians, camera: Camera, background: torch.Tensor) -> 
 class _Encoder:
     """Encodes 8-bit RGB pictures as H.264, BT.709, limited range. Use it as a context manager."""
 
-    def __init__(self, path: Path, width: int, height: int, fps: float, crf: int) -> None:
+    def __init__(
+        self, path: Path, width: int, height: int, fps: float, crf: int, sound: MovieSound | None = None
+    ) -> None:
         import av
 
         self._av = av
         self._out = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
-        stream = self._out.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001))
+        self._rate = Fraction(fps).limit_denominator(1001)
+        stream = self._out.add_stream("libx264", rate=self._rate)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         context = stream.codec_context
         context.color_range = _MPEG_RANGE
         context.colorspace = context.color_primaries = context.color_trc = _BT709
         context.options = {"crf": str(crf), "preset": "medium"}
         self._stream = stream
+        self._pictures = 0
+        self._sound = sound
+        self._audio = None if sound is None else SoundEncoder(self._out, sound.sample_rate, sound.channels)
 
     def add(self, picture: np.ndarray) -> None:
         """Encode the next picture, (H, W, 3) uint8."""
@@ -120,6 +131,9 @@ class _Encoder:
         frame.pts = None
         for packet in self._stream.encode(frame):
             self._out.mux(packet)
+        self._pictures += 1
+        if self._sound is not None and self._audio is not None:
+            self._audio.add(self._sound.until(self._pictures / self._rate))
 
     def __enter__(self) -> _Encoder:
         return self
@@ -128,4 +142,6 @@ class _Encoder:
         if kind is None:
             for packet in self._stream.encode():
                 self._out.mux(packet)
+            if self._audio is not None:
+                self._audio.close()
         self._out.close()

@@ -8,16 +8,21 @@ from studio.playback.pipeline import PlayedFrame
 from studio.playback.player import Player
 from studio.playback.rate_rule import RateRule
 from studio.playback.shared import Shared
+from studio.playback.sound_device import SoundDevice
+from studio.playback.sound_player import Output, SoundPlayer
 from studio.playback.statistics import FrameStats, PlaybackReport, SkippedGroup, Spread
 
 __all__ = [
     "FrameStats",
+    "Output",
     "PlaybackReport",
     "PlayedFrame",
     "Player",
     "RateRule",
     "Shared",
     "SkippedGroup",
+    "SoundDevice",
+    "SoundPlayer",
     "Spread",
     "play_headless",
 ]

@@ -13,8 +13,9 @@ from studio.playback.clock import Clock
 from studio.playback.follow import Follower
 from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
 from studio.playback.shared import Shared
+from studio.playback.sound_player import Output, SoundPlayer
 from studio.playback.statistics import SkippedGroup
-from studio.stream import Source, StreamReader
+from studio.stream import Source, StreamReader, StreamSound
 from studio.stream.manifest import no_such_frame
 
 
@@ -38,6 +39,11 @@ class Player:
         start_frame: index of the first frame, 0-based.
         now: returns the time in seconds; for tests.
         adaptive: whether renditions change with network and computer, see `Shared`.
+        output: where to play the stream's sound, such as a `SoundDevice`; the frames then follow the sound, at rate 1.
+            None: silent.
+
+    Attributes:
+        sound: mute, volume, and why nothing is heard; None if silent.
 
     Raises:
         StudioError: the stream cannot be opened, there is no such frame, or the rate is out of range
@@ -55,6 +61,7 @@ class Player:
         start_frame: int = 0,
         now: Callable[[], float] = time.monotonic,
         adaptive: bool | None = None,
+        output: Output | None = None,
     ) -> None:
         self._owned = not isinstance(stream, StreamReader)
         self.reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
@@ -65,10 +72,17 @@ class Player:
         self._runs = 0
         self._retired: list[Run] = []
         self._closed = False
+        self._pcm: StreamSound | None = None
+        self.sound: SoundPlayer | None = None
         self._loop = loop
         try:
             looping = loop and not self.reader.live
-            self._clock = Clock(self.reader.fps, self.reader.frame_count, looping, _checked_rate(rate), now)
+            self._pcm = self.reader.sound() if output is not None else None
+            if output is not None and self._pcm is not None:
+                self.sound = SoundPlayer(self._pcm, self.reader.frame_count / self.reader.fps, output)
+            self._clock = Clock(
+                self.reader.fps, self.reader.frame_count, looping, _checked_rate(rate), now, leader=self.sound
+            )
             self._run = self._begin(start_frame)
             self._follower = Follower(self.reader, self._shared.grown, self._shared.lost)
         except BaseException:
@@ -231,6 +245,8 @@ class Player:
             self._closed = True
             self._clock.playing = False
             runs = [*self._retired, self._run]
+            if self.sound is not None:
+                self.sound.close()
             for run in runs:
                 run.stop()
             self._shared.grown()
@@ -241,6 +257,8 @@ class Player:
             run.join()
         with self._shared.decode_lock:
             self._shared.close_decoder()
+        if self._pcm is not None:
+            self._pcm.close()
         if self._owned:
             self.reader.close()
 

@@ -7,14 +7,16 @@ from studio.lazy import lazy_exports
 if TYPE_CHECKING:
     from studio.stream.bake import bake_group, group_folder_name, write_manifest
     from studio.stream.bake_ladder import ContributionFn
+    from studio.stream.bake_sound import bake_sound
     from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
-    from studio.stream.ladder_models import BakedGroup, GroupLadder, RenditionEntry, baked_group
+    from studio.stream.ladder_models import AudioEntry, BakedGroup, GroupLadder, RenditionEntry, baked_group
     from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
     from studio.stream.manifest_models import GroupEntry
     from studio.stream.metadata import StreamMetadata
     from studio.stream.reader import StreamReader, fetch_group
     from studio.stream.search import QualityFn
     from studio.stream.settings import DEFAULT_LADDER, BakeSettings, Rung
+    from studio.stream.sound import StreamSound
     from studio.stream.source import FolderSource, Source, SourceUnavailable, is_address
 
 __all__ = [
@@ -22,6 +24,7 @@ __all__ = [
     "FORMAT",
     "MANIFEST_NAME",
     "VERSION",
+    "AudioEntry",
     "BakeSettings",
     "BakedGroup",
     "ContributionFn",
@@ -38,7 +41,9 @@ __all__ = [
     "SourceUnavailable",
     "StreamMetadata",
     "StreamReader",
+    "StreamSound",
     "bake_group",
+    "bake_sound",
     "baked_group",
     "fetch_group",
     "group_folder_name",

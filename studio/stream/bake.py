@@ -13,9 +13,9 @@ from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
 from studio.stream.bake_ladder import ContributionFn, bake_ladder
 from studio.stream.encode_group import encode_group, prepare
-from studio.stream.ladder_models import BakedGroup, GroupLadder
+from studio.stream.ladder_models import AudioEntry, BakedGroup, GroupLadder
 from studio.stream.manifest import MANIFEST_NAME, PROFILES, Codec, Manifest, seal
-from studio.stream.manifest_models import MAX_SPLATS, GroupEntry
+from studio.stream.manifest_models import MAX_SPLATS, FileEntry, GroupEntry
 from studio.stream.search import QualityFn
 from studio.stream.settings import BakeSettings
 from studio.stream.write_ladder import first_finding, replace_manifest, write_ladder
@@ -107,6 +107,7 @@ def write_manifest(
     settings: BakeSettings,
     metadata: JsonObject | None = None,
     live: bool = False,
+    audio: AudioEntry | None = None,
 ) -> Manifest:
     """Write `directory/manifest.json` for baked groups, atomically.
 
@@ -120,41 +121,52 @@ def write_manifest(
         metadata: free-form JSON values. Leave out what changes between runs, such as dates, to keep the bytes
             reproducible. `StreamMetadata.to_json` makes those that players know.
         live: version 3: further groups will follow.
+        audio: version 3: the sound, from `bake_sound`; no longer than the frames.
 
     Returns:
         The manifest, including the total size of all files; in version 3, of the best rendition.
 
     Raises:
-        StudioError: groups out of order, of another SH degree or profile, or a file is missing or has a different size.
+        StudioError: groups out of order, of another SH degree or profile, or a file is missing or has a different size,
+            or sound for version 2 (`bake.no_sound_in_version_2`).
     """
     path = directory / MANIFEST_NAME
     if not groups:
         raise StudioError("bake.no_groups", "a stream needs at least one group", file=path)
-    _check_present(directory, groups)
+    _check_present(directory, groups, audio)
     ladders = [group for group in groups if isinstance(group, GroupLadder)]
     if ladders:
         if len(ladders) < len(groups):
             raise StudioError("bake.manifest_invalid", "groups of versions 2 and 3 are mixed", file=path)
-        return write_ladder(directory, ladders, float(fps), settings, dict(metadata or {}), live)
+        return write_ladder(directory, ladders, float(fps), settings, dict(metadata or {}), live, audio)
+    if audio is not None:
+        raise StudioError(
+            "bake.no_sound_in_version_2",
+            "streams of version 2 have no sound",
+            file=path,
+            fix="Set bake.stream_version to 3.",
+            setting="bake.stream_version",
+        )
     return _write_plain(path, [group for group in groups if isinstance(group, GroupEntry)], fps, settings, metadata)
 
 
-def _check_present(directory: Path, groups: Sequence[BakedGroup]) -> None:
-    for group in groups:
-        for wanted in group.files:
-            file = directory / wanted.path
-            size = file.stat().st_size if file.is_file() else None
-            if size != wanted.bytes:
-                raise StudioError(
-                    "bake.group_changed",
-                    f"{'the file is missing' if size is None else f'the file has {size} bytes'}; "
-                    f"expected {wanted.bytes} bytes",
-                    file=file,
-                    value=size,
-                    fix=f"Bake group {group.index} again.",
-                    group=group.index,
-                    expected=wanted.bytes,
-                )
+def _check_present(directory: Path, groups: Sequence[BakedGroup], audio: AudioEntry | None) -> None:
+    files: list[tuple[FileEntry, int | None]] = [(file, group.index) for group in groups for file in group.files]
+    files += [(audio, None)] if audio is not None else []
+    for wanted, group in files:
+        file = directory / wanted.path
+        size = file.stat().st_size if file.is_file() else None
+        if size != wanted.bytes:
+            raise StudioError(
+                "bake.group_changed",
+                f"{'the file is missing' if size is None else f'the file has {size} bytes'}; "
+                f"expected {wanted.bytes} bytes",
+                file=file,
+                value=size,
+                fix="Bake the sound again." if group is None else f"Bake group {group} again.",
+                group=group,
+                expected=wanted.bytes,
+            )
 
 
 def _write_plain(

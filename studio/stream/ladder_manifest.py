@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.ladder_models import (
+    AUDIO_TOLERANCE,
     MAX_RENDITIONS,
     AudioEntry,
     FileEntry,
@@ -106,6 +107,12 @@ class LadderManifest(Model):
         if sum(counts) != self.frame_count:
             raise InconsistentError(
                 "frame_count", f"frame_count is {self.frame_count}, the groups have {sum(counts)} frames"
+            )
+        seconds = self.frame_count / self.fps
+        if self.audio is not None and self.audio.seconds > seconds + AUDIO_TOLERANCE:
+            raise InconsistentError(
+                "audio_length",
+                f"the sound ends at {self.audio.seconds:.3f} s, the frames at {seconds:.3f} s",
             )
         return self
 

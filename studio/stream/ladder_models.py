@@ -36,6 +36,11 @@ NAME_DIGITS: Final = 32
 MAX_RENDITIONS = 16
 MAX_PAGE_BYTES = 1 << 24
 MAX_PAGE_GROUPS = 4096
+MAX_AUDIO_BYTES = 1 << 28
+MAX_AUDIO_SAMPLES = 1 << 32
+
+AUDIO_TOLERANCE: Final = 0.1
+"""Seconds by which sound may be longer than the frames: a few frames of any codec."""
 
 Pruning = Literal["none", "importance", "fine-tuned"]
 RenditionId = Annotated[str, Field(pattern=r"^[a-z0-9-]{1,32}$")]
@@ -280,12 +285,24 @@ class AudioEntry(FileEntry):
     """The sound.
 
     Attributes:
-        codec: "aac" or "opus".
-        start: seconds from the first frame to the first sample; may be negative.
+        codec: AAC-LC in an MP4 file.
+        sample_rate: samples per second and channel.
+        channels: 1 or 2.
+        samples: per channel, without the encoder's delay and padding.
+        start: seconds from the first frame to the first sample.
     """
 
-    codec: Literal["aac", "opus"]
-    start: Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+    bytes: Annotated[int, Field(ge=1, le=MAX_AUDIO_BYTES)]
+    codec: Literal["aac"]
+    sample_rate: Annotated[int, Field(ge=8000, le=96_000)]
+    channels: Annotated[int, Field(ge=1, le=2)]
+    samples: Annotated[int, Field(ge=1, le=MAX_AUDIO_SAMPLES)]
+    start: Annotated[float, Field(ge=0, le=MAX_FRAMES, allow_inf_nan=False)]
+
+    @property
+    def seconds(self) -> float:
+        """From the first frame to the end of the sound."""
+        return self.start + self.samples / self.sample_rate
 
     @model_validator(mode="after")
     def _check_name(self) -> AudioEntry:

@@ -21,7 +21,7 @@ IMMUTABLE = "public, max-age=31536000, immutable"
 REVALIDATED = "no-cache"
 """Cache-Control of the manifest."""
 
-TYPES = {".json": "application/json", ".mp4": "video/mp4", ".bin": "application/octet-stream"}
+TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4", ".bin": "application/octet-stream"}
 _PARALLEL = 8
 
 

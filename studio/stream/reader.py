@@ -15,10 +15,11 @@ from studio.gaussians import Gaussians
 from studio.stream.decode import GroupDecoder, open_decoder
 from studio.stream.group_index import GroupIndex, no_such_rendition
 from studio.stream.ladder_manifest import RenditionManifest, check_growth, fixed_files, parse_ladder
-from studio.stream.ladder_models import RenditionEntry
+from studio.stream.ladder_models import AudioEntry, RenditionEntry
 from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_head, parse_manifest
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, GroupEntry
 from studio.stream.open_source import open_source
+from studio.stream.sound import StreamSound
 from studio.stream.source import BAKE_AGAIN, Source, close_source, read_files
 
 
@@ -189,6 +190,33 @@ class StreamReader:
         return self.index.ladder(number).renditions[self.index.rendition_number(rendition)]
 
     @property
+    def audio(self) -> AudioEntry | None:
+        """What the manifest says of the sound; None for silent streams, as all of versions 1 and 2."""
+        return None if self.index is None else self.index.manifest.audio
+
+    def audio_bytes(self) -> bytes:
+        """The sound's file, verified: an MP4 with one AAC track.
+
+        Raises:
+            StudioError: the stream has none (`stream.no_sound`), or the file is missing or damaged.
+        """
+        entry = self.audio
+        if entry is None:
+            raise StudioError("stream.no_sound", "the stream has no sound", file=self.source.name)
+        return checked_file(self.source, entry)
+
+    def sound(self) -> StreamSound | None:
+        """The decoded sound, for random access; the caller closes it. None for silent streams.
+
+        Raises:
+            StudioError: the file is missing, damaged or not what the manifest says.
+        """
+        entry = self.audio
+        if entry is None:
+            return None
+        return StreamSound(self.audio_bytes(), entry, f"{self.source.name}/{entry.path}")
+
+    @property
     def frame_count(self) -> int:
         """Frames in the stream."""
         return self.manifest.frame_count
@@ -239,6 +267,8 @@ class StreamReader:
                 fetch_group(self.source, group)
             return
         sizes: dict[str, int] = {}
+        if self.audio is not None:
+            checked_file(self.source, self.audio)
         for number in range(len(self.index)):
             ladder = self.index.ladder(number)
             sizes.update((file.path, file.bytes) for file in ladder.files)

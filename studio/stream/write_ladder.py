@@ -23,7 +23,7 @@ from studio.stream.ladder_manifest import (
     parse_ladder,
     seal_ladder,
 )
-from studio.stream.ladder_models import FILES, MAX_PAGE_GROUPS, GroupLadder, PageEntry, RenditionEntry
+from studio.stream.ladder_models import FILES, MAX_PAGE_GROUPS, AudioEntry, GroupLadder, PageEntry, RenditionEntry
 from studio.stream.manifest import MANIFEST_NAME, Codec, Manifest, parse_head, parse_manifest
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, invalid
 from studio.stream.settings import BakeSettings
@@ -43,6 +43,7 @@ def write_ladder(
     settings: BakeSettings,
     metadata: JsonObject,
     live: bool,
+    audio: AudioEntry | None = None,
 ) -> Manifest:
     """Write pages, then the manifest, then remove unused files. Arguments as for `bake.write_manifest`.
 
@@ -66,6 +67,7 @@ def write_ladder(
             renditions=_renditions(groups, fps),
             groups=tuple(groups[:inline]),
             pages=pages,
+            audio=audio,
             settings=settings.to_dict(),
             metadata=metadata,
             total_bytes=1,

@@ -20,8 +20,10 @@ from pipelines.config import load_config
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.marks import Mark, change_mark
 from pipelines.takes.take import Take
 from studio.errors import StudioError
+from tests.support.errors import refuses
 from tests.support.players import settle
 
 
@@ -128,21 +130,31 @@ def test_damaged_evaluation_is_a_sentence(tmp_path: Path) -> None:
 def test_marks_stay_in_the_take(tmp_path: Path) -> None:
     path = tmp_path / "marks.json"
     marks = Marks(path)
-    marks.set(4, "  hand is blurred ")
-    marks.set(1, "")
-    marks.set(9, "flicker")
-    marks.remove(1)
+    marks.set(4, "  hand is blurred ", None)
+    marks.set(1, "", None)
+    marks.set(9, "flicker", None)
+    marks.remove(1, marks.marks[1])
     again = Marks(path)
     assert again.notes == {4: "hand is blurred", 9: "flicker"}
+    change_mark(path, 2, Mark(frame=2, note="thin", author="Anna"), None)  # in a browser
+    assert again.refresh()
+    assert not again.refresh()
+    assert again.notes == {2: "thin (Anna)", 4: "hand is blurred", 9: "flicker"}
+    with refuses("take.mark_changed"):
+        again.set(2, "thin hand", None)
+    again.set(2, "thin", again.marks[2])
+    assert again.marks[2].author == "Anna"
+    assert marks.refresh()
+    again.remove(2, again.marks[2])
     assert (again.next_after(4, 1), again.next_after(4, -1), again.next_after(9, -1)) == (9, None, 4)
     path.write_text("[1, 2")
     damaged = Marks(path)
     assert damaged.notes == {}
     with pytest.raises(StudioError, match=r"marks\.json"):
-        damaged.set(1, "x")
+        damaged.set(1, "x", None)
     assert path.read_text() == "[1, 2", "left alone"
     session = Marks(None)
-    session.set(2, "kept until closed")
+    session.set(2, "kept until closed", None)
     assert not session.kept
 
 

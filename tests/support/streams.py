@@ -8,17 +8,25 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
+from studio.audio import SoundFile, cut_sound
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, StreamReader, bake_group, bake_sound, write_manifest
+from tests.support.sounds import write_wav
 
 
 def bake_numbered(
-    folder: Path, lengths: Sequence[int], fps: float, splats: int = 40, settings: BakeSettings | None = None
+    folder: Path,
+    lengths: Sequence[int],
+    fps: float,
+    splats: int = 40,
+    settings: BakeSettings | None = None,
+    sound: np.ndarray | None = None,
 ) -> Path:
     """A stream with groups of these lengths, by default of version 2. Splat 0 of frame i is at x = i, which identifies
-    the frame."""
+    the frame. With `sound`, (samples, channels) at 48 kHz, for version 3."""
     settings = settings or BakeSettings(profile="planes", qp=0, stream_version=2)
     entries, first = [], 0
     for group, length in enumerate(lengths):
@@ -31,7 +39,11 @@ def bake_numbered(
             frames.append(Gaussians(means, quats, shape, torch.zeros(splats), torch.zeros(splats, 1, 3)))
         entries.append(bake_group(frames, folder, group, first, settings))
         first += length
-    write_manifest(folder, entries, fps, settings)
+    audio = None
+    if sound is not None:
+        wav = SoundFile(write_wav(folder.with_suffix(".wav"), sound))
+        audio = bake_sound(cut_sound(wav, 0, first / fps), folder)
+    write_manifest(folder, entries, fps, settings, audio=audio)
     return folder
 
 

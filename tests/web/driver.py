@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 
 PATIENCE = 120_000  # milliseconds; the machine may be busy
-TYPES = {".html": "text/html", ".js": "text/javascript", ".json": "application/json", ".mp4": "video/mp4"}
+TYPES = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".json": "application/json",
+    ".mp4": "video/mp4",
+    ".m4a": "audio/mp4",
+}
 
 
 class Site:

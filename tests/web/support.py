@@ -13,16 +13,19 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from studio.audio import SoundFile, cut_sound
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ladder, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_ladder, write_manifest
 from studio.stream.decode_motion import MotionFrame
 from studio.stream.decode_planes import PlanesFrame
 from studio.stream.manifest_models import MotionGroup
 from studio.stream.motion_state import Side
 from studio.stream.open_source import open_source
 from studio.stream.reader import fetch_group
+from tests.support.sounds import clicks as click_sound
+from tests.support.sounds import write_wav
 from tests.support.streams import edit_manifest
 
 FPS = 25.0
@@ -91,10 +94,11 @@ def bake(
     metadata: dict[str, Any] | None = None,
     ladder: Sequence[int] = (),
     paged: bool = False,
+    clicks: Sequence[float] | None = None,
     **options: Any,
 ) -> Path:
     """Bake a stream of the figure into a folder; `ladder`: QPs of its renditions, `paged`: all groups but one in a
-    page, `options`: further settings."""
+    page, `clicks`: sound with clicks at these times, `options`: further settings."""
     rungs = tuple(Rung(qp=one) for one in ladder)
     settings = BakeSettings(profile=profile, qp=qp, preset="ultrafast", ladder=rungs, **options)  # type: ignore[arg-type]
     entries, first = [], 0
@@ -102,10 +106,16 @@ def bake(
         entries.append(bake_group(body(frames, splats + 40 * index, degree, index), folder, index, first, settings))
         first += frames
     view = {"suggested_camera": camera(0).to_dict(), "up": [0.0, -1.0, 0.0], "background": [0.0, 0.0, 0.0]}
+    audio = None
+    if clicks is not None:
+        wav = SoundFile(write_wav(folder.with_suffix(".wav"), click_sound(first / FPS, clicks)))
+        audio = bake_sound(cut_sound(wav, 0, first / FPS), folder)
     inline = write_ladder.INLINE_BYTES
     try:
         write_ladder.INLINE_BYTES = 1 if paged else inline
-        write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})})
+        write_manifest(
+            folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})}, audio=audio
+        )
     finally:
         write_ladder.INLINE_BYTES = inline
     return folder

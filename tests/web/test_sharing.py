@@ -15,10 +15,12 @@ import support
 import uvicorn
 from driver import Page, psnr
 
-from pipelines.commands.serve import build_app, find_streams, listen
 from pipelines.share import PageText, share_folder, share_single_file
 from pipelines.share.certificates import make_certificate
+from pipelines.share.listening import listen
 from pipelines.share.player_files import read_player
+from pipelines.share.served_streams import find_streams
+from pipelines.share.web_app import build_app
 
 pytestmark = pytest.mark.web
 

@@ -50,7 +50,9 @@ def main(folder: Path) -> None:
         side = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["side"]
         (folder / "motion.bin").write_bytes((stream / side["path"]).read_bytes())
         (folder / "side.json").write_text(json.dumps(support.side_arrays(stream, 0)))
-        ladder = support.bake(Path(temporary) / "ladder", lengths=(3, 2), splats=300, ladder=(20, 34), paged=True)
+        ladder = support.bake(
+            Path(temporary) / "ladder", lengths=(3, 2), splats=300, ladder=(20, 34), paged=True, clicks=[0.1]
+        )
         manifest = (ladder / "manifest.json").read_bytes()
         (folder / "ladder.json").write_bytes(manifest)
         (folder / "page.json").write_bytes((ladder / json.loads(manifest)["pages"][0]["path"]).read_bytes())

@@ -199,7 +199,7 @@ void test("a manifest of version 3 has groups in renditions and in pages", () =>
 void test("manifests of version 3 out of bounds are refused", () => {
   const [text] = ladder();
   type One = { id: string; frame_count: number; splats: number; video: { path: string; checks: { picture: number }[] } };
-  type Edit = { renditions: One[]; groups: { renditions: One[] }[]; pages: { frames: number[] }[] };
+  type Edit = { renditions: One[]; groups: { renditions: One[] }[]; pages: { frames: number[] }[]; audio: Record<string, unknown> };
   const refused = (change: (values: Edit) => void, message: RegExp): void => {
     const values = JSON.parse(text) as Edit;
     change(values);
@@ -218,6 +218,13 @@ void test("manifests of version 3 out of bounds are refused", () => {
   refused((v) => (first(v).video.checks[1].picture = 0), /picture/);
   refused((v) => (v.pages[0].frames = [3]), /frame_count/);
   refused((v) => (v.pages[0].frames = [-1]), /frames/);
+  refused((v) => (v.audio["samples"] = 48_000), /audio ends after the frames/);
+  refused((v) => (v.audio["start"] = -1), /audio\.start/);
+  refused((v) => (v.audio["start"] = 0.2), /audio ends after the frames/);
+  refused((v) => (v.audio["codec"] = "opus"), /audio\.codec/);
+  refused((v) => (v.audio["channels"] = 8), /audio\.channels/);
+  refused((v) => (v.audio["bytes"] = 2 ** 29), /audio\.bytes/);
+  refused((v) => (v.audio["path"] = `files/${"0".repeat(32)}.m4a`), /not named by/);
 });
 
 void test("CRC-32 is that of zlib, and of the luma that Python decodes", () => {

@@ -15,6 +15,7 @@ from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.sources import FrameSource
 from pipelines.stages.base import Context
+from pipelines.stages.footage import performer_over
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
@@ -230,11 +231,8 @@ def ground_truth(request: RenderRequest, width: int, height: int) -> np.ndarray:
             f"frame {request.frame} not found in the footage, which has frames 0 to {len(footage.frames) - 1}",
             frame=request.frame,
         )
-    frame = footage.frames[request.frame]
-    alpha = footage.evaluation_matte(request.camera, frame)[..., None].astype(np.float32) / 255
-    background = np.array(request.background, np.float32) * 255
-    image = footage.image(request.camera, frame).astype(np.float32) * alpha + background * (1 - alpha)
+    image = performer_over(footage, request.camera, footage.frames[request.frame], request.background)
     camera = footage.rig[request.camera]
-    pixels = request.image_zoom.picture((image + 0.5).astype(np.uint8), camera, width, height)
+    pixels = request.image_zoom.picture(image, camera, width, height)
     request.image_zoom.mask_outside(pixels, camera)
     return pixels

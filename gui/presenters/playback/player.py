@@ -16,6 +16,7 @@ from gui.presenters.playback.image_zoom import ImageZoom
 from gui.presenters.playback.orbit import OrbitCamera
 from gui.presenters.playback.rate import Rate
 from gui.presenters.playback.sources import Opened, open_path, take_contents
+from gui.presenters.playback.stream_audio import StreamAudio
 from gui.presenters.playback.stream_source import LeftOut, StreamSource
 from gui.presenters.playback.transport import Transport
 from gui.presenters.playback.viewpoint import BACKGROUNDS, Viewpoint
@@ -23,6 +24,7 @@ from gui.presenters.worker import Done, LatestWorker
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.playback import Output, SoundDevice
 
 NOTHING_TO_SHOW = "Nothing trained or baked yet. Run the stages on the left."
 
@@ -33,14 +35,22 @@ class PlayerPresenter(Viewpoint):
     Args:
         draw_function: renders Gaussians; tests replace it.
         now: a clock in seconds that never runs backwards.
+        output: makes the device that sound is played on.
 
     Attributes:
         filmed: frame numbers in the footage's files; empty if unknown.
+        audio: the sound of the open stream; None if it has none.
     """
 
-    def __init__(self, draw_function: DrawFn = draw, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        draw_function: DrawFn = draw,
+        now: Callable[[], float] = time.monotonic,
+        output: Callable[[], Output] = SoundDevice,
+    ) -> None:
         super().__init__()
         self._now = now
+        self._output = output
         self._renderer = FrameRenderer(draw_function)
         self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._renderer, "v3studio viewport")
         self._asked: RenderRequest | None = None
@@ -51,6 +61,7 @@ class PlayerPresenter(Viewpoint):
         self.transport = Transport(1, FALLBACK_FPS, now=now)
         self.picture: Picture | None = None
         self.notice = ""
+        self.audio: StreamAudio | None = None
         self._left_out: tuple[int, str] | None = None
 
     # What is open
@@ -68,6 +79,7 @@ class PlayerPresenter(Viewpoint):
         """Show the result of `load`."""
         self._close_sources()
         self.opened, self.context = opened, None
+        self._load_sound()
         self._contents = take_contents(opened.take) if opened.take else ()
         self.mode, self.camera = "single", ""
         self.what = opened.default.name if opened.default is not None else "decoded"
@@ -95,6 +107,7 @@ class PlayerPresenter(Viewpoint):
         was_empty = not self.opened.sources
         self._close_sources()
         self.opened = opened
+        self._load_sound()
         self._renderer.forget()
         self._asked = None
         if self.what not in (*opened.sources, "truth") and opened.default is not None:
@@ -117,6 +130,21 @@ class PlayerPresenter(Viewpoint):
             if self.opened.view is not None:
                 self.home = OrbitCamera.looking_through(self.opened.view, self.home.target, self.opened.up)
         self.orbit = self.home
+
+    def _load_sound(self) -> None:
+        """Begin to load the sound of the stream that was opened."""
+        volume = self.audio.volume if self.audio is not None else 1.0
+        self.audio = None
+        decoded = self.opened.sources.get("decoded") if self.opened is not None else None
+        if isinstance(decoded, StreamSource) and decoded.has_sound:
+            self.audio = StreamAudio(decoded, self._output())
+            self.audio.volume = volume
+
+    def _follow_sound(self) -> None:
+        """Let the frames follow the sound where they are those of the stream."""
+        audio, transport = self.audio, self.transport
+        fits = audio is not None and (audio.frame_count, audio.fps) == (transport.frame_count, transport.fps)
+        transport.follow(audio.player if audio is not None and fits else None)
 
     def _fit_transport(self) -> None:
         source = self.source
@@ -184,10 +212,18 @@ class PlayerPresenter(Viewpoint):
         if self.picture is not None:
             self.wipe = min(max((x - self.picture.box.x) / max(self.picture.box.width, 1), 0.0), 1.0)
 
+    def toggle_sound(self) -> None:
+        """Turn the sound off or on."""
+        if self.audio is None:
+            self.message = "What is open has no sound."
+        else:
+            self.audio.volume = 0.0 if self.audio.volume else 1.0
+
     # Pictures
 
     def poll(self) -> Picture | None:
         """Request the current frame and return a new picture if there is one. Call at each tick; never blocks."""
+        self._follow_sound()
         if self.opened is not None and self.source is not None:
             request = RenderRequest(
                 self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
@@ -265,6 +301,8 @@ class PlayerPresenter(Viewpoint):
         count = len(self.left_out)
         if count:
             parts.append(f"{count} damaged group{'s' * (count != 1)} skipped")
+        if self.audio is not None and self.audio.message:
+            parts.append(self.audio.message)
         if self.notice:
             parts.append(self.notice)
         return "   ".join(parts)
@@ -278,6 +316,9 @@ class PlayerPresenter(Viewpoint):
         return ended
 
     def _close_sources(self) -> None:
+        if self.audio is not None:
+            self.transport.follow(None)
+            self.audio.close()
         if self.opened is not None:
             for source in self.opened.sources.values():
                 source.close()

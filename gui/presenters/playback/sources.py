@@ -190,7 +190,8 @@ def _fps(take: Take, opened: Opened) -> float:
     from pipelines.config import load_config
 
     try:
-        return load_config(take.config).capture.fps or FALLBACK_FPS
+        capture = load_config(take.config).capture
+        return (capture.fps or FALLBACK_FPS) / capture.step
     except StudioError:
         return FALLBACK_FPS
 

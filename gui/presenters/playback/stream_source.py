@@ -19,7 +19,7 @@ from studio.gaussians import Gaussians
 
 if TYPE_CHECKING:
     from studio.playback import SkippedGroup
-    from studio.stream import GroupEntry, Manifest
+    from studio.stream import GroupEntry, Manifest, StreamSound
 
 RETRY_SECONDS = 10.0
 """Seconds before a damaged frame is tried again: it may have been fixed or uploaded."""
@@ -177,6 +177,15 @@ class StreamSource:
     def load_ms(self, frame: int) -> float | None:
         """See `FrameSource`."""
         return self._load_ms.get(frame)
+
+    def sound(self) -> StreamSound | None:
+        """The stream's sound, fetched now; the caller closes it. None for a silent stream. Raises StudioError."""
+        return self._reader.sound()
+
+    @property
+    def has_sound(self) -> bool:
+        """Whether the stream has sound."""
+        return self._reader.audio is not None
 
     @property
     def manifest(self) -> Manifest:

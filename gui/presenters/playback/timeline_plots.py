@@ -1,9 +1,9 @@
-"""The plots above the timeline: PSNR trained, PSNR decoded and KB per frame."""
+"""The plots above the timeline: PSNR trained, PSNR decoded, KB per frame, and the waveform of the sound."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,6 +36,26 @@ class Plot:
         """Lowest and highest value; None if there are none."""
         known = [value for value in self.values if value is not None]
         return (min(known), max(known)) if known else None
+
+
+@dataclass(frozen=True, eq=False)
+class Waveform(Plot):
+    """The sound: a row without values.
+
+    Attributes:
+        peaks: (N, 2) lowest and highest sample, -1 to 1, of N equal parts of the frames' duration.
+    """
+
+    peaks: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+
+    def columns(self, width: int) -> np.ndarray:
+        """(width, 2) lowest and highest sample under each column."""
+        edges = np.linspace(0, len(self.peaks), width + 1)
+        first = np.minimum(edges[:-1].astype(int), len(self.peaks) - 1)
+        end = np.maximum(np.ceil(edges[1:]).astype(int), first + 1)
+        low = [self.peaks[a:b, 0].min() for a, b in zip(first, end, strict=True)]
+        high = [self.peaks[a:b, 1].max() for a, b in zip(first, end, strict=True)]
+        return np.column_stack([low, high])
 
 
 def plots_of(evaluation_series: dict[str, list[float | None]], mean: str = "mean") -> tuple[Plot, ...]:
@@ -174,12 +194,24 @@ class TimelinePlots:
         for start in self.group_starts:
             if 0 < start < self.frame_count:
                 canvas.rect(self.left + timeline.span(start)[0], y, 1, height, LINE)
+        if isinstance(plot, Waveform):
+            self._waveform(canvas, plot, y, height)
+            return
         if plot.range is None:
             canvas.text(self.left + 8, y + height / 2 - size * 0.62, "not evaluated yet", size, FAINT)
             return
         for index, value in enumerate(plot.values[: self.frame_count]):
             if value is not None:
                 self._bar(canvas, timeline, plot, index, value, y, height, _dimmed(plot.color))
+
+    def _waveform(self, canvas: Canvas, plot: Waveform, y: int, height: int) -> None:
+        if not len(plot.peaks):
+            return
+        middle, half = y + height / 2, (height - 2) / 2
+        loudest = max(float(np.abs(plot.peaks).max()), 1e-3)  # fills the row, so that a quiet take is seen too
+        for column, (low, high) in enumerate(plot.columns(self.timeline.width) / loudest):
+            top, bottom = middle - high * half, middle - low * half
+            canvas.rect(self.left + column, top, 1, max(bottom - top, 1), _dimmed(plot.color))
 
 
 def _dimmed(color: RGB) -> RGB:

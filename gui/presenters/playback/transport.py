@@ -1,9 +1,11 @@
-"""Transport: play, pause, step and seek. The current frame follows the clock, not the drawing rate."""
+"""Transport: play, pause, step and seek. The current frame follows the sound or the clock, not the drawing rate."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+
+from studio.playback.clock import Leader
 
 
 class Transport:
@@ -34,6 +36,8 @@ class Transport:
         self._speed = 1.0
         self._anchor_time = now()
         self._anchor_frame = 0
+        self._leader: Leader | None = None
+        self._led: int | None = None  # the leader's last frame; None while it does not lead
 
     @property
     def last(self) -> int:
@@ -46,6 +50,7 @@ class Transport:
         if self._playing and not self.loop and self._elapsed_frame() > self.last:
             self._anchor(self.last)
             self._playing = False
+            self._lead()
         return self._playing
 
     @property
@@ -67,8 +72,37 @@ class Transport:
             raise ValueError(f"speed must be above 0, got {value}")
         self._anchor(self.frame)
         self._speed = value
+        self._lead()
+
+    def follow(self, leader: Leader | None) -> None:
+        """Follow a sound while playing at speed 1 (None: the clock again)."""
+        if leader is self._leader:
+            return
+        self._anchor(self.frame)
+        if self._leader is not None:
+            self._leader.stop()
+        self._leader, self._led = leader, None
+        self._lead()
+
+    def _lead(self) -> None:
+        """Start or stop the leader; called after every change."""
+        self._led = None
+        if self._leader is None:
+            return
+        if self._playing and self._speed == 1:
+            self._led = self._anchor_frame
+            self._leader.play(self._anchor_frame / self.fps, self.loop)
+        else:
+            self._leader.stop()
 
     def _elapsed_frame(self) -> int:
+        if self._leader is not None and self._led is not None:
+            seconds = self._leader.position()
+            if seconds is not None:
+                self._led = int(seconds * self.fps + 1e-6)
+                return self._led
+            self._anchor(self._led % self.frame_count)  # it cannot play: continue by the clock
+            self._led = None
         elapsed = self._now() - self._anchor_time
         # The small term keeps a time exactly at a frame's start from rounding down to the previous frame.
         return self._anchor_frame + int(elapsed * self.fps * self._speed + 1e-6)
@@ -82,17 +116,20 @@ class Transport:
         frame = self.frame
         self.frame_count, self.group_starts, self.fps = max(frame_count, 1), tuple(group_starts) or (0,), fps
         self._anchor(frame)
+        self._lead()
 
     def play(self) -> None:
         """Play from the current frame, or from the beginning if the end was reached."""
         if not self.playing:
             self._anchor(0 if self._anchor_frame >= self.last else self._anchor_frame)
             self._playing = True
+            self._lead()
 
     def pause(self) -> None:
         """Pause at the current frame."""
         self._anchor(self.frame)
         self._playing = False
+        self._lead()
 
     def toggle(self) -> None:
         """Play if paused, pause if playing."""
@@ -105,10 +142,12 @@ class Transport:
         """Whether playback restarts after the last frame."""
         self._anchor(self.frame)
         self.loop = loop
+        self._lead()
 
     def seek(self, frame: int) -> None:
         """Go to a frame, clamped to the range; playback continues from there."""
         self._anchor(frame)
+        self._lead()
 
     def step(self, frames: int) -> None:
         """Pause and move by a number of frames, clamped to the range."""

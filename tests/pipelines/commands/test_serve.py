@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import http.client
 import json
 import os
 import shutil
@@ -14,21 +13,19 @@ import threading
 import time
 import urllib.parse
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
-from starlette.applications import Starlette
 
-from pipelines.commands.serve import build_app, find_streams, listen
 from pipelines.share.player_files import PlayerFiles
+from pipelines.share.served_streams import find_streams
+from pipelines.share.web_app import build_app
 from studio.playback import play_headless
 from studio.stream import BakeSettings
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, group_files
+from tests.support.web_servers import ask, running
 
 LENGTHS = (5,) * 8
 
@@ -51,39 +48,8 @@ def port(stream: Path):
     (stream / ".hidden").write_text("secret")
     (stream / "out.txt").symlink_to(stream.parent / "secret.txt")
     (stream / "up").symlink_to(stream.parent)
-    with listen("127.0.0.1", 0) as sock:
-        server = uvicorn.Server(uvicorn.Config(build_app(find_streams(str(stream))), log_level="error", lifespan="off"))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
-        thread.start()
-        yield sock.getsockname()[1]
-        server.should_exit = True
-        thread.join(10)
-
-
-@contextmanager
-def running(app: Starlette) -> Iterator[int]:
-    """A server in this process; its port."""
-    with listen("127.0.0.1", 0) as sock:
-        server = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off"))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
-        thread.start()
-        try:
-            yield sock.getsockname()[1]
-        finally:
-            server.should_exit = True
-            thread.join(10)
-
-
-def ask(port: int, path: str, method: str = "GET", **headers: str) -> tuple[int, dict[str, str], bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-    connection.putrequest(method, path, skip_accept_encoding=True)
-    for name, value in headers.items():
-        connection.putheader(name.replace("_", "-"), value)
-    connection.endheaders()
-    answer = connection.getresponse()
-    body = answer.read()
-    connection.close()
-    return answer.status, {name.lower(): value for name, value in answer.getheaders()}, body
+    with running(build_app(find_streams(str(stream)))) as port:
+        yield port
 
 
 def test_files_with_their_types_and_lengths(port, stream):
@@ -207,23 +173,17 @@ def test_of_several_each_has_its_own_path(stream, tmp_path):
     for name in ("a", "b"):
         shutil.copytree(stream, tmp_path / name, symlinks=True)
     (tmp_path / "secret.txt").write_text("secret")
-    with listen("127.0.0.1", 0) as sock:
-        app = build_app(find_streams(str(tmp_path)))
-        server = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off"))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
-        thread.start()
-        port = sock.getsockname()[1]
+    with running(build_app(find_streams(str(tmp_path)))) as port:
         assert ask(port, "/b/manifest.json")[2] == (stream / "manifest.json").read_bytes()
         assert ask(port, "/secret.txt")[0] == 404
         assert ask(port, "/")[2].decode().count("manifest.json") == 2
-        server.should_exit = True
-        thread.join(10)
 
 
 PLAYER = PlayerFiles(
     "<title>V3 Player</title><!-- v3:head --><!-- v3:player -->old<!-- /v3:player -->"
     '<script type="module" src="v3-player.js"></script>',
     b"export {};",
+    b"review();",
     b"licenses",
 )
 BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"

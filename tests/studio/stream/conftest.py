@@ -1,6 +1,6 @@
 """Fixtures: small moving splat sets and baked streams."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +8,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from studio.audio import SoundFile, cut_sound
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, Rung, bake_group, write_manifest
-from tests.support import streams
+from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
+from tests.support import sounds, streams
 
 MakeFrames = Callable[..., list[Gaussians]]
 
@@ -75,22 +76,38 @@ LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0))
 
 @pytest.fixture
 def make_ladder(tmp_path: Path) -> Callable[..., Path]:
-    """`make_ladder(lengths, ...)`: a stream of version 3 with groups of these lengths and three renditions."""
+    """`make_ladder(lengths, ...)`: a stream of version 3 in `tmp_path`, as `write_stream` makes."""
 
-    def make(
-        lengths: tuple[int, ...] = (4, 3), splats: int = 120, degree: int = 1, name: str = "stream", **settings: Any
-    ) -> Path:
-        chosen = BakeSettings(**{"stream_version": 3, "ladder": LADDER, "preset": "ultrafast", **settings})
-        folder, entries, first = tmp_path / name, [], 0
-        for g, length in enumerate(lengths):
-            frames = _turning_bodies(first + length, splats, degree)[first:]
-            share = lambda: torch.arange(splats).numpy().astype(float)  # noqa: E731
-            entries.append(bake_group(frames, folder, g, first, chosen, fps=25.0, contribution=share))
-            first += length
-        write_manifest(folder, entries, 25.0, chosen, {"title": "test"})
-        return folder
+    def make(lengths: tuple[int, ...] = (4, 3), name: str = "stream", **more: Any) -> Path:
+        return write_stream(tmp_path / name, lengths, **more)
 
     return make
+
+
+def write_stream(
+    folder: Path,
+    lengths: tuple[int, ...] = (4, 3),
+    splats: int = 120,
+    degree: int = 1,
+    clicks: Sequence[float] | None = None,
+    **settings: Any,
+) -> Path:
+    """A stream of version 3 with groups of these lengths and three renditions; with `clicks`, with sound that has
+    clicks at these times."""
+    chosen = BakeSettings(**{"stream_version": 3, "ladder": LADDER, "preset": "ultrafast", **settings})
+    entries, first = [], 0
+    for g, length in enumerate(lengths):
+        frames = _turning_bodies(first + length, splats, degree)[first:]
+        share = lambda: torch.arange(splats).numpy().astype(float)  # noqa: E731
+        entries.append(bake_group(frames, folder, g, first, chosen, fps=25.0, contribution=share))
+        first += length
+    audio = None
+    if clicks is not None:
+        seconds = first / 25
+        wav = sounds.write_wav(folder.with_suffix(".wav"), sounds.clicks(seconds, clicks, channels=2))
+        audio = bake_sound(cut_sound(SoundFile(wav), 0, seconds), folder)
+    write_manifest(folder, entries, 25.0, chosen, {"title": "test"}, audio=audio)
+    return folder
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """Damaged streams of version 3: a clear error or frames, in bounded memory, whatever is wrong."""
 
 import json
+import shutil
 import zlib
 
 import pytest
@@ -11,17 +12,25 @@ from studio.errors import StudioError
 from studio.stream import StreamReader, write_ladder
 from studio.stream.ladder_manifest import parse_ladder
 from studio.stream.sidefile import deflate
+from tests.studio.stream.conftest import write_stream
 from tests.support.errors import refuses
 from tests.support.streams import put_file, set_at, write_sealed
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
+@pytest.fixture(scope="module")
+def intact(tmp_path_factory):
+    """Three groups, two of them in a page, and sound."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(write_ladder, "INLINE_BYTES", 1)
+        return write_stream(tmp_path_factory.mktemp("intact") / "stream", (3, 2, 2), splats=80, clicks=[0.1])
+
+
 @pytest.fixture
-def stream(make_ladder, monkeypatch):
-    """Three groups, two of them in a page."""
-    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
-    return make_ladder((3, 2, 2), splats=80)
+def stream(intact, tmp_path):
+    """A copy, to damage."""
+    return shutil.copytree(intact, tmp_path / "stream")
 
 
 def nested(depth):
@@ -82,7 +91,18 @@ DAMAGE = {
     "metadata without end": (set_at(("metadata", "x"), nested(17)), ("metadata", "free_form")),
     "two megabytes of metadata": (set_at(("metadata", "x"), "y" * (2 << 20)), ("metadata", "free_form")),
     "settings without end": (set_at(("settings", "x"), nested(40)), ("settings", "free_form")),
-    "sound without a codec": (set_at(("audio",), {"path": "files/a.m4a"}), ("audio.bytes", "missing")),
+    "sound without a size": (set_at(("audio",), {"path": "files/a.m4a"}), ("audio.bytes", "missing")),
+    "sound of another codec": (set_at(("audio", "codec"), "mp3"), ("audio.codec", "literal_error")),
+    "sound before the frames": (set_at(("audio", "start"), -0.5), ("audio.start", "greater_than_equal")),
+    "sound longer than the frames": (set_at(("audio", "samples"), 48_000), ("", "audio_length")),
+    "sound that starts late": (set_at(("audio", "start"), 0.15), ("", "audio_length")),
+    "sound without samples": (set_at(("audio", "samples"), 0), ("audio.samples", "greater_than_equal")),
+    "sound of 50 channels": (set_at(("audio", "channels"), 50), ("audio.channels", "less_than_equal")),
+    "sound of a gigabyte": (set_at(("audio", "bytes"), 1 << 30), ("audio.bytes", "less_than_equal")),
+    "sound that is not named by its content": (
+        set_at(("audio", "path"), f"files/{'0' * 32}.m4a"),
+        ("audio", "path_not_hash"),
+    ),
 }
 
 
@@ -191,10 +211,43 @@ def test_any_manifest_gives_frames_or_a_clear_error(stream, data):
             parse_ladder(path.read_bytes(), "m")
             with StreamReader.open(stream) as reader:
                 reader.gaussians(0)
+                read_sound(reader)
         except StudioError as error:
             assert len(str(error)) < 1000  # noqa: PT017
     finally:
         path.write_bytes(kept)
+
+
+def read_sound(reader):
+    """Decode the sound from its middle and from its start."""
+    sound = reader.sound()
+    if sound is not None:
+        try:
+            sound.read(sound.samples // 2, 2000)
+            sound.read(0, 2000)
+        finally:
+            sound.close()
+
+
+@given(st.data())
+@QUICK
+def test_any_sound_file_gives_samples_or_a_clear_error(stream, data):
+    """Mutated under a name and checksum that fit, so that the mutation reaches the demuxer and the decoder."""
+    kept = (stream / "manifest.json").read_bytes()
+    try:
+        values = json.loads(kept)
+        content = bytearray((stream / values["audio"]["path"]).read_bytes())
+        for _ in range(data.draw(st.integers(1, 4))):
+            content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+        put_file(stream, values["audio"], bytes(content[: data.draw(st.integers(1, len(content)))]))
+        write_sealed(stream / "manifest.json", values)
+        with StreamReader.open(stream) as reader:
+            try:
+                read_sound(reader)
+            except StudioError as error:
+                assert error.code in ("stream.sound_damaged", "stream.wrong_sound")  # noqa: PT017
+    finally:
+        (stream / "manifest.json").write_bytes(kept)
 
 
 @given(st.data())

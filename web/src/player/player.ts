@@ -12,13 +12,14 @@ import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { Resolution } from "./resolution.ts";
+import { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
 import { VideoReader } from "./video_reader.ts";
 import workerSource from "worker-source";
 
 /** Relative change of the view that triggers another sort. */
 const SORT_AGAIN = 1e-3;
-/** Milliseconds to wait for a frame before the clock stops, and before the stall is reported. */
+/** Milliseconds to wait for a frame before the clock stops, and before the stall is reported and the sound stops, too. */
 const GRACE = 120;
 const TELL = 500;
 /** Milliseconds without a change after which the picture is drawn at full resolution. */
@@ -46,6 +47,8 @@ export interface PlayerEvents {
   waiting: boolean;
   view: View;
   fetched: { readonly groups: readonly number[] };
+  /** Sound was loaded, muted, or blocked by the browser; see `Player.sound`. */
+  sound: undefined;
   /** A message for the viewer; playback continues. */
   notice: string;
   /** Nothing can be played. */
@@ -70,6 +73,14 @@ export class Player {
   canvas: HTMLCanvasElement;
   /** Why WebGPU is not used; null if it is, or was not asked for. */
   withoutWebGPU: string | null = null;
+  readonly sound = new Sound({
+    changed: () => {
+      this.emit("sound", undefined);
+    },
+    notice: (message) => {
+      this.emit("notice", message);
+    },
+  });
   info: StreamInfo | null = null;
   path: DecodePath | null = null;
   bandwidth = 0;
@@ -147,6 +158,7 @@ export class Player {
     document.addEventListener("visibilitychange", () => {
       // Hidden pages get no animation frames; the clock must not advance in the meantime.
       this.lastTick = this.drawBegan = this.lastShownAt = null;
+      this.sound.halt();
       this.resolution.forget();
     }, { signal });
     this.resizing = new ResizeObserver(() => {
@@ -227,6 +239,7 @@ export class Player {
     this.position = 0;
     this.leftOut.clear();
     this.fetchedGroups = [];
+    this.sound.clear();
     const url = new URL(address, document.baseURI).href;
     const open = (): void => {
       if (this.renderer === null) return; // there is none, which was reported
@@ -248,12 +261,15 @@ export class Player {
     if (info !== null && !this.loop_ && this.nextPlayable(info) === null) this.seekFrame(0);
     this.playing_ = true;
     this.lastTick = null;
+    // Within the viewer's input, if it is one: some browsers start sound only then.
+    if (info !== null && this.shown !== null && this.requested?.seek !== true) this.sound.follow(this.position / info.fps, this.speed_);
     this.emit("play", undefined);
   }
 
   pause(): void {
     if (!this.playing_) return;
     this.playing_ = false;
+    this.sound.halt();
     if (this.shown !== null && this.requested?.seek !== true) this.position = this.shown.frame;
     this.emit("pause", undefined);
   }
@@ -315,6 +331,7 @@ export class Player {
     const target = this.playable(inside);
     if (target === null) return;
     this.position = target;
+    this.sound.halt();
     if (this.ready !== null) this.recycle(this.ready);
     this.ready = null;
     this.request(target, true);
@@ -396,6 +413,7 @@ export class Player {
     this.resizing.disconnect();
     this.worker.terminate();
     this.videos.dispose();
+    this.sound.dispose();
     this.renderer?.dispose();
     this.handlers.clear();
   }
@@ -407,6 +425,7 @@ export class Player {
   private fail(message: string): void {
     this.failed = true;
     this.playing_ = false;
+    this.sound.halt();
     this.emit("failed", message);
   }
 
@@ -451,6 +470,9 @@ export class Player {
         break;
       case "path":
         this.path = message.path;
+        break;
+      case "sound":
+        this.sound.load(message.file, message.start, message.length);
         break;
       default:
         this.videos.receive(message);
@@ -621,7 +643,9 @@ export class Player {
     if (this.requested !== null && performance.now() - this.requested.at > TELL) this.setWaiting(true);
     if (!this.playing_ || this.shown === null || this.requested?.seek === true || info.frameCount === 1) return;
     const before = this.position;
-    this.position += (elapsed / 1000) * info.fps * this.speed_;
+    // The sound leads where there is some.
+    const heard = this.sound.follow(this.position / info.fps, this.speed_);
+    this.position = heard === null ? this.position + (elapsed / 1000) * info.fps * this.speed_ : heard * info.fps;
     const next = this.ready?.frame ?? this.requested?.frame ?? null;
     if (next !== null) {
       // Frame numbers continue past the end if the next frame is in the next loop.
@@ -631,10 +655,12 @@ export class Player {
         const picture = this.ready;
         this.ready = null;
         this.position -= lap;
+        if (lap > 0) this.sound.halt(); // it starts over with the frames
         this.show(picture, now, this.readyAxis);
         if (lap > 0) this.emit("looped", undefined);
-      } else if (due && this.requested !== null && performance.now() - this.requested.at > GRACE) {
-        // The frame is late; the clock waits for it.
+      } else if (due && this.requested !== null && performance.now() - this.requested.at > (heard === null ? GRACE : TELL)) {
+        // The frame is late; the clock and the sound wait for it.
+        this.sound.halt();
         this.position = Math.max(before, next + lap);
       }
     }

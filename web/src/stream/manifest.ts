@@ -26,6 +26,10 @@ export const HASHED = /^files\/([0-9a-f]{32})\.[a-z0-9]{1,8}$/;
 const MAX_RENDITIONS = 16;
 const MAX_PAGE_BYTES = 1 << 24;
 const MAX_PAGE_GROUPS = 4096;
+const MAX_AUDIO_BYTES = 2 ** 28;
+const MAX_AUDIO_SAMPLES = 2 ** 32;
+/** Seconds by which sound may be longer than the frames. */
+const AUDIO_TOLERANCE = 0.1;
 const RENDITION = /^[a-z0-9-]{1,32}$/;
 const SHA256 = /^[0-9a-f]{64}$/;
 
@@ -57,6 +61,14 @@ export interface LumaCheck {
 export interface VideoEntry extends FileEntry {
   /** Empty in versions 1 and 2. */
   readonly checks: readonly LumaCheck[];
+}
+
+/** The sound: AAC in an MP4 file. */
+export interface AudioEntry extends FileEntry {
+  /** Seconds from the first frame to the first sample. */
+  readonly start: number;
+  /** Seconds of sound. */
+  readonly length: number;
 }
 
 /** A group's frames. */
@@ -164,6 +176,7 @@ export interface Manifest {
   readonly groups: readonly (readonly Group[])[];
   /** Where the other groups are. */
   readonly pages: readonly PageEntry[];
+  readonly audio: AudioEntry | null;
   readonly totalBytes: number;
   readonly sha256: string;
   /** Metadata for players; each value only if it is present and well-formed. */
@@ -222,6 +235,10 @@ class Reader {
     const found = choices.find((choice) => choice === value);
     if (found === undefined) throw wrong(this.at(key), `must be ${choices.join(" or ")}`, value);
     return found;
+  }
+
+  has(key: string): boolean {
+    return this.values[key] !== undefined && this.values[key] !== null;
   }
 
   object(key: string): Reader {
@@ -415,7 +432,7 @@ function readCamera(metadata: Values): Camera | null {
 }
 
 type Profile = "motion" | "planes";
-type Content = Pick<Manifest, "frameCount" | "shDegree" | "renditions" | "spans" | "groups" | "pages" | "totalBytes">;
+type Content = Pick<Manifest, "frameCount" | "shDegree" | "renditions" | "spans" | "groups" | "pages" | "audio" | "totalBytes">;
 
 /** One group in one rendition, of any version. */
 function readGroup(
@@ -474,6 +491,7 @@ function readGroups(root: Reader, profile: Profile, version: number, bytes: numb
     spans: groups,
     groups: groups.map((group) => [group]),
     pages: [],
+    audio: null,
     totalBytes: root.integer("total_bytes", files + bytes, files + bytes),
   };
 }
@@ -506,8 +524,22 @@ function readRenditions(
   });
 }
 
+function readAudio(root: Reader, seconds: number): AudioEntry | null {
+  if (!root.has("audio")) return null;
+  const entry = root.object("audio");
+  const file = { ...entry.file(null), bytes: entry.integer("bytes", 1, MAX_AUDIO_BYTES) };
+  checkHashed(file, "audio");
+  entry.oneOf("codec", ["aac"]);
+  entry.integer("channels", 1, 2);
+  const length = entry.integer("samples", 1, MAX_AUDIO_SAMPLES) / entry.integer("sample_rate", 8000, 96_000);
+  const start = entry.number("start", 0, MAX_FRAMES);
+  if (start + length > seconds + AUDIO_TOLERANCE)
+    throw wrong("audio", `ends after the frames, which end at ${seconds.toFixed(3)} s`, start + length);
+  return { ...file, start, length };
+}
+
 /** What version 3 has instead of the groups of version 2. */
-function readLadder(root: Reader, profile: Profile, bytes: number): Content {
+function readLadder(root: Reader, profile: Profile, bytes: number, fps: number): Content {
   const renditions = root.list("renditions", 1, MAX_RENDITIONS).map(
     (entry): Rendition => ({
       id: entry.text("id", RENDITION),
@@ -544,17 +576,21 @@ function readLadder(root: Reader, profile: Profile, bytes: number): Content {
   });
   const files = new Map<string, number>();
   for (const group of groups) for (const { files: own } of group) for (const file of own) files.set(file.path, file.bytes);
+  const frameCount = root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES));
+  const audio = readAudio(root, frameCount / fps);
+  if (audio !== null) files.set(audio.path, audio.bytes);
   let total = bytes;
   for (const size of files.values()) total += size;
   const least = pages.length > 0 ? 1 : total;
   return {
-    frameCount: root.integer("frame_count", frame, Math.min(frame, MAX_FRAMES)),
+    frameCount,
     shDegree: renditions[0].shDegree,
     renditions,
     spans,
     groups,
     pages,
-    // Sound, which is not played here, and pages are files of their own.
+    audio,
+    // Pages are files of their own.
     totalBytes: root.integer("total_bytes", least, Number.MAX_SAFE_INTEGER),
   };
 }
@@ -611,9 +647,9 @@ export function parseManifest(text: string, bytes: number): Manifest {
   const codec = codecValues.oneOf("name", profile === "motion" ? ["h264", "hevc", "av1"] : ["h264"]);
   codecValues.oneOf("pixel_format", ["yuv420p"]);
   codecValues.oneOf("color_range", ["full"]);
-  const content = version < 3 ? readGroups(root, profile, version, bytes) : readLadder(root, profile, bytes);
   const fps = root.number("fps", 0, 1000);
   if (!(fps > 0)) throw wrong("fps", "must be above 0", fps);
+  const content = version < 3 ? readGroups(root, profile, version, bytes) : readLadder(root, profile, bytes, fps);
   const metadata = (typeof values["metadata"] === "object" && values["metadata"] !== null ? values["metadata"] : {}) as Values;
   const extras = new Reader(metadata, "metadata");
   const background = optional(() => extras.vector("background"));

@@ -32,6 +32,8 @@ export interface PlayerState {
   readonly frameCount: number;
   readonly speed: number;
   readonly loop: boolean;
+  /** Whether sound is off; null if the stream has none. */
+  readonly muted: boolean | null;
   readonly view: View | null;
 }
 
@@ -149,6 +151,11 @@ export class V3PlayerElement extends HTMLElement {
     this.check("speed", String(this.player.speed));
   }
 
+  /** Turns the sound off or on. Browsers may refuse to turn it on before the viewer has touched the page. */
+  setMuted(muted: boolean): void {
+    if (this.player !== null) this.player.sound.muted = muted;
+  }
+
   get state(): PlayerState {
     const { player } = this;
     return {
@@ -160,6 +167,7 @@ export class V3PlayerElement extends HTMLElement {
       frameCount: player?.info?.frameCount ?? 0,
       speed: player?.speed ?? 1,
       loop: player?.loop ?? false,
+      muted: player?.info?.hasSound === true ? player.sound.muted : null,
       view: !player?.info ? null : player.view,
     };
   }
@@ -294,6 +302,9 @@ export class V3PlayerElement extends HTMLElement {
     player.on("looped", () => {
       this.tell("looped");
     });
+    player.on("sound", () => {
+      this.showSound(player);
+    });
     player.on("notice", (message) => {
       this.timeline?.updateBuffered();
       this.notice(message);
@@ -339,6 +350,7 @@ export class V3PlayerElement extends HTMLElement {
     if (act === "start" && (event as MouseEvent).detail === 0) this.play();
     if (act === "help") this.toggleHelp();
     if (act === "play") this.togglePlay();
+    if (act === "sound") this.toggleSound();
     if (act === "reset") this.motion?.reset();
     if (act === "settings") this.toggleSettings();
     if (act === "info") this.toggleInfo();
@@ -404,6 +416,9 @@ export class V3PlayerElement extends HTMLElement {
       i: () => {
         this.toggleInfo();
       },
+      m: () => {
+        this.toggleSound();
+      },
       c: () => {
         if (this.hasAttribute("page")) void this.copyLink();
       },
@@ -441,10 +456,36 @@ export class V3PlayerElement extends HTMLElement {
     else this.classList.add("idle");
   }
 
+  /** By the viewer, whose input also allows sound. */
   private togglePlay(): void {
-    if (this.player?.playing === true) this.pause();
-    else this.play();
+    if (this.player?.playing === true) {
+      this.pause();
+      return;
+    }
+    if (this.player?.sound.blocked === true) this.player.sound.muted = false;
+    this.play();
   }
+
+  private toggleSound(): void {
+    const { player } = this;
+    if (player?.sound.present === true) player.sound.muted = !player.sound.muted;
+  }
+
+  private showSound(player: Player): void {
+    const { sound } = player;
+    const button = this.part_<HTMLElement>("[data-act='sound']");
+    button.hidden = !sound.present;
+    button.innerHTML = sound.muted ? ICONS.silent : ICONS.sound;
+    button.title = sound.muted ? "Turn sound on" : "Turn sound off";
+    button.setAttribute("aria-label", button.title);
+    if (sound.blocked && !this.toldOfSound) {
+      this.toldOfSound = true;
+      this.notice("The browser starts without sound. Turn it on with the button below.");
+    }
+    this.tell("sound", { muted: sound.muted, volume: sound.volume });
+  }
+
+  private toldOfSound = false;
 
   private showPlaying(playing: boolean): void {
     const button = this.part_<HTMLElement>(".bar [data-act='play']");

@@ -9,7 +9,7 @@ import { isBackground } from "./template.ts";
 import type { V3PlayerElement } from "./element.ts";
 
 const VERSION = 1;
-const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "notice", "error"];
+const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "sound", "notice", "error"];
 
 /** A view as in links, or an object of which parts can be missing; null if it is malformed. */
 function readView(value: unknown): PartialView | null {
@@ -43,6 +43,7 @@ export function listen(element: V3PlayerElement): void {
     else if (command === "pause") element.pause();
     else if (command === "seek" && typeof value === "number" && Number.isFinite(value)) element.seek(value);
     else if (command === "setSpeed" && typeof value === "number" && Number.isFinite(value)) element.setSpeed(value);
+    else if (command === "setMuted" && typeof value === "boolean") element.setMuted(value);
     else if (command === "setView") {
       const view = readView(value);
       if (view !== null) element.setView(view);

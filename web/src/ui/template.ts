@@ -40,6 +40,7 @@ const HELP: readonly (readonly [string, string])[] = [
   ["Back, forward 1 s", key("J L")],
   ["Previous, next frame", key(", .")],
   ["Slower, faster", key("&lt; &gt;")],
+  ["Sound", key("M")],
   ["Background", key("B")],
   ["Full screen", key("F")],
   ["Statistics", key("I")],
@@ -64,6 +65,7 @@ export const TEMPLATE = `
   <div class="buttons">
     ${button("play", "Play", ICONS.play)}
     <div class="time"><b class="now">0:00.0</b> <span class="total"></span></div>
+    ${button("sound", "Turn sound off", ICONS.sound, "hidden")}
     <div class="gap"></div>
     ${button("reset", "Reset view", ICONS.reset)}
     ${button("link", "Copy link to this view", ICONS.link, 'class="wide" hidden')}

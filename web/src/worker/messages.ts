@@ -74,6 +74,7 @@ export interface StreamInfo {
   readonly up: Vector | null;
   readonly background: Vector | null;
   readonly title: string | null;
+  readonly hasSound: boolean;
   /** Whether SHA-256 checksums of files are verified; browsers support that only on secure pages. */
   readonly checksums: boolean;
 }
@@ -140,6 +141,8 @@ export type FromWorker =
   /** A group that cannot be played and is skipped. */
   | { readonly type: "left-out"; readonly group: number; readonly message: string }
   | { readonly type: "fetched"; readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number; readonly cached: number }
+  /** The sound's file; `start` and `length` in seconds. */
+  | { readonly type: "sound"; readonly file: Blob; readonly start: number; readonly length: number }
   /** Nothing can be played. */
   | { readonly type: "failed"; readonly message: string }
   | { readonly type: "path"; readonly path: DecodePath }

@@ -71,6 +71,8 @@ export class Session {
   private readonly told = new Set<number>();
   private manifest: Manifest | null = null;
   private store: GroupStore | null = null;
+  private source: Source | null = null;
+  private soundWanted = true;
   private path: DecodePath;
   private readonly mayChangePath: boolean;
   private loop: boolean;
@@ -117,6 +119,7 @@ export class Session {
       if (!videoMayBeExact(manifest)) throw new StreamError(needsWebCodecs(manifest));
     }
     this.manifest = manifest;
+    this.source = source;
     const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
     const choice = {
@@ -149,6 +152,7 @@ export class Session {
       up: manifest.up,
       background: manifest.background,
       title: manifest.title,
+      hasSound: manifest.audio !== null,
       checksums: digest !== null,
     };
     this.post({ type: "opened", info });
@@ -307,6 +311,23 @@ export class Session {
     if (picture.escapes !== null) transfer.push(picture.escapes.buffer);
     if (setup !== null && setup.statics !== null) transfer.push(setup.statics.buffer);
     this.post({ type: "picture", picture }, transfer);
+    if (this.soundWanted) void this.bringSound();
+  }
+
+  /** Fetches the sound, once the first picture is there. */
+  private async bringSound(): Promise<void> {
+    this.soundWanted = false;
+    const { audio } = this.manifest!;
+    if (audio === null) return;
+    try {
+      const data = await this.source!.read(audio.path, audio.bytes, this.closing.signal);
+      const digest = await sha256(data);
+      if (digest !== null && digest !== audio.sha256) throw new StreamError(`${audio.path} is damaged.`);
+      const file = new Blob([data], { type: "audio/mp4" });
+      this.post({ type: "sound", file, start: audio.start, length: audio.length });
+    } catch (error) {
+      if (!this.closing.signal.aborted) this.post({ type: "trouble", message: `The stream plays without sound: ${messageOf(error)}` });
+    }
   }
 
   private sorted(

@@ -1,0 +1,108 @@
+"""What the server and the review page send each other as JSON (docs/WEB.md); `web/src/review/api.ts` has the same."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from pipelines.takes.marks import Mark
+
+VERSION = 1
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class QualityCurves(_Message):
+    """Figures by frame of the stream; null where a frame was not measured."""
+
+    psnr_trained: tuple[float | None, ...]
+    psnr_decoded: tuple[float | None, ...]
+
+    bytes: tuple[float | None, ...]
+    """Size of the group's videos divided by its number of frames."""
+
+    by_camera: dict[str, tuple[float | None, ...]]
+    """PSNR of the decoded stream by camera."""
+
+    held_out: bool
+    """False: training cameras were measured."""
+
+
+class ReviewCamera(_Message):
+    """A camera whose footage can be compared."""
+
+    name: str
+
+    width: int
+    """Of its pictures, pixels; so are K and height."""
+
+    height: int
+    K: tuple[tuple[float, ...], ...]
+    """(3, 3), origin at the corner of the image."""
+
+    world_to_camera: tuple[tuple[float, ...], ...]
+    """(4, 4)."""
+
+    undistorted: bool
+    """Whether lens distortion has been removed from its pictures."""
+
+
+class ReviewData(_Message):
+    """`.review/data.json`."""
+
+    version: int = VERSION
+    frame_count: int
+    quality: QualityCurves | None
+    """None: not measured yet."""
+
+    cameras: tuple[ReviewCamera, ...]
+    """The held-out ones, or the measured ones where none is held out."""
+
+    background: tuple[float, float, float]
+    """RGB, 0 to 1: what the performer of the pictures stands in front of."""
+
+    problems: tuple[str, ...]
+    """What is missing and why, a sentence each."""
+
+
+class MarkContent(_Message):
+    """A mark without its frame."""
+
+    note: str = Field(max_length=20_000)
+    author: str = Field(max_length=2_000)
+
+
+class MarkChange(_Message):
+    """Body of a POST to `.review/marks`."""
+
+    frame: int = Field(ge=0)
+
+    mark: MarkContent | None
+    """None removes the mark."""
+
+    replaces: MarkContent | None
+    """The frame's mark as the sender has seen it; None for none."""
+
+
+class MarkRow(_Message):
+    """A mark."""
+
+    frame: int
+    note: str
+    author: str
+
+
+class MarkList(_Message):
+    """Answer to GET and POST of `.review/marks`."""
+
+    marks: tuple[MarkRow, ...]
+
+    problem: str | None = None
+    """Why a change was refused, a sentence."""
+
+
+def mark_list(marks: dict[int, Mark], problem: str | None = None) -> MarkList:
+    """Marks by frame as a message, sorted by frame."""
+    rows = (MarkRow(frame=frame, note=marks[frame].note, author=marks[frame].author) for frame in sorted(marks))
+    return MarkList(marks=tuple(rows), problem=problem)

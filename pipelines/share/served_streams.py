@@ -1,0 +1,86 @@
+"""What a folder has to serve: streams, and takes to review."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from studio.errors import StudioError
+from studio.stream.manifest import MANIFEST_NAME
+
+if TYPE_CHECKING:
+    from pipelines.review import TakeReview
+
+_LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
+
+
+def find_streams(folder: str) -> dict[str, Path]:
+    """Folders of streams by their path on the server: "/" for a single one, else "/<name>" per subfolder.
+
+    Raises:
+        StudioError: no stream in the folder (`serve.no_stream`), or a URL (`serve.not_a_folder`).
+    """
+    from pipelines.takes.locate_stream import stream_place
+
+    place = stream_place(folder)
+    if isinstance(place, str) or place.is_file():
+        raise StudioError("serve.not_a_folder", "only folders can be served", file=folder, fix="Specify a folder.")
+    if (place / MANIFEST_NAME).is_file():
+        return {"/": place}
+    found = {}
+    for path in sorted(place.iterdir()):
+        stream = path / "stream" if (path / "take.json").is_file() else path
+        if not path.name.startswith(".") and (stream / MANIFEST_NAME).is_file():
+            found[f"/{path.name}"] = stream
+    if not found:
+        raise StudioError(
+            "serve.no_stream",
+            f"no stream in this folder (no {MANIFEST_NAME})",
+            file=folder,
+            fix="Run `v3studio bake`, or specify another folder.",
+        )
+    return found
+
+
+def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
+    """What can be reviewed of what `find_streams` found, by the same paths: streams in takes.
+
+    Raises:
+        StudioError: none of them is in a take (`serve.nothing_to_review`), or a take or a stream is damaged.
+    """
+    from pipelines.review import TakeReview
+    from pipelines.takes.take import Take
+
+    found = {
+        path: TakeReview(Take.open(folder.parent))
+        for path, folder in streams.items()
+        if folder.name == "stream" and (folder.parent / "take.json").is_file()
+    }
+    if not found:
+        raise StudioError(
+            "serve.nothing_to_review",
+            "only takes can be reviewed; a stream alone has neither quality figures nor footage",
+            file=next(iter(streams.values())),
+            fix="Specify the folder of a take, or leave out --review.",
+            option="--review",
+        )
+    return found
+
+
+def wait_for_first_group(folder: str) -> None:
+    """Returns when a take that is baked live (`bake.live`) has a stream; at once for anything else."""
+    from pipelines.config import load_config
+    from pipelines.takes.take import Take
+
+    root = Path(folder).expanduser()
+    if not (root / "take.json").is_file():
+        return
+    take = Take.open(root)
+    manifest = take.stream / MANIFEST_NAME
+    if manifest.is_file() or not take.config.is_file() or not load_config(take.config).bake.live:
+        return
+    print(f"{folder}: waiting for the first group to be trained and baked", file=sys.stderr)
+    while not manifest.is_file():
+        time.sleep(_LOOK_SECONDS)

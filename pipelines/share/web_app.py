@@ -1,0 +1,203 @@
+"""The web application of `v3studio serve`: streams, the browser player, reviews."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from studio.stream.manifest import MANIFEST_NAME
+
+if TYPE_CHECKING:
+    from starlette.applications import Starlette
+    from starlette.routing import BaseRoute
+
+    from pipelines.review import TakeReview
+    from pipelines.share.player_files import PlayerFiles
+
+TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}
+"""Content types by suffix; others are application/octet-stream."""
+
+HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
+"""Files in the folder files/ of a stream of version 3, which never change under their names."""
+
+_PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
+_KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
+
+
+@dataclass(frozen=True)
+class Reviews:
+    """What can be reviewed, and by whom.
+
+    Attributes:
+        secret: part of the path that only reviewers know.
+        takes: by the path of their stream.
+    """
+
+    secret: str
+    takes: Mapping[str, TakeReview]
+
+
+def build_app(streams: dict[str, Path], player: PlayerFiles | None = None, reviews: Reviews | None = None) -> Starlette:
+    """The web application: GET and HEAD of stream files, with ranges, CORS and revalidation, and the player.
+
+    Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
+    revalidate every response (ETag), since a stream that is baked again keeps its file names; files of version 3, which
+    are named by their content, may be kept forever. Browsers that ask for a stream's folder get the player's page, and
+    for the list of several streams a page with links; other clients get the list of manifests as text.
+
+    Args:
+        streams: from `find_streams`.
+        player: None for none.
+        reviews: None for none. Below its secret path, the same is served again, with the takes' reviews.
+    """
+    from starlette.applications import Starlette
+    from starlette.middleware import Middleware
+    from starlette.middleware.cors import CORSMiddleware
+    from starlette.routing import Mount
+
+    cors = Middleware(
+        CORSMiddleware,
+        allow_origins=["*"],
+        allow_methods=["GET", "HEAD"],
+        allow_headers=["Range", "If-Range", "If-None-Match", "If-Modified-Since"],
+        expose_headers=["Accept-Ranges", "Content-Length", "Content-Range", "ETag", "Last-Modified"],
+        max_age=86400,
+    )
+    routes = _routes(streams, player, {})
+    if reviews is not None:
+        routes.insert(0, Mount(f"/{reviews.secret}", routes=_routes(streams, player, reviews.takes)))
+    return Starlette(routes=routes, middleware=[cors])
+
+
+def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
+    """Routes of the streams, the player and the reviews."""
+    from starlette.exceptions import HTTPException
+    from starlette.requests import Request
+    from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+    from starlette.routing import Mount, Route
+    from starlette.staticfiles import StaticFiles
+    from starlette.types import Scope
+
+    hashed = {}
+    if player is not None:
+        hashed = {**player.hashed, **(player.hashed_review if reviews else {})}
+    uncached = {"Cache-Control": "no-cache", "Vary": "Accept"}
+
+    class StreamFiles(StaticFiles):
+        def __init__(self, path: str, folder: Path) -> None:
+            super().__init__(directory=folder)
+            self.path, self.folder = path, folder
+
+        async def get_response(self, path: str, scope: Scope) -> Response:
+            if player is not None and path == ".":
+                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews)
+                return HTMLResponse(page, headers=uncached)
+            return await super().get_response(path, scope)
+
+        def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
+            if any(part.startswith(".") for part in Path(path).parts):
+                return "", None
+            return super().lookup_path(path)
+
+        def file_response(
+            self, full_path: Any, stat_result: os.stat_result, scope: Scope, status_code: int = 200
+        ) -> Response:
+            response = super().file_response(full_path, stat_result, scope, status_code)
+            named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
+            response.headers["Cache-Control"] = _KEEP if named else "no-cache"
+            response.headers["X-Content-Type-Options"] = "nosniff"
+            response.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
+            if isinstance(response, FileResponse):
+                kind = TYPES.get(Path(full_path).suffix.lower(), "application/octet-stream")
+                response.headers["Content-Type"] = kind
+            return response
+
+    async def index(request: Request) -> Response:
+        if player is not None and "text/html" in request.headers.get("accept", ""):
+            if "/" in streams:
+                return HTMLResponse(_page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews), headers=uncached)
+            return HTMLResponse(_list_page(streams), headers=uncached)
+        base = str(request.base_url).rstrip("/")
+        lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST_NAME}" for path in streams]
+        return PlainTextResponse("V3 Studio streams:\n" + "\n".join(lines) + "\n", headers=uncached)
+
+    async def player_file(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in hashed:
+            raise HTTPException(404)
+        kind = "text/javascript" if name.endswith(".js") else "text/plain"
+        headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff"}
+        return Response(hashed[name], media_type=kind, headers=headers)
+
+    files = Route(f"/{_PLAYER_PATH}/{{name}}", player_file)
+    mounts = [Mount(path.rstrip("/"), StreamFiles(path, folder)) for path, folder in streams.items()]
+    return [Route("/", index), files, *_review_routes(reviews), *mounts]
+
+
+def _review_routes(reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
+    from pipelines.review import review_routes
+
+    return [route for path, review in reviews.items() for route in review_routes(review, path.rstrip("/"))]
+
+
+def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool) -> str:
+    """The player's page for a stream beside it, with what a review adds to it."""
+    from pipelines.share.page import player_page
+    from pipelines.share.results import PageText
+    from pipelines.share.stream_files import name_of
+
+    title = name_of(stream)
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+        own = json.loads((stream / MANIFEST_NAME).read_bytes())["metadata"][
+            "title"
+        ]  # the player reports what is damaged
+        title = own if isinstance(own, str) and own.strip() else title
+    names = [player.script_name, *([player.review_name] if review else [])]
+    script = "\n".join(f'<script type="module" src="{player_path}{name}"></script>' for name in names)
+    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title))
+
+
+def _list_page(streams: dict[str, Path]) -> str:
+    """Links to the pages of several streams."""
+    links = "\n".join(
+        f'<li><a href="{escape(quote(path.removeprefix("/")))}/">{escape(path.removeprefix("/"))}</a></li>'
+        for path in streams
+    )
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="dark">
+<title>V3 Studio streams</title>
+<link rel="icon" href="data:,">
+<style>
+body {{
+  margin: 0 auto; max-width: 34em; padding: 8vh 20px; background: #0b0d10; color: #eef1f4;
+  font: 16px/1.5 system-ui, sans-serif;
+}}
+h1 {{ font-size: 18px; }}
+ul {{ list-style: none; padding: 0; }}
+a {{
+  display: block; margin: 8px 0; padding: 14px 18px; border-radius: 12px; background: #16191f; color: inherit;
+  text-decoration: none; overflow-wrap: anywhere;
+}}
+a:hover, a:focus-visible {{ background: #222731; }}
+</style>
+</head>
+<body>
+<h1>V3 Studio streams</h1>
+<ul>
+{links}
+</ul>
+</body>
+</html>
+"""

@@ -1,0 +1,61 @@
+"""Decoded sound with random access."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+class Pcm(Protocol):
+    """Sound by sample number; sample 0 sounds when frame 0 appears.
+
+    Attributes:
+        sample_rate: samples per second and channel.
+        channels: 1 or 2.
+        samples: number of samples per channel.
+    """
+
+    @property
+    def sample_rate(self) -> int: ...
+    @property
+    def channels(self) -> int: ...
+    @property
+    def samples(self) -> int: ...
+
+    def read(self, first: int, count: int) -> np.ndarray:
+        """(count, channels) float32, -1 to 1, from sample `first` on; silence outside of the sound.
+
+        Raises:
+            StudioError: the sound is damaged.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class _Part:
+    whole: Pcm
+    first: int
+    samples: int
+
+    @property
+    def sample_rate(self) -> int:
+        return self.whole.sample_rate
+
+    @property
+    def channels(self) -> int:
+        return self.whole.channels
+
+    def read(self, first: int, count: int) -> np.ndarray:
+        out = np.zeros((count, self.channels), np.float32)
+        low, high = max(first, 0), min(first + count, self.samples)
+        if high > low:
+            out[low - first : high - first] = self.whole.read(self.first + low, high - low)
+        return out
+
+
+def part_of(whole: Pcm, start: float, seconds: float) -> Pcm:
+    """The sound from `start` on, for `seconds`; both in seconds."""
+    rate = whole.sample_rate
+    return _Part(whole, round(start * rate), round(seconds * rate))

@@ -1,0 +1,111 @@
+"""The sound of a file: WAV, or anything else that FFmpeg reads, such as a camera's video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studio.errors import StudioError
+
+SAMPLE_RATE = 48_000
+"""Samples per second that sound is resampled to: that of video production, which every device plays."""
+
+_COPY_AGAIN = "Copy it again, or convert it to WAV."
+
+
+class SoundFile:
+    """A file with sound. Time 0 is its first video frame, or, without video, its beginning.
+
+    Args:
+        path: the file.
+
+    Attributes:
+        path: the file.
+        channels: of what `blocks` returns: 1 for mono, otherwise 2.
+        duration: seconds from time 0 to the end of the sound; None if the file does not say.
+        description: rate, channels and duration in words.
+
+    Raises:
+        StudioError: `audio.unreadable`: not a file that FFmpeg reads; `audio.no_sound`: it has no sound.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import av
+
+        self.path = Path(path)
+        try:
+            with av.open(str(self.path)) as container:
+                if not container.streams.audio:
+                    raise StudioError(
+                        "audio.no_sound",
+                        "the file has no sound",
+                        file=self.path,
+                        fix="Choose another file or camera in capture.audio, or set it to null.",
+                        setting="capture.audio",
+                    )
+                stream = container.streams.audio[0]
+                self.channels = 1 if stream.channels == 1 else 2
+                self._zero = _start(container.streams.video[0]) if container.streams.video else 0.0
+                self.duration = _end(container, stream)
+                if self.duration is not None:
+                    self.duration -= self._zero
+                rate, channels = stream.rate, stream.channels
+        except (av.FFmpegError, OSError, ValueError) as error:
+            raise self._unreadable(error) from None
+        layout = {1: "mono", 2: "stereo"}.get(channels, f"{channels} channels")
+        length = "" if self.duration is None else f", {self.duration:.2f} s"
+        self.description = f"{rate:g} Hz, {layout}{length}"
+
+    def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
+        """The sound at `SAMPLE_RATE`, block by block, decoded on the way.
+
+        Yields:
+            number of the block's first sample, counted from time 0 (may be negative), and the samples, (n, channels)
+            float32. Blocks follow each other without gaps.
+
+        Raises:
+            StudioError: `audio.unreadable`.
+        """
+        import av
+
+        layout = "mono" if self.channels == 1 else "stereo"
+        position: int | None = None
+        try:
+            with av.open(str(self.path)) as container:
+                resampler = av.AudioResampler(format="fltp", layout=layout, rate=SAMPLE_RATE)
+                for frame in _then_none(container.decode(container.streams.audio[0])):
+                    if position is None and frame is not None:
+                        start = frame.time if frame.time is not None else 0.0
+                        position = round((start - self._zero) * SAMPLE_RATE)
+                    if frame is not None:
+                        frame.pts = None  # resample by counting; the time stamps of many files are rounded
+                    for piece in resampler.resample(frame):
+                        samples = np.ascontiguousarray(piece.to_ndarray().T, dtype=np.float32)
+                        if len(samples) and position is not None:
+                            yield position, samples
+                            position += len(samples)
+        except (av.FFmpegError, OSError, ValueError) as error:
+            raise self._unreadable(error) from None
+
+    def _unreadable(self, error: Exception) -> StudioError:
+        reason = getattr(error, "strerror", None) or error
+        return StudioError("audio.unreadable", f"the sound cannot be read ({reason})", file=self.path, fix=_COPY_AGAIN)
+
+
+def _start(stream: Any) -> float:
+    return float(stream.start_time * stream.time_base) if stream.start_time is not None else 0.0
+
+
+def _end(container: Any, stream: Any) -> float | None:
+    if stream.duration is not None:
+        return _start(stream) + float(stream.duration * stream.time_base)
+    return None if container.duration is None else _start(stream) + container.duration / 1e6
+
+
+def _then_none(frames: Iterator[Any]) -> Iterator[Any]:
+    """The frames, then None, which flushes a resampler."""
+    yield from frames
+    yield None

@@ -1,0 +1,97 @@
+"""The sound of a capture: which file it is, and when it begins."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from studio.audio import Cut, SoundFile, cut_sound
+from studio.capture.frame_sources import FrameSource
+from studio.capture.patterns import VIDEO_EXTENSIONS
+from studio.capture.settings import CaptureSettings
+from studio.errors import StudioError
+
+
+@dataclass(frozen=True)
+class CaptureSound:
+    """The sound of a capture's footage.
+
+    Attributes:
+        file: the sound.
+        start: seconds from the footage's first frame to the file's time 0.
+        first: number of the footage's first frame.
+        fps: frames per second of the footage.
+    """
+
+    file: SoundFile
+    start: float
+    first: int
+    fps: float
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.file.path
+
+    def cut(self, frames: tuple[int, ...], step: int) -> Cut:
+        """The sound of these frames, in which every `step`-th frame of the footage is used.
+
+        Raises:
+            StudioError: `audio.uneven_frames`: the frames are not evenly spaced; `audio.outside`: no sound there.
+        """
+        for before, after in itertools.pairwise(frames):
+            if after - before != step:
+                raise StudioError(
+                    "audio.uneven_frames",
+                    f"frame {after} follows frame {before}, so that the take has no steady clock for the sound",
+                    file=self.path,
+                    value=(before, after),
+                    fix="Add the missing frames, or set capture.audio to null.",
+                    setting="capture.audio",
+                    expected=step,
+                )
+        begin = (frames[0] - self.first) / self.fps - self.start
+        return cut_sound(self.file, begin, len(frames) * step / self.fps)
+
+
+def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: float) -> CaptureSound | None:
+    """Find and open the sound that `spec.audio` names; None if it names none.
+
+    Args:
+        spec: the settings.
+        sources: the cameras.
+        fps: frames per second of the footage.
+
+    Raises:
+        StudioError: `audio.not_found`: neither a file nor a camera; `audio.camera_of_images`; or as `SoundFile`.
+    """
+    if spec.audio is None:
+        return None
+    path, lag = spec.root / spec.audio, 0.0
+    if spec.audio in sources and not path.is_file():
+        source = sources[spec.audio]
+        path = source.files([source.frames[0]])[0]
+        if path.suffix.lower() not in VIDEO_EXTENSIONS:
+            raise StudioError(
+                "audio.camera_of_images",
+                f"capture.audio: camera '{spec.audio}' is a sequence of images, which have no sound",
+                value=spec.audio,
+                fix="Set capture.audio to an audio file, or to null.",
+                setting="capture.audio",
+            )
+        # A camera that is late by some frames is late with its sound, too.
+        lag = -spec.offsets.get(spec.audio, 0) / fps
+    elif not path.is_file():
+        raise StudioError(
+            "audio.not_found",
+            f"capture.audio: '{spec.audio}' is neither a file in {spec.root} nor a camera",
+            value=spec.audio,
+            fix=f"Cameras: {', '.join(sources)}.",
+            setting="capture.audio",
+            known=tuple(sources),
+        )
+    # Frames of shifted cameras have other numbers than in their files; the footage starts where the files do.
+    first = min(source.frames[0] + spec.offsets.get(name, 0) for name, source in sources.items())
+    return CaptureSound(SoundFile(path), spec.audio_offset + lag, first, fps)

@@ -1,0 +1,64 @@
+"""The computer's audio output, through PortAudio."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from studio.errors import StudioError
+from studio.playback.sound_player import FillFn
+
+
+class SoundDevice:
+    """The default output device; see `Output`."""
+
+    def __init__(self) -> None:
+        self._stream: Any = None
+
+    def start(self, sample_rate: int, channels: int, fill: FillFn) -> None:
+        """See `Output.start`.
+
+        Raises:
+            StudioError: `sound.unavailable`: PortAudio or an output device is missing.
+        """
+        sounddevice = _sounddevice()
+
+        def callback(out: Any, frames: int, times: Any, status: Any) -> None:
+            # Not all systems tell when a block will be heard; then the latency of the stream has to do.
+            ahead = times.outputBufferDacTime - times.currentTime
+            fill(out, time.monotonic() + (ahead if 0 < ahead < 1 else self._stream.latency))
+
+        try:
+            self._stream = sounddevice.OutputStream(
+                samplerate=sample_rate, channels=channels, dtype="float32", callback=callback
+            )
+            self._stream.start()
+        except (sounddevice.PortAudioError, ValueError, OSError) as error:
+            self.stop()
+            raise StudioError(
+                "sound.unavailable", f"no audio output device ({error})", fix="Connect one, then open the stream again."
+            ) from None
+
+    def stop(self) -> None:
+        """See `Output.stop`."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            stream.close()
+
+    def now(self) -> float:
+        """See `Output.now`."""
+        return time.monotonic()
+
+
+def _sounddevice() -> Any:
+    try:
+        import sounddevice
+    except ImportError:
+        raise StudioError(
+            "sound.unavailable", "the package sounddevice is missing", fix="Install it: pip install sounddevice."
+        ) from None
+    except OSError:  # the package is there, the library is not
+        raise StudioError(
+            "sound.unavailable", "PortAudio is missing", fix="Install it: apt install libportaudio2."
+        ) from None
+    return sounddevice

@@ -1,0 +1,239 @@
+"""What `v3studio serve --review` gives to browsers, over real local connections."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.config import dump_config, load_config
+from pipelines.review import TakeReview
+from pipelines.share.player_files import PlayerFiles
+from pipelines.share.served_streams import find_reviews, find_streams
+from pipelines.share.web_app import Reviews, build_app
+from pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
+from pipelines.takes.take import Take
+from studio.camera_files import read_rig, write_rig
+from studio.stream import BakeSettings
+from tests.support.errors import refuses
+from tests.support.streams import bake_numbered
+from tests.support.tiny_capture import FRAMES, SETTINGS, write_capture
+from tests.support.web_servers import ask, running
+
+PLAYER = PlayerFiles(
+    "<title>V3 Player</title><!-- v3:head --><!-- v3:player -->old<!-- /v3:player -->"
+    '<script type="module" src="v3-player.js"></script>',
+    b"export {};",
+    b"review();",
+    b"licenses",
+)
+SECRET = "k3y"
+BASE = f"/{SECRET}/.review"
+
+
+def quality(value: float) -> dict[str, float]:
+    return {"psnr_trained": value + 1, "psnr_decoded": value, "ssim_trained": 0.9, "ssim_decoded": 0.9}
+
+
+def evaluation() -> dict[str, Any]:
+    """As the stage writes it; frame 3 was not measured."""
+    rows = [
+        {**quality(30 + n), "index": n, "frame": n, "group": 0, "keyframe": n == 0, "splats": 40, "bytes": 900.0 + n,
+         "cameras": {"cam4": quality(30 + n)}}
+        for n in (0, 1, 2, 4)
+    ]  # fmt: skip
+    protocol = {
+        "cameras": ["cam4"], "held_out": True, "note": "", "resolution": {"cam4": [64, 48]}, "crop": "",
+        "background": [0, 0, 0], "truth": "", "frames": [0, 1, 2, 3, 4], "mean": "", "ssim": "", "total_bytes": 5000,
+        "total_bytes_are": "", "bytes_of_a_frame": "",
+    }  # fmt: skip
+    lowest = {"psnr_trained_lowest_frame": 31.0, "psnr_decoded_lowest_frame": 30.0}
+    summary = {**quality(31.75), "bytes_per_frame": 1000.0, **lowest}
+    return {"summary": summary, "protocol": protocol, "cameras": {"cam4": quality(31.75)}, "frames": rows}
+
+
+@pytest.fixture(scope="module")
+def take(tmp_path_factory: pytest.TempPathFactory) -> Take:
+    """A take of the ball's footage, with a stream of other splats."""
+    project = tmp_path_factory.mktemp("reviewed")
+    write_capture(project / "capture")
+    (project / "ball.yaml").write_text(SETTINGS)
+    take = Take.create(project / "take")
+    take.config.write_text(dump_config(load_config(project / "ball.yaml")))
+    take.rig.parent.mkdir()
+    write_rig(read_rig(project / "capture" / "cameras.json"), take.rig)
+    bake_numbered(take.stream, (FRAMES,), 25.0, 20, BakeSettings(profile="planes", qp=0, preset="ultrafast"))
+    take.evaluation.write_text(json.dumps(evaluation()))
+    return take
+
+
+@pytest.fixture(scope="module")
+def port(take: Take) -> Iterator[int]:
+    streams = find_streams(str(take.root))
+    with running(build_app(streams, PLAYER, Reviews(SECRET, find_reviews(streams)))) as port:
+        yield port
+
+
+@pytest.fixture(autouse=True)
+def unmarked(take: Take) -> None:
+    take.marks.unlink(missing_ok=True)
+
+
+def send(port: int, change: Any, kind: str = "application/json", path: str = f"{BASE}/marks") -> tuple[int, Any]:
+    body = change if isinstance(change, bytes) else json.dumps(change).encode()
+    status, _, answer = ask(port, path, "POST", body, Content_Type=kind)
+    return status, answer
+
+
+def mark(frame: int, note: str | None, replaces: dict[str, str] | None = None, author: str = "Anna") -> dict[str, Any]:
+    return {"frame": frame, "mark": None if note is None else {"note": note, "author": author}, "replaces": replaces}
+
+
+def test_figures_are_those_of_the_evaluation_and_cameras_those_of_the_rig(port: int, take: Take) -> None:
+    data = json.loads(ask(port, f"{BASE}/data.json")[2])
+    assert data["quality"]["psnr_trained"] == [31, 32, 33, None, 35]
+    assert data["quality"]["psnr_decoded"] == data["quality"]["by_camera"]["cam4"] == [30, 31, 32, None, 34]
+    assert data["quality"]["bytes"] == [900, 901, 902, None, 904]
+    assert (data["frame_count"], data["problems"], data["quality"]["held_out"]) == (5, [], True)
+    (camera,) = data["cameras"]
+    rig = {one["name"]: one for one in json.loads(take.rig.read_text())["cameras"]}["cam4"]
+    assert (camera["name"], camera["width"], camera["height"], camera["undistorted"]) == ("cam4", 64, 48, False)
+    assert camera["K"] == rig["K"]
+    assert np.allclose(camera["world_to_camera"], rig["world_to_camera"])
+
+
+def test_pictures_are_the_footage_over_the_background(port: int, take: Take) -> None:
+    status, headers, body = ask(port, f"{BASE}/frames/cam4/3.jpg")
+    assert (status, headers["content-type"]) == (200, "image/jpeg")
+    assert headers["cache-control"].startswith("private")
+    shown = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)
+    filmed = cv2.imread(str(take.root.parent / "capture" / "images" / "cam4" / "003.png"), cv2.IMREAD_UNCHANGED)
+    expected = np.where(filmed[..., 3:] > 127, filmed[..., :3], 0)
+    assert np.abs(shown.astype(int) - expected).mean() < 6, "JPEG"
+
+
+@pytest.mark.parametrize(
+    "path", ["frames/cam0/3.jpg", "frames/cam4/5.jpg", "frames/cam4/-1.jpg", "frames/../3.jpg", ""]
+)
+def test_nothing_else(port: int, path: str) -> None:
+    """cam0 is a training camera."""
+    assert ask(port, f"{BASE}/{path}")[0] == 404
+
+
+@pytest.mark.parametrize("path", ["data.json", "marks", "frames/cam4/3.jpg"])
+def test_without_the_link_there_is_no_review(port: int, path: str) -> None:
+    for base in ("/.review", "/wrong/.review", f"/{SECRET}.review"):
+        assert ask(port, f"{base}/{path}")[0] == 404
+    assert send(port, mark(1, "x"), path="/.review/marks")[0] in (404, 405)
+    browser = {"Accept": "text/html"}
+    name = PLAYER.review_name
+    assert name in ask(port, f"/{SECRET}/", **browser)[2].decode()
+    assert name not in ask(port, "/", **browser)[2].decode()
+    assert ask(port, f"/{SECRET}/.player/{name}")[2] == PLAYER.review
+    assert ask(port, f"/.player/{name}")[0] == 404
+
+
+def test_marks_are_written_to_the_take_as_plain_text(port: int, take: Take) -> None:
+    status, answer = send(port, mark(3, "  axe \n is <b>thin</b>\x1b[31m \u202eevil\x00 ", author="Anna\n <i>"))
+    assert status == 200, answer
+    row = {"frame": 3, "note": "axe is <b>thin</b>[31m evil", "author": "Anna <i>"}
+    assert json.loads(answer) == {"marks": [row], "problem": None}
+    assert json.loads(take.marks.read_text())["marks"] == [row]
+    change_mark(take.marks, 1, Mark(frame=1, note="in the window"), None)
+    status, headers, answer = ask(port, f"{BASE}/marks")
+    assert json.loads(answer)["marks"] == [{"frame": 1, "note": "in the window", "author": ""}, row]
+    assert headers["content-type"] == "application/json"
+    assert ask(port, f"{BASE}/marks", If_None_Match=headers["etag"])[::2] == (304, b"")
+    seen = {"note": row["note"], "author": row["author"]}
+    assert send(port, mark(3, None, seen))[0] == 200
+    assert list(read_marks(take.marks)) == [1]
+
+
+def test_nobody_loses_what_another_wrote(port: int, take: Take) -> None:
+    assert send(port, mark(2, "first"))[0] == 200
+    status, answer = send(port, mark(2, "second", author="Ben"))
+    assert status == 409
+    assert json.loads(answer)["marks"] == [{"frame": 2, "note": "first", "author": "Anna"}]
+    assert str(take.root) not in answer.decode()
+    change_mark(take.marks, 2, Mark(frame=2, note="window"), Mark(frame=2, note="first", author="Anna"))
+    assert send(port, mark(2, None, {"note": "first", "author": "Anna"}))[0] == 409
+    assert send(port, mark(2, "both", {"note": "window", "author": ""}))[0] == 200
+
+
+def test_marks_made_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
+    path = tmp_path / "marks.json"
+    threads = [
+        threading.Thread(target=change_mark, args=(path, frame, Mark(frame=frame, note=str(frame)), None))
+        for frame in range(24)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert list(read_marks(path)) == list(range(24))
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        (mark(5, "beyond the end"), 404),
+        (mark(-1, "x"), 400),
+        ({**mark(1, "x"), "frame": True}, 400),
+        ({**mark(1, "x"), "frame": 1.5}, 400),
+        ({**mark(1, "x"), "more": 1}, 400),
+        ({"frame": 1}, 400),
+        (b"{", 400),
+        (b"[" * 20_000, 400),
+        (b'{"frame": 1' + b"0" * 5000 + b"}", 400),
+        (b"\xff", 400),
+        (mark(1, "x" * (MAX_NOTE + 1)), 413),
+        (b" " * 70_000, 413),
+    ],
+)
+def test_bad_changes_are_refused(port: int, take: Take, change: Any, status: int) -> None:
+    assert send(port, change)[0] == status
+    assert not take.marks.exists()
+
+
+def test_other_pages_cannot_write(port: int, take: Take) -> None:
+    """A page of another origin can send these types without asking first, and no other."""
+    for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x"):
+        assert send(port, mark(1, "x"), kind)[0] == 415
+    asked = ask(
+        port, f"{BASE}/marks", "OPTIONS", Origin="https://evil.example", Access_Control_Request_Method="POST",
+        Access_Control_Request_Headers="content-type",
+    )  # fmt: skip
+    assert asked[0] == 400
+    assert not take.marks.exists()
+
+
+def test_damaged_marks_are_left_alone(port: int, take: Take) -> None:
+    take.marks.write_text("[1, 2")
+    status, answer = send(port, mark(1, "x"))
+    assert status == 500
+    assert str(take.root) not in answer.decode()
+    assert take.marks.read_text() == "[1, 2"
+
+
+def test_what_is_missing_is_told(take: Take, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(take.root, tmp_path / "take")
+    moved = Take.open(tmp_path / "take")
+    moved.evaluation.unlink()
+    moved.config.write_text(moved.config.read_text().replace("/capture", "/gone"))
+    data = TakeReview(moved).data()
+    assert (data.quality, data.cameras, len(data.problems)) == (None, (), 2)
+    assert str(tmp_path) not in " ".join(data.problems)
+    assert "/gone" in capsys.readouterr().err, "on this machine only"
+
+
+def test_a_stream_alone_cannot_be_reviewed(take: Take, tmp_path: Path) -> None:
+    shutil.copytree(take.stream, tmp_path / "stream")
+    with refuses("serve.nothing_to_review"):
+        find_reviews(find_streams(str(tmp_path / "stream")))

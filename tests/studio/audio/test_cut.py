@@ -1,0 +1,71 @@
+"""Cutting a sound to frames: a click stays at its time, whatever the file, its rate and where the take begins."""
+
+import av
+import numpy as np
+import pytest
+
+from studio.audio import SAMPLE_RATE, SoundFile, cut_sound, encode_sound
+from tests.support.errors import refuses
+from tests.support.sounds import click_times, clicks, write_video, write_wav
+
+
+def read(cut):
+    samples = np.concatenate(list(cut.blocks()))
+    assert samples.shape == (cut.samples, cut.channels)
+    return samples
+
+
+@pytest.mark.parametrize(("rate", "channels"), [(48_000, 1), (44_100, 2), (8_000, 1)])
+def test_clicks_stay_at_their_times(tmp_path, rate, channels):
+    file = SoundFile(write_wav(tmp_path / "a.wav", clicks(3.0, [0.5, 1.25, 2.5], rate, channels), rate))
+    assert file.channels == channels
+    assert file.duration == pytest.approx(3.0)
+    cut = cut_sound(file, 0.4, 1.5)
+    assert click_times(read(cut)) == pytest.approx([0.1, 0.85], abs=0.0005)
+    assert cut.missing_before == cut.missing_after == 0
+
+
+def test_what_is_missing_is_silent(tmp_path):
+    file = SoundFile(write_wav(tmp_path / "a.wav", clicks(1.0, [0.25])))
+    cut = cut_sound(file, -0.5, 2.0)
+    samples = read(cut)
+    assert click_times(samples) == pytest.approx([0.75], abs=0.0005)
+    assert not samples[: SAMPLE_RATE // 2].any()
+    assert not samples[-SAMPLE_RATE // 2 :].any()
+    assert (cut.missing_before, cut.missing_after) == pytest.approx((0.5, 0.5))
+
+
+def test_a_sound_outside_of_the_take_is_refused(tmp_path):
+    file = SoundFile(write_wav(tmp_path / "a.wav", clicks(1.0, [])))
+    for start in (1.0, 500.0, -2.0):
+        with refuses("audio.outside", file=tmp_path / "a.wav", setting="capture.audio_offset"):
+            read(cut_sound(file, start, 2.0))
+
+
+def test_the_sound_of_a_video_starts_with_its_pictures(tmp_path):
+    path = write_video(tmp_path / "a.mp4", 25, 25, clicks(1.0, [0.6]))
+    assert click_times(read(cut_sound(SoundFile(path), 0.2, 0.8))) == pytest.approx([0.4], abs=0.001)
+
+
+def test_files_without_sound(tmp_path):
+    with refuses("audio.no_sound", setting="capture.audio"):
+        SoundFile(write_video(tmp_path / "a.mp4", 3, 25, None))
+    (tmp_path / "a.wav").write_text("not a sound")
+    with refuses("audio.unreadable", file=tmp_path / "a.wav"):
+        SoundFile(tmp_path / "a.wav")
+    with refuses("audio.unreadable"):
+        SoundFile(tmp_path / "none.wav")
+
+
+def test_encoding_is_exact_in_time_and_reproducible(tmp_path):
+    sound = clicks(1.2345, [0.0, 0.7, 1.2], channels=2)
+    for name in ("a.m4a", "b.m4a"):
+        blocks = np.array_split(sound, 7)
+        assert encode_sound(blocks, str(tmp_path / name), SAMPLE_RATE, 2) == len(sound)
+    assert (tmp_path / "a.m4a").read_bytes() == (tmp_path / "b.m4a").read_bytes()
+    with av.open(str(tmp_path / "a.m4a")) as container:
+        assert container.streams.audio[0].codec_context.profile == "LC"
+        found = np.concatenate([frame.to_ndarray() for frame in container.decode(audio=0)], axis=1).T
+    assert len(found) >= len(sound)
+    assert click_times(found) == pytest.approx([0.0, 0.7, 1.2], abs=0.0005)
+    assert np.abs(found[: len(sound)] - sound).max() < 0.2

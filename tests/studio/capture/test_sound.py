@@ -1,0 +1,63 @@
+"""Which file has a capture's sound, and what of it belongs to the take's frames."""
+
+import numpy as np
+import pytest
+
+from studio.capture import CaptureSettings, open_footage
+from tests.support.errors import refuses
+from tests.support.sounds import click_times, clicks, write_video, write_wav
+
+FPS = 25
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory):
+    """cam1 with sound (a click in frame 20), cam2 without, and take.wav with clicks in frames 10 and 30."""
+    root = tmp_path_factory.mktemp("capture")
+    (root / "videos").mkdir()
+    write_video(root / "videos" / "cam1.mp4", 50, FPS, clicks(2.0, [20 / FPS]))
+    write_video(root / "videos" / "cam2.mp4", 50, FPS, None)
+    write_wav(root / "take.wav", clicks(2.0, [10 / FPS, 30 / FPS]))
+    return root
+
+
+def heard(root, **settings):
+    """Times of clicks in the take, in frames, and the footage."""
+    footage = open_footage(CaptureSettings(root=root, masks="none", rig=None, **settings))
+    cut = footage.sound.cut(footage.frames, footage.spec.step)
+    samples = np.concatenate(list(cut.blocks()))
+    assert len(samples) == round(len(footage.frames) / footage.fps * 48_000)
+    return [time * footage.fps for time in click_times(samples)]
+
+
+def test_a_file_is_cut_to_the_frames(videos):
+    close = {"abs": 0.03}
+    assert heard(videos, audio="take.wav") == pytest.approx([10, 30], **close)
+    assert heard(videos, audio="take.wav", start=5, stop=25) == pytest.approx([5], **close)
+    assert heard(videos, audio="take.wav", audio_offset=0.2) == pytest.approx([15, 35], **close)
+    assert heard(videos, audio="take.wav", audio_offset=-0.2, start=3) == pytest.approx([2, 22], **close)
+    # every second frame is shown twice as long
+    assert heard(videos, audio="take.wav", start=4, step=2) == pytest.approx([3, 13], **close)
+    assert heard(videos, audio=str(videos / "take.wav")) == pytest.approx([10, 30], **close)
+
+
+def test_the_sound_of_a_camera_moves_with_its_frames(videos):
+    assert heard(videos, audio="cam1") == pytest.approx([20], abs=0.03)
+    assert heard(videos, audio="cam1", offsets={"cam1": 3}) == pytest.approx([17], abs=0.03)
+    assert heard(videos, audio="cam1", offsets={"cam2": 3}) == pytest.approx([20], abs=0.03)
+
+
+def test_what_has_no_sound(videos, image_folders):
+    for root, audio, code in (
+        (videos, "cam3", "audio.not_found"),
+        (videos, "cam2", "audio.no_sound"),
+        (image_folders, "left", "audio.camera_of_images"),
+    ):
+        with refuses(code, setting="capture.audio"):
+            open_footage(CaptureSettings(root=root, audio=audio))
+    with refuses("audio.outside", setting="capture.audio_offset"):
+        heard(videos, audio="take.wav", audio_offset=500.0)
+    footage = open_footage(CaptureSettings(root=videos, masks="none", audio="take.wav"))
+    with refuses("audio.uneven_frames", value=(2, 5)):
+        footage.sound.cut((1, 2, 5), 1)
+    assert open_footage(CaptureSettings(root=videos, masks="none")).sound is None

@@ -1,0 +1,114 @@
+"""Sound in a stream: in the manifest, read back at any place, carried by what carries the stream."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from studio.stream import StreamReader, write_manifest
+from studio.stream.publish import publish
+from studio.stream.settings import BakeSettings
+from studio.stream.write_archive import write_archive
+from tests.support.errors import refuses
+from tests.support.sounds import click_times
+from tests.support.streams import put_file, write_sealed
+
+CLICKS = [0.2, 0.7, 1.1]
+
+
+@pytest.fixture
+def stream(make_ladder):
+    """30 frames at 25 fps with clicks in frames 5, 17 and 27."""
+    return make_ladder((15, 15), splats=30, degree=0, ladder=(), qp=34, clicks=CLICKS)
+
+
+def test_sound_in_the_manifest_and_decoded(stream):
+    with StreamReader.open(stream) as reader:
+        entry = reader.audio
+        assert (entry.codec, entry.sample_rate, entry.channels, entry.start) == ("aac", 48_000, 2, 0)
+        assert entry.samples == 30 * 48_000 // 25
+        assert entry.path in {file.path for file in reader.files}
+        reader.verify()
+        assert reader.manifest.played_bytes == sum(p.stat().st_size for p in stream.rglob("*") if p.is_file())
+        sound = reader.sound()
+        whole = sound.read(0, sound.samples)
+        assert whole.shape == (57_600, 2)
+        assert whole.dtype == np.float32
+        assert click_times(whole) == pytest.approx(CLICKS, abs=0.0005)
+        # any part, in any order, is the same as in the whole
+        for first, count in ((40_000, 9000), (0, 1), (57_000, 600), (20_000, 1024), (21_024, 5000), (100, 30)):
+            assert np.allclose(sound.read(first, count), whole[first : first + count], atol=1e-4), first
+        around = sound.read(-100, 57_900)
+        assert not around[:100].any()
+        assert not around[-200:].any()
+        assert np.allclose(around[100:-200], whole, atol=1e-4)
+        sound.close()
+
+
+def test_a_start_shifts_the_sound(stream):
+    path = stream / "manifest.json"
+    values = json.loads(path.read_bytes())
+    values["audio"].update(start=0.5, samples=30_000)
+    write_sealed(path, values)
+    with StreamReader.open(stream) as reader:
+        sound = reader.sound()
+        assert sound.samples == 24_000 + 30_000
+        assert click_times(sound.read(0, 54_000)) == pytest.approx([0.7], abs=0.0005)  # the click of 0.2 s
+        sound.close()
+
+
+def test_one_file_and_published_streams_carry_it(stream, tmp_path):
+    with StreamReader.open(stream) as reader:
+        publish(reader, str(tmp_path / "web"))
+        write_archive(reader, tmp_path / "a.v3s")
+        data = reader.audio_bytes()
+    for place in (tmp_path / "web", tmp_path / "a.v3s"):
+        with StreamReader.open(place) as reader:
+            assert reader.audio_bytes() == data
+
+
+def test_what_is_not_the_sound_of_the_manifest(stream):
+    path = stream / "manifest.json"
+    kept = json.loads(path.read_bytes())
+    for change in ({"sample_rate": 96_000}, {"channels": 1}):
+        write_sealed(path, {**kept, "audio": kept["audio"] | change})
+        with StreamReader.open(stream) as reader, refuses("stream.wrong_sound"):
+            reader.sound()
+    values = json.loads(json.dumps(kept))
+    video = stream / values["groups"][0]["renditions"][0]["video"]["path"]
+    put_file(stream, values["audio"], video.read_bytes())
+    write_sealed(path, values)
+    with StreamReader.open(stream) as reader, refuses("stream.wrong_sound"):
+        reader.sound()
+    write_sealed(path, {**kept, "audio": kept["audio"] | {"samples": 62_000}})  # within the tolerance, but not there
+    with StreamReader.open(stream) as reader, refuses("stream.sound_damaged"):
+        sound = reader.sound()
+        sound.read(60_000, 2000)
+
+
+def test_damaged_files_are_found(stream):
+    with StreamReader.open(stream) as reader:
+        file = stream / reader.audio.path
+        file.write_bytes(bytes(file.read_bytes()[:-1]) + b"x")
+        for read in (reader.sound, reader.audio_bytes, reader.verify):
+            with refuses("stream.wrong_checksum", file=f"{stream}/{reader.audio.path}"):
+                read()
+
+
+def test_streams_without_sound(stream, make_stream, tmp_path):
+    with StreamReader.open(stream) as reader:
+        audio = reader.audio
+    shutil.move(stream, tmp_path / "sounding")
+    folder, _ = make_stream((2,), splats=20)
+    with StreamReader.open(folder) as reader:
+        assert reader.audio is None
+        assert reader.sound() is None
+        with refuses("stream.no_sound"):
+            reader.audio_bytes()
+        (folder / "files").mkdir()
+        (folder / audio.path).write_bytes((tmp_path / "sounding" / audio.path).read_bytes())
+        with refuses("bake.no_sound_in_version_2", setting="bake.stream_version"):
+            write_manifest(
+                folder, reader.manifest.groups, 25, BakeSettings(profile="planes", stream_version=2), audio=audio
+            )

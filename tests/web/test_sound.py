@@ -1,0 +1,115 @@
+"""The frames follow the sound; it is exact in time, and off until the viewer wants it if the browser says so."""
+
+from __future__ import annotations
+
+import base64
+import shutil
+
+import pytest
+
+from studio.stream import StreamReader
+
+pytestmark = pytest.mark.web
+
+FPS = 25
+CLICK = 0.12
+
+FAKE = """() => {
+  // The element's clock in the hands of the test.
+  window.heard = 0; window.playing = false; window.starts = [];
+  const {element} = document.querySelector('v3-player').engine.sound;
+  Object.defineProperty(element, 'currentTime', {
+    get: () => window.heard, set: (at) => { window.heard = at; window.starts.push(at); } });
+  element.play = async () => { window.playing = true; };
+  element.pause = () => { window.playing = false; };
+}"""
+
+
+@pytest.fixture
+def sounding(site, baked):
+    """Nine frames with a click in frame 3."""
+    return shutil.copytree(baked(ladder=(16,), splats=300, clicks=(CLICK,)), site.stream)
+
+
+def test_the_frames_follow_the_sound(sounding, open_page):
+    page = open_page("?t=0")
+    page.wait("player.engine.sound.present")
+    page.evaluate(FAKE)
+    page.call("play")
+    page.wait("window.playing")
+    for frame in (2, 3, 6):
+        page.evaluate("at => { window.heard = at; }", (frame + 0.5) / FPS)
+        page.wait("player.state.frame === argument", frame)
+    page.handle.wait_for_timeout(200)  # five frames of the wall clock
+    assert page.state["frame"] == 6
+    page.call("pause")
+    page.wait("!window.playing")
+    page.call("seek", 1.5 / FPS)
+    page.wait("player.state.frame === 1")
+    page.call("play")
+    page.wait("window.playing && Math.abs(window.starts.at(-1) - 1 / 25) < 0.001")
+    page.evaluate("() => { window.heard = 8.9 / 25; }")
+    page.wait("player.state.frame === 8")
+    page.evaluate("() => { window.heard = 9 / 25; }")  # the end: sound and frames start over together
+    page.wait("(seen.looped ?? []).length && window.starts.at(-1) < 0.08")
+
+
+def test_it_really_plays_and_the_click_is_where_it_should_be(sounding, open_page):
+    page = open_page()
+    page.wait("(seen.looped ?? []).length && player.engine.sound.element.played.length")
+    assert not page.seen("notice")
+    button = page.handle.locator("v3-player .bar [data-act='sound']")
+    assert button.is_visible()
+    page.call("pause")
+    page.wait("player.engine.sound.element.paused")
+    muted = page.state["muted"]
+    page.click("sound")
+    assert page.state["muted"] is not muted
+    page.handle.locator("v3-player .stage").focus()
+    page.handle.keyboard.press("m")
+    assert page.state["muted"] is muted
+    with StreamReader.open(sounding) as reader:
+        data, entry = reader.audio_bytes(), reader.audio
+    # The encoder's delay is skipped by the browser's decoder as by ours.
+    found = page.evaluate(
+        """async (text) => {
+          const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+          const sound = await new OfflineAudioContext(1, 1, 48000).decodeAudioData(bytes.buffer);
+          const samples = sound.getChannelData(0);
+          const loudest = samples.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+          return [samples.findIndex((value) => Math.abs(value) > loudest / 3) / 48000, samples.length]; }""",
+        base64.b64encode(data).decode(),
+    )
+    assert found[0] == pytest.approx(CLICK, abs=0.001)
+    assert found[1] >= entry.samples
+
+
+def test_a_browser_that_waits_for_the_viewer(sounding, open_page):
+    """Sound is refused before the first input; muted, it plays and leads."""
+    refuse = """() => {
+      window.silent = 0; window.loud = 0;
+      const play = HTMLMediaElement.prototype.play;
+      HTMLMediaElement.prototype.play = function () {
+        if (!this.muted && !window.allowed) return Promise.reject(new DOMException('no', 'NotAllowedError'));
+        if (this.tagName === 'AUDIO') window[this.muted ? 'silent' : 'loud']++;
+        return play.call(this);
+      };
+    }"""
+    page = open_page(setup=lambda handle: handle.add_init_script(f"({refuse})()"))
+    page.wait("player.engine.sound.blocked && player.state.muted && window.silent > 0")
+    assert "without sound" in page.handle.locator("v3-player .notice").inner_text()
+    page.evaluate("() => { window.allowed = true; }")
+    page.call("setMuted", False)
+    page.wait("!player.state.muted && window.loud > 0")
+
+
+def test_sound_that_is_damaged_leaves_the_frames(sounding, open_page):
+    file = next((sounding / "files").glob("*.m4a"))
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(bytes(data))
+    page = open_page()
+    page.wait("(seen.notice ?? []).length && (seen.looped ?? []).length")
+    assert "without sound" in page.seen("notice")[0]
+    assert page.state["muted"] is False
+    assert not page.handle.locator("v3-player .bar [data-act='sound']").is_visible()

@@ -1,0 +1,157 @@
+/**
+ * The stream's sound, in an <audio> element. While it plays, its clock leads the frames: listeners notice a gap in the
+ * sound sooner than a late frame. The element keeps the pitch at other speeds.
+ */
+
+import { messageOf } from "../stream/errors.ts";
+
+/** Milliseconds without progress after which the element no longer leads. */
+const STUCK = 2000;
+
+export interface SoundEvents {
+  /** Whether it is heard has changed. */
+  changed(): void;
+  /** A sentence for the viewer. */
+  notice(message: string): void;
+}
+
+export class Sound {
+  readonly element = new Audio();
+  private readonly events: SoundEvents;
+  private address: string | null = null;
+  /** Seconds of the stream at which the sound starts, and its duration. */
+  private start = 0;
+  private length = 0;
+  /** The element has been started for the current run of frames. */
+  private active = false;
+  private failed = false;
+  /** The browser lets it play only after the viewer has touched the page. */
+  private blocked_ = false;
+  /** It may not even play muted. */
+  private refused = false;
+  private lastTime = 0;
+  private progressAt = 0;
+
+  constructor(events: SoundEvents) {
+    this.events = events;
+    this.element.preload = "auto";
+    this.element.addEventListener("error", () => {
+      if (this.address !== null) this.fail(this.element.error?.message ?? "");
+    });
+  }
+
+  /** Whether there is sound that can be played. */
+  get present(): boolean {
+    return this.address !== null && !this.failed;
+  }
+
+  get muted(): boolean {
+    return this.element.muted;
+  }
+
+  /** Call with `false` while handling an input of the viewer, since browsers may require one. */
+  set muted(muted: boolean) {
+    this.element.muted = muted;
+    if (!muted && this.blocked_) {
+      this.blocked_ = this.refused = false;
+      this.halt(); // the next `follow` starts it, now with the viewer's consent
+    }
+    this.events.changed();
+  }
+
+  /** Whether it is silent because the browser waits for an input of the viewer. */
+  get blocked(): boolean {
+    return this.blocked_;
+  }
+
+  /** 0 to 1; some phones ignore it. */
+  get volume(): number {
+    return this.element.volume;
+  }
+
+  set volume(volume: number) {
+    this.element.volume = Math.max(0, Math.min(1, volume));
+    this.events.changed();
+  }
+
+  load(file: Blob, start: number, length: number): void {
+    this.clear();
+    this.address = URL.createObjectURL(file);
+    [this.start, this.length] = [start, length];
+    this.failed = false;
+    this.element.src = this.address;
+    this.events.changed();
+  }
+
+  /** Forgets the sound of a stream. */
+  clear(): void {
+    this.halt();
+    if (this.address === null) return;
+    URL.revokeObjectURL(this.address);
+    this.address = null;
+    this.element.removeAttribute("src");
+    this.element.load();
+    this.events.changed();
+  }
+
+  /**
+   * Plays along with the frames from `seconds` of the stream on, and returns the time of the stream that is heard now; null
+   * if nothing is, so that another clock has to lead. Call it often; after `halt`, it starts at `seconds`.
+   */
+  follow(seconds: number, speed: number): number | null {
+    const { element } = this;
+    const at = seconds - this.start;
+    if (!this.present || this.refused) return null;
+    if (at < 0 || at >= this.length || (this.active && element.ended)) return null;
+    if (element.playbackRate !== speed) element.playbackRate = speed;
+    const now = performance.now();
+    if (!this.active) {
+      this.active = true;
+      element.currentTime = this.lastTime = at;
+      this.progressAt = now;
+      this.begin();
+    }
+    // `currentTime` is the target while the element is still seeking or starting: the frames wait for it.
+    const time = element.currentTime;
+    if (time !== this.lastTime) [this.lastTime, this.progressAt] = [time, now];
+    if (now - this.progressAt > STUCK) return null;
+    return this.start + time;
+  }
+
+  /** Pauses until the next `follow`. */
+  halt(): void {
+    if (!this.active) return;
+    this.active = false;
+    this.element.pause();
+  }
+
+  dispose(): void {
+    this.clear();
+  }
+
+  private begin(): void {
+    this.element.play().catch((error: unknown) => {
+      // AbortError: paused or loaded anew before it started.
+      if (!(error instanceof DOMException) || error.name === "AbortError") return;
+      if (error.name !== "NotAllowedError") {
+        this.fail(messageOf(error));
+        return;
+      }
+      // Browsers refuse sound before the first input, but not silence: it still leads.
+      this.active = false;
+      if (this.blocked_) {
+        this.refused = true;
+        return;
+      }
+      this.blocked_ = this.element.muted = true;
+      this.events.changed();
+    });
+  }
+
+  private fail(reason: string): void {
+    this.failed = true;
+    this.halt();
+    this.events.notice(`This browser cannot play the stream's sound${reason === "" ? "" : ` (${reason})`}.`);
+    this.events.changed();
+  }
+}

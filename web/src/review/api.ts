@@ -1,0 +1,111 @@
+/** What the page and `v3studio serve --review` send each other; `pipelines/review/messages.py` has the same. */
+
+export const VERSION = 1;
+
+export interface QualityCurves {
+  /** Figures by frame; null where a frame was not measured. */
+  readonly psnr_trained: readonly (number | null)[];
+  readonly psnr_decoded: readonly (number | null)[];
+  readonly bytes: readonly (number | null)[];
+  readonly by_camera: Readonly<Record<string, readonly (number | null)[]>>;
+  readonly held_out: boolean;
+}
+
+export interface ReviewCamera {
+  readonly name: string;
+  readonly width: number;
+  readonly height: number;
+  readonly K: readonly (readonly number[])[];
+  readonly world_to_camera: readonly (readonly number[])[];
+  readonly undistorted: boolean;
+}
+
+export interface ReviewData {
+  readonly version: number;
+  readonly frame_count: number;
+  readonly quality: QualityCurves | null;
+  readonly cameras: readonly ReviewCamera[];
+  readonly background: readonly [number, number, number];
+  readonly problems: readonly string[];
+}
+
+export interface MarkContent {
+  readonly note: string;
+  readonly author: string;
+}
+
+export interface Mark extends MarkContent {
+  readonly frame: number;
+}
+
+export interface Change {
+  readonly frame: number;
+  /** null removes the mark. */
+  readonly mark: MarkContent | null;
+  /** The frame's mark as it was when the change was begun. */
+  readonly replaces: MarkContent | null;
+}
+
+/** A refused change, with the marks as they are. */
+export class Refused extends Error {
+  readonly marks: readonly Mark[];
+
+  constructor(message: string, marks: readonly Mark[]) {
+    super(message);
+    this.marks = marks;
+  }
+}
+
+export class ReviewServer {
+  private readonly base: URL;
+  private tag = "";
+
+  /** @param base - the folder `.review/` beside the stream */
+  constructor(base: URL) {
+    this.base = base;
+  }
+
+  async data(): Promise<ReviewData> {
+    const data = (await (await this.get("data.json")).json()) as ReviewData;
+    if (data.version !== VERSION) throw new Error("The server is of another version; reload the page.");
+    return data;
+  }
+
+  async picture(camera: string, frame: number, signal: AbortSignal): Promise<ImageBitmap> {
+    const answer = await this.get(`frames/${encodeURIComponent(camera)}/${frame}.jpg`, { signal });
+    return createImageBitmap(await answer.blob());
+  }
+
+  /** All marks; null if they are as they were at the last call. */
+  async marks(): Promise<readonly Mark[] | null> {
+    const answer = await this.get("marks", { headers: this.tag === "" ? {} : { "If-None-Match": this.tag }, cache: "no-store" });
+    if (answer.status === 304) return null;
+    this.tag = answer.headers.get("etag") ?? "";
+    return ((await answer.json()) as { marks: Mark[] }).marks;
+  }
+
+  /**
+   * Adds, changes or removes a mark, and returns all marks.
+   *
+   * @throws Refused - the server did not accept it
+   */
+  async change(change: Change): Promise<readonly Mark[]> {
+    const answer = await fetch(new URL("marks", this.base), {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(change),
+    });
+    const kind = answer.headers.get("content-type") ?? "";
+    if (!kind.startsWith("application/json")) throw new Refused(`The server answers ${answer.status}.`, []);
+    const { marks, problem } = (await answer.json()) as { marks: Mark[]; problem: string | null };
+    if (!answer.ok) throw new Refused(problem ?? `The server answers ${answer.status}.`, marks);
+    this.tag = answer.headers.get("etag") ?? "";
+    return marks;
+  }
+
+  private async get(path: string, options: RequestInit = {}): Promise<Response> {
+    const answer = await fetch(new URL(path, this.base), options);
+    if (!answer.ok && answer.status !== 304) throw new Error(`The server answers ${answer.status}.`);
+    return answer;
+  }
+}

@@ -1,0 +1,64 @@
+/** Which part of a camera's picture is shown, and where. */
+
+import type { Camera, Vector } from "../stream/manifest.ts";
+import type { ReviewCamera } from "./api.ts";
+
+/** A part of a picture, in its pixels. */
+export interface Part {
+  readonly x: number;
+  readonly y: number;
+  readonly width: number;
+  readonly height: number;
+}
+
+/** Room around the performer, as a fraction of their size on each side. */
+const MARGIN = 0.08;
+
+export const whole = ({ width, height }: ReviewCamera): Part => ({ x: 0, y: 0, width, height });
+
+/** The part that holds the performer: the box of all splats, seen by the camera. The whole picture if it is not in front. */
+export function around(camera: ReviewCamera, { min, max }: { readonly min: Vector; readonly max: Vector }): Part {
+  const [xs, ys]: [number[], number[]] = [[], []];
+  const { K, world_to_camera: w } = camera;
+  for (let corner = 0; corner < 8; corner++) {
+    const point = [0, 1, 2].map((k) => ((corner >> k) & 1 ? max[k] : min[k])) as unknown as Vector;
+    const [x, y, z] = [0, 1, 2].map((row) => w[row][0] * point[0] + w[row][1] * point[1] + w[row][2] * point[2] + w[row][3]);
+    if (z <= 1e-6) return whole(camera);
+    xs.push((K[0][0] * x + K[0][1] * y) / z + K[0][2]);
+    ys.push((K[1][1] * y) / z + K[1][2]);
+  }
+  const span = (values: number[], size: number): [number, number] => {
+    const [low, high] = [Math.min(...values), Math.max(...values)];
+    const margin = MARGIN * (high - low);
+    return [Math.max(0, low - margin), Math.min(size, high + margin)];
+  };
+  const [left, right] = span(xs, camera.width);
+  const [top, bottom] = span(ys, camera.height);
+  if (right - left < 8 || bottom - top < 8) return whole(camera);
+  return { x: left, y: top, width: right - left, height: bottom - top };
+}
+
+/** The pinhole camera whose whole picture is this part. */
+export function cameraOf({ K, world_to_camera }: ReviewCamera, part: Part): Camera {
+  return {
+    width: part.width,
+    height: part.height,
+    K: [
+      [K[0][0], K[0][1], K[0][2] - part.x],
+      [0, K[1][1], K[1][2] - part.y],
+      [0, 0, 1],
+    ],
+    worldToCamera: world_to_camera,
+  };
+}
+
+/** Where the whole picture is on a canvas on which the part is as large as possible, in the middle. */
+export function placed(camera: ReviewCamera, part: Part, width: number, height: number): Part {
+  const scale = Math.min(width / part.width, height / part.height);
+  return {
+    x: width / 2 - (part.x + part.width / 2) * scale,
+    y: height / 2 - (part.y + part.height / 2) * scale,
+    width: camera.width * scale,
+    height: camera.height * scale,
+  };
+}

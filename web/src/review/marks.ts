@@ -1,0 +1,163 @@
+/** The list of marks, and the form that adds, changes and removes them. */
+
+import { messageOf } from "../stream/errors.ts";
+import { clock } from "../ui/format.ts";
+import { type Mark, type MarkContent, Refused, type ReviewServer } from "./api.ts";
+import { make } from "./dom.ts";
+
+/** Milliseconds between two looks at what others have marked. */
+const POLL = 4000;
+const NAME_KEY = "v3-review-name";
+const [MAX_NOTE, MAX_NAME] = [2000, 80];
+
+/** A browser may forbid storage. */
+function remembered(name?: string): string {
+  try {
+    if (name !== undefined) localStorage.setItem(NAME_KEY, name);
+    return localStorage.getItem(NAME_KEY) ?? "";
+  } catch {
+    return "";
+  }
+}
+
+export interface MarksHost {
+  /** The frame on the screen. */
+  readonly frame: () => number;
+  readonly pause: () => void;
+  readonly seek: (frame: number) => void;
+  /** Other marks are to be shown. */
+  readonly changed: (marks: readonly Mark[]) => void;
+}
+
+export class Marks {
+  readonly element = make("div", { class: "marks" });
+  private readonly server: ReviewServer;
+  private readonly host: MarksHost;
+  private readonly fps: number;
+  private readonly list = make("ol");
+  /** The button that opens the form. */
+  readonly add = make("button", { type: "button", class: "add" }, "Mark this frame");
+  private readonly form = make("form", { hidden: "" });
+  private readonly heading = make("label", { for: "v3-review-note" });
+  private readonly note = make("textarea", { id: "v3-review-note", rows: "2", maxlength: String(MAX_NOTE), placeholder: "Note" });
+  private readonly author = make("input", { maxlength: String(MAX_NAME), placeholder: "Your name", "aria-label": "Your name", autocomplete: "name" });
+  private readonly remove = make("button", { type: "button" }, "Remove mark");
+  private readonly save = make("button", { type: "submit", class: "add" }, "Save");
+  private readonly problem = make("p", { class: "problem", role: "alert" });
+  private marks: readonly Mark[] = [];
+  private editing: { frame: number; replaces: MarkContent | null } | null = null;
+
+  constructor(server: ReviewServer, fps: number, host: MarksHost) {
+    this.server = server;
+    this.fps = fps;
+    this.host = host;
+    const cancel = make("button", { type: "button" }, "Cancel");
+    this.form.append(this.heading, this.note, this.author, make("div", { class: "row" }, this.save, cancel, this.remove));
+    this.element.append(this.form, this.problem, this.list);
+    this.add.addEventListener("click", () => {
+      this.edit(host.frame());
+    });
+    cancel.addEventListener("click", () => {
+      this.close();
+    });
+    this.form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      void this.send({ note: this.note.value, author: remembered(this.author.value.trim()) || this.author.value.trim() });
+    });
+    this.note.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" && !event.shiftKey) {
+        event.preventDefault();
+        this.form.requestSubmit();
+      }
+      if (event.key === "Escape") this.close();
+    });
+    this.remove.addEventListener("click", () => {
+      void this.send(null);
+    });
+    void this.poll();
+  }
+
+  private async poll(): Promise<void> {
+    for (;;) {
+      if (document.visibilityState === "visible") {
+        try {
+          const marks = await this.server.marks();
+          if (marks !== null) this.show(marks);
+          if (this.editing === null) this.problem.textContent = "";
+        } catch (error) {
+          this.problem.textContent = `The marks cannot be read: ${messageOf(error)}`;
+        }
+      }
+      await new Promise((resolve) => setTimeout(resolve, POLL));
+    }
+  }
+
+  private edit(frame: number): void {
+    this.host.pause();
+    this.host.seek(frame);
+    const mark = this.marks.find((one) => one.frame === frame);
+    this.editing = { frame, replaces: mark === undefined ? null : { note: mark.note, author: mark.author } };
+    this.heading.textContent = `Note on frame ${frame}`;
+    this.note.value = mark?.note ?? "";
+    this.author.value = remembered();
+    this.remove.hidden = mark === undefined;
+    this.problem.textContent = "";
+    this.form.hidden = false;
+    this.add.hidden = true;
+    this.note.focus();
+  }
+
+  private close(): void {
+    this.editing = null;
+    this.form.hidden = true;
+    this.add.hidden = false;
+    this.problem.textContent = "";
+  }
+
+  private async send(mark: MarkContent | null): Promise<void> {
+    const { editing } = this;
+    if (editing === null) return;
+    this.save.disabled = this.remove.disabled = true;
+    try {
+      this.show(await this.server.change({ ...editing, mark }));
+      this.close();
+    } catch (error) {
+      this.problem.textContent = error instanceof Refused ? error.message : `The mark was not saved: ${messageOf(error)}`;
+      if (error instanceof Refused && error.marks.length > 0) this.refused(editing.frame, error.marks);
+    } finally {
+      this.save.disabled = this.remove.disabled = false;
+    }
+  }
+
+  /** Somebody else changed the same mark: what was typed stays, and saving again replaces theirs. */
+  private refused(frame: number, marks: readonly Mark[]): void {
+    this.show(marks);
+    const now = marks.find((one) => one.frame === frame);
+    this.editing = { frame, replaces: now === undefined ? null : { note: now.note, author: now.author } };
+    this.remove.hidden = now === undefined;
+    const theirs = now === undefined ? "The mark was removed." : `It is now “${now.note}”${now.author === "" ? "" : ` (${now.author})`}.`;
+    this.problem.append(` ${theirs} Save again to replace it.`);
+  }
+
+  private show(marks: readonly Mark[]): void {
+    this.marks = marks;
+    this.host.changed(marks);
+    this.list.replaceChildren(
+      ...marks.map((mark) => {
+        const go = make("button", { type: "button", class: "go" }, make("b", {}, `${mark.frame}`), ` ${clock(mark.frame / this.fps)}`);
+        go.setAttribute("aria-label", `Go to frame ${mark.frame}`);
+        go.addEventListener("click", () => {
+          this.host.pause();
+          this.host.seek(mark.frame);
+        });
+        const text = make("span", { class: "note" }, mark.note === "" ? "(no note)" : mark.note);
+        if (mark.author !== "") text.append(make("small", {}, ` ${mark.author}`));
+        const change = make("button", { type: "button", "aria-label": `Edit the mark at frame ${mark.frame}` }, "Edit");
+        change.addEventListener("click", () => {
+          this.edit(mark.frame);
+        });
+        return make("li", {}, go, text, change);
+      }),
+    );
+  }
+}

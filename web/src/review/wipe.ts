@@ -1,0 +1,165 @@
+/** Footage of a held-out camera over the player's picture from exactly that camera, divided by a line to drag. */
+
+import type { Player } from "../player/player.ts";
+import type { Vector } from "../stream/manifest.ts";
+import type { ReviewCamera, ReviewServer } from "./api.ts";
+import { make } from "./dom.ts";
+import { around, cameraOf, type Part, placed, whole } from "./framing.ts";
+import { Pictures } from "./pictures.ts";
+
+const GROUND = "#0b0d10";
+const STEP = 0.02;
+
+const LABEL = "position:absolute;padding:3px 9px;border-radius:8px;background:rgb(18 21 26/72%);font-size:12px;white-space:nowrap;pointer-events:none;top:calc(50% + 30px)";
+
+export class Wipe {
+  private readonly player: Player;
+  private readonly background: Vector;
+  private readonly pictures: Pictures;
+  private readonly layer: HTMLElement;
+  private readonly canvas = make("canvas", { style: "position:absolute;inset:0;width:100%;height:100%;pointer-events:none" });
+  private readonly line: HTMLElement;
+  private readonly left = make("span", { style: `${LABEL};right:calc(50% + 10px)` });
+  private readonly right = make("span", { style: `${LABEL};left:calc(50% + 10px)` }, "decoded");
+  private readonly changed: () => void;
+  private camera: ReviewCamera | null = null;
+  private part: Part | null = null;
+  private before: Vector | null = null;
+  private at = 0.5;
+  private readonly resizing: ResizeObserver;
+
+  /** @param changed - called when the comparison has ended because the view was moved */
+  constructor(player: Player, server: ReviewServer, background: Vector, changed: () => void) {
+    this.player = player;
+    this.background = background;
+    this.changed = changed;
+    this.pictures = new Pictures(server, () => {
+      this.draw();
+    });
+    this.line = make("div", {
+      role: "slider",
+      tabindex: "0",
+      "aria-label": "Wipe between footage and decoded stream",
+      "aria-valuemin": "0",
+      "aria-valuemax": "100",
+      style: "position:absolute;top:0;bottom:0;width:44px;margin-left:-22px;cursor:ew-resize;outline-offset:-4px",
+    });
+    this.line.append(
+      make("div", { style: "position:absolute;left:21px;width:2px;top:0;bottom:0;background:#8fb8ff;pointer-events:none" }),
+      make("div", { style: "position:absolute;left:12px;width:20px;top:calc(50% - 20px);height:40px;border-radius:10px;background:#8fb8ff;pointer-events:none" }),
+    );
+    const divider = make("div", { style: "position:absolute;inset:0;overflow:hidden;pointer-events:none" });
+    // labels keep to their side of the line
+    divider.append(this.left, this.right);
+    this.layer = make("div", { class: "wipe", style: "position:absolute;inset:0;touch-action:none;cursor:ew-resize;color:#eef1f4", hidden: "" });
+    this.layer.append(this.canvas, divider, this.line);
+    (player.canvas.parentElement ?? document.body).append(this.layer);
+    // The view behind must not turn meanwhile.
+    for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel", "wheel", "dblclick", "touchstart", "gesturestart"])
+      this.layer.addEventListener(name, (event) => {
+        event.stopPropagation();
+      }, { passive: true });
+    this.layer.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      this.layer.setPointerCapture(event.pointerId);
+      this.move(event.clientX);
+    });
+    this.layer.addEventListener("pointermove", (event) => {
+      if (this.layer.hasPointerCapture(event.pointerId)) this.move(event.clientX);
+    });
+    this.line.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: -STEP, ArrowRight: STEP, Home: -1, End: 1 }[event.key];
+      if (step === undefined) return;
+      event.preventDefault();
+      event.stopPropagation();
+      this.place(this.at + step);
+    });
+    player.on("frame", () => {
+      this.draw();
+    });
+    player.on("view", () => {
+      if (this.camera === null) return;
+      this.show(null, true);
+      this.changed();
+    });
+    this.resizing = new ResizeObserver(() => {
+      this.draw();
+    });
+    this.resizing.observe(this.layer);
+    this.place(0.5);
+  }
+
+  /** Compares with a camera, or ends the comparison. `all` shows its whole picture instead of the performer. */
+  show(camera: ReviewCamera | null, all: boolean): void {
+    const { player } = this;
+    if (camera !== null && this.camera === null) this.before = player.background;
+    if (camera === null && this.camera !== null) player.background = this.before;
+    this.camera = camera;
+    this.layer.hidden = camera === null;
+    if (camera === null) {
+      this.part = null;
+      this.pictures.stop();
+      player.fixedCamera = null;
+      return;
+    }
+    this.part = all || player.info === null ? whole(camera) : around(camera, player.info.box);
+    player.background = this.background;
+    player.fixedCamera = cameraOf(camera, this.part);
+    this.draw();
+  }
+
+  private move(x: number): void {
+    const box = this.layer.getBoundingClientRect();
+    this.place((x - box.left) / (box.width || 1));
+  }
+
+  private place(at: number): void {
+    this.at = Math.max(0, Math.min(1, at));
+    const percent = `${(100 * this.at).toFixed(2)}%`;
+    this.line.style.left = percent;
+    this.line.setAttribute("aria-valuenow", String(Math.round(100 * this.at)));
+    this.left.style.right = `calc(${(100 - 100 * this.at).toFixed(2)}% + 18px)`;
+    this.right.style.left = `calc(${percent} + 18px)`;
+    this.draw();
+  }
+
+  private draw(): void {
+    const { camera, part, player, canvas } = this;
+    if (camera === null || part === null || player.info === null) return;
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    const [width, height] = [Math.max(1, Math.round(canvas.clientWidth * ratio)), Math.max(1, Math.round(canvas.clientHeight * ratio))];
+    if (canvas.width !== width || canvas.height !== height) {
+      canvas.width = width;
+      canvas.height = height;
+    }
+    const { frame } = player;
+    const picture = this.pictures.ask(camera.name, frame, player.info.frameCount);
+    const context = canvas.getContext("2d")!;
+    const box = placed(camera, part, width, height);
+    const column = Math.round(this.at * width);
+    context.clearRect(0, 0, width, height);
+    context.fillStyle = GROUND;
+    if (picture === null) {
+      // No other frame's picture: it would show differences that are none.
+      context.fillRect(0, 0, column, height);
+    } else {
+      context.save();
+      context.beginPath();
+      context.rect(0, 0, column, height);
+      context.clip();
+      context.imageSmoothingQuality = "high";
+      context.drawImage(picture, box.x, box.y, box.width, box.height);
+      context.restore();
+    }
+    // The camera saw nothing beyond its picture.
+    const [right, bottom] = [box.x + box.width, box.y + box.height];
+    context.fillRect(0, 0, width, box.y);
+    context.fillRect(0, bottom, width, height - bottom);
+    context.fillRect(0, 0, box.x, height);
+    context.fillRect(right, 0, width - right, height);
+    const what = `ground truth, ${camera.name}${camera.undistorted ? ", lens distortion removed" : ""}`;
+    const missing = this.pictures.problem === "" ? "loading" : `not available: ${this.pictures.problem}`;
+    this.left.textContent = picture === null ? `${what}: ${missing}` : what;
+    this.layer.dataset["frame"] = picture === null ? "" : String(frame);
+  }
+}
