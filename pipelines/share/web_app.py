@@ -45,7 +45,12 @@ class Reviews:
     takes: Mapping[str, TakeReview]
 
 
-def build_app(streams: dict[str, Path], player: PlayerFiles | None = None, reviews: Reviews | None = None) -> Starlette:
+def build_app(
+    streams: dict[str, Path],
+    player: PlayerFiles | None = None,
+    reviews: Reviews | None = None,
+    intro: str | None = None,
+) -> Starlette:
     """The web application: GET and HEAD of stream files, with ranges, CORS and revalidation, and the player.
 
     Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
@@ -57,6 +62,7 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None, revie
         streams: from `find_streams`.
         player: None for none.
         reviews: None for none. Below its secret path, the same is served again, with the takes' reviews.
+        intro: a camera path from `read_intro`, with which the pages begin; None for none.
     """
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
@@ -71,13 +77,15 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None, revie
         expose_headers=["Accept-Ranges", "Content-Length", "Content-Range", "ETag", "Last-Modified"],
         max_age=86400,
     )
-    routes = _routes(streams, player, {})
+    routes = _routes(streams, player, {}, intro)
     if reviews is not None:
-        routes.insert(0, Mount(f"/{reviews.secret}", routes=_routes(streams, player, reviews.takes)))
+        routes.insert(0, Mount(f"/{reviews.secret}", routes=_routes(streams, player, reviews.takes, intro)))
     return Starlette(routes=routes, middleware=[cors])
 
 
-def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
+def _routes(
+    streams: dict[str, Path], player: PlayerFiles | None, reviews: Mapping[str, TakeReview], intro: str | None
+) -> list[BaseRoute]:
     """Routes of the streams, the player and the reviews."""
     from starlette.exceptions import HTTPException
     from starlette.requests import Request
@@ -98,7 +106,7 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
 
         async def get_response(self, path: str, scope: Scope) -> Response:
             if player is not None and path == ".":
-                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews)
+                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews, intro)
                 return HTMLResponse(page, headers=uncached)
             return await super().get_response(path, scope)
 
@@ -123,7 +131,8 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
     async def index(request: Request) -> Response:
         if player is not None and "text/html" in request.headers.get("accept", ""):
             if "/" in streams:
-                return HTMLResponse(_page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews), headers=uncached)
+                page = _page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews, intro)
+                return HTMLResponse(page, headers=uncached)
             return HTMLResponse(_list_page(streams), headers=uncached)
         base = str(request.base_url).rstrip("/")
         lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST_NAME}" for path in streams]
@@ -148,7 +157,7 @@ def _review_routes(reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
     return [route for path, review in reviews.items() for route in review_routes(review, path.rstrip("/"))]
 
 
-def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool) -> str:
+def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, intro: str | None) -> str:
     """The player's page for a stream beside it, with what a review adds to it."""
     from pipelines.share.page import player_page
     from pipelines.share.results import PageText
@@ -162,7 +171,7 @@ def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool) -> 
         title = own if isinstance(own, str) and own.strip() else title
     names = [player.script_name, *([player.review_name] if review else [])]
     script = "\n".join(f'<script type="module" src="{player_path}{name}"></script>' for name in names)
-    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title))
+    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title, intro=intro))
 
 
 def _list_page(streams: dict[str, Path]) -> str:
