@@ -138,7 +138,7 @@ def main() -> int:
     def progress(done: int, total: int, **_: object) -> None:
         if not reached or done != reached[-1][0]:
             reached.append((done, time.monotonic() - started))
-            print(f"\r{done:3d} % of {total} %, {reached[-1][1]:.0f} s", end="", flush=True)
+            print(f"\r{done:3d}% of {total}%, {reached[-1][1]:.0f} s", end="", flush=True)
 
     with tempfile.TemporaryDirectory() as work:
         result = calibrate_from_images(

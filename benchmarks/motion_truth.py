@@ -8,7 +8,7 @@ previous trained frame, with the take's settings and seed. Each splat is associa
 surface in the previous frame, and the translations of both are compared:
 
     error  mean of |translation of the splat - translation of the surface| over all splats whose distance from the
-           surface is below 2 % of the performer's size
+           surface is below 2% of the performer's size
     moved  mean of |translation of the surface| over the same splats
     tied   fraction of the splats that are that close to the surface
 """

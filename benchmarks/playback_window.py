@@ -100,7 +100,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     print(f"  window drawn {drawn / elapsed:.1f} times/s")
     print(f"  decode {np.nanmedian(loads):.1f} ms, draw {1e3 * np.median(draws):.1f} ms (medians of wall-clock time)")
     print(f"  CPU {cpu / elapsed:.2f} cores, {1e3 * cpu / max(made, 1):.0f} ms per picture; longest tick "
-          f"{1e3 * max(ticks):.0f} ms, 95 % below {1e3 * np.percentile(ticks, 95):.0f} ms")  # fmt: skip
+          f"{1e3 * max(ticks):.0f} ms, 95% below {1e3 * np.percentile(ticks, 95):.0f} ms")  # fmt: skip
     window.close()
     while application.run_one_tick():
         pass

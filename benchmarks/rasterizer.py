@@ -8,7 +8,7 @@ Times are medians over repetitions and wall-clock times unless labeled as CPU ti
 run, except for the OpenSplat column: that program is not run here. Its times were measured once on another day, with
 one thread on two x86-64 cores with AVX2 (best of many runs), and are constants below.
 
-The scene is a person-like surface: an ellipsoid of 0.6 x 1.7 x 0.4 m, seen so that 2 m fill 90 % of the image height.
+The scene is a person-like surface: an ellipsoid of 0.6 x 1.7 x 0.4 m, seen so that 2 m fill 90% of the image height.
 Its splats have a radius of 2 to 4 pixels (at which alpha falls to 1/255) and SH degree 3.
 """
 
@@ -234,7 +234,7 @@ def iteration_table(repeat: int, results: JsonObject, device: str, count: int, w
         most = max(medians, key=lambda name: medians[name])
         rate = 1e3 / total
         good = f"[green]{rate:.0f}[/]" if rate >= 20 else f"[red]{rate:.0f}[/]"
-        share = f"{most} ({100 * medians[most] / total:.0f} %)"
+        share = f"{most} ({100 * medians[most] / total:.0f}%)"
         table.add_row(f"{threads}", *(f"{value:.1f}" for value in medians.values()), f"{total:.1f}", good, share)
         results[f"iteration_{device}"].append({"threads": threads, "whole_ms": total, **medians})
     console.print(table)
@@ -288,7 +288,7 @@ def limits_table(repeat: int, results: JsonObject) -> None:
         rate = pairs / (milliseconds * 1e-3)
         table.add_row(
             name, f"{pairs}", f"{milliseconds:.1f}", f"{rate / 1e6:.0f} M", f"{rate * flops / 1e9:.1f}",
-            f"{100 * rate * flops / peak:.0f} %",
+            f"{100 * rate * flops / peak:.0f}%",
         )  # fmt: skip
         results["limit"][name] = {"pairs_a_second": rate, "share_of_peak": rate * flops / peak}
     console.print(table)

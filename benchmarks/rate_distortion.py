@@ -42,8 +42,8 @@ from scipy.interpolate import PchipInterpolator
 
 from pipelines.config import load_config
 from pipelines.reports.pictures import draw
-from pipelines.stages.bake import DrawnContribution, parts_of
 from pipelines.stages.base import Context
+from pipelines.stages.contribution import DrawnContribution
 from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
@@ -68,6 +68,7 @@ VERSIONS: dict[str, dict[str, Any]] = {
     "version 3, splats 0.7": {"stream_version": 3, "splats": 0.7},
 }
 """Settings of `bake`."""
+BRIEF = ("version 2", "version 3", "version 3, splats 0.8")
 
 console = Console(width=120)
 
@@ -125,28 +126,26 @@ class Views:
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
         """PSNR in dB relative to the footage and to the trained splats, over all views of `frames`."""
-        errors = [
-            (
-                float(np.square(image - self.truth[key]).mean()),
-                float(np.square(image - self.trained[key]).mean()),
-            )
-            for key in self.boxes
-            if key[0] in frames
-            for image in [self._draw(*key, frames[key[0]])]
-        ]
-        footage, own = np.mean(errors, axis=0)
-        return -10 * math.log10(footage), -10 * math.log10(max(own, 1e-12))
+        return self.measure_all(frames)[:2]
+
+    def measure_all(self, frames: dict[int, Gaussians]) -> tuple[float, float, float]:
+        """As `measure`, and the lowest PSNR of a frame relative to the footage."""
+        errors: dict[int, list[tuple[float, float]]] = {}
+        for key in self.boxes:
+            if key[0] in frames:
+                image = self._draw(*key, frames[key[0]])
+                found = [float(np.square(image - wanted[key]).mean()) for wanted in (self.truth, self.trained)]
+                errors.setdefault(key[0], []).append((found[0], found[1]))
+        footage, own = np.mean([one for found in errors.values() for one in found], axis=0)
+        worst = max(float(np.mean(found, axis=0)[0]) for found in errors.values())
+        return -10 * math.log10(footage), -10 * math.log10(max(own, 1e-12)), -10 * math.log10(worst)
 
     def contribution(self, group: int) -> ContributionFn:
         """What each splat of a group adds to the training cameras' pictures; drawn when first asked for."""
         if group not in self.contributions:
-            parts = {part.trained.index: part for part in parts_of(self.context.groups, None)}
-            self.contributions[group] = functools.cache(DrawnContribution(self.context, parts[group]).__call__)
+            indices = self.context.groups[group].indices
+            self.contributions[group] = functools.cache(DrawnContribution(self.context, group, indices).__call__)
         return self.contributions[group]
-
-    def lowest(self, frames: dict[int, Gaussians]) -> float:
-        """The lowest PSNR of a frame against the footage."""
-        return min(self.measure({index: frame})[0] for index, frame in frames.items())
 
     def trained_psnr(self) -> float:
         return -10 * math.log10(
@@ -279,9 +278,7 @@ def released_gaussians(rows: np.ndarray, count: int) -> Gaussians:
 # ---- ours ------------------------------------------------------------------------------------------------------------
 
 
-def measure_ours(
-    groups: list[TakeGroup], views: Views, settings: BakeSettings, name: str, work: Path, each_frame: bool = False
-) -> Point:
+def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, name: str, work: Path) -> Point:
     folder = work / "ours"
     shutil.rmtree(folder, ignore_errors=True)
     began = time.perf_counter()
@@ -298,22 +295,22 @@ def measure_ours(
     done = time.perf_counter()
     indices = [index for group in groups for index in group.indices]
     drawn = dict(zip(indices, decoded, strict=True))
-    footage, own = views.measure(drawn)
-    lowest = views.lowest(drawn) if each_frame else math.nan
+    footage, own, lowest = views.measure_all(drawn)
     size = sum(file.bytes for entry in entries for file in entry.files)
     frames = len(indices)
     return Point(name, settings.qp, size / frames / 1000, footage, own, 1e3 * (baked - began) / frames,
                  1e3 * (done - opened) / frames, lowest)  # fmt: skip
 
 
-def version_rows(groups: list[TakeGroup], views: Views, work: Path) -> list[str]:
-    """Markdown: each of `VERSIONS` at each of `VERSION_QPS`, and its BD-rate against version 2."""
+def version_rows(groups: list[TakeGroup], views: Views, work: Path, names: Sequence[str]) -> list[str]:
+    """Markdown: some of `VERSIONS` at each of `VERSION_QPS`, and their BD-rate against version 2."""
     curves: dict[str, list[Point]] = {}
-    for name, values in VERSIONS.items():
+    for name in names:
+        values = VERSIONS[name]
         curves[name] = []
         for qp in VERSION_QPS:
             settings = BakeSettings(qp=qp, **values)
-            curves[name].append(measure_ours(groups, views, settings, name, work, True))
+            curves[name].append(measure_ours(groups, views, settings, name, work))
             console.print(curves[name][-1])
     lines = [
         "| bake | QP | KB per frame | PSNR to footage | lowest frame | PSNR to trained | decode per frame |",
@@ -329,7 +326,7 @@ def version_rows(groups: list[TakeGroup], views: Views, work: Path) -> list[str]
     base = curves["version 2"]
     for name, points in list(curves.items())[1:]:
         values = [bd_rate(base, points, measure) for measure in ("footage_psnr", "own_psnr")]
-        cells = ["no common range" if value is None else f"{value:+.0f} %" for value in values]
+        cells = ["no common range" if value is None else f"{value:+.0f}%" for value in values]
         lines.append(f"| {name} | {cells[0]} | {cells[1]} |")
     return lines
 
@@ -473,7 +470,7 @@ def comparison(curves: dict[str, list[Point]]) -> list[str]:
         cells = []
         for name in ("planes", "motion"):
             value = bd_rate(anchor, curves[name], measure)
-            cells.append("no common range" if value is None else f"{value:+.0f} %")
+            cells.append("no common range" if value is None else f"{value:+.0f}%")
         lines.append(f"| BD-rate, {label} | {' | '.join(cells)} |")
     for psnr in (36, 38, 40, 42, 44, 46):
         base = kilobytes_at(anchor, psnr, "own_psnr")
@@ -533,6 +530,7 @@ def main() -> int:
     parser.add_argument("--groups", help="indices of the groups, for example 0,2 (default: all)")
     parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
     parser.add_argument("--versions", action="store_true", help="compare versions 2 and 3 of the format instead")
+    parser.add_argument("--brief", action="store_true", help="with --versions: only version 3 and splats 0.8")
     parser.add_argument("--speed", action="store_true", help="measure times at 60,000 and 100,000 splats instead")
     parser.add_argument("--write", type=Path, metavar="FILE", help="write the tables between the markers in this file")
     parser.add_argument("--title", default="", help="description of the take for the first line")
@@ -556,7 +554,7 @@ def main() -> int:
             lines += speed_rows(groups[0], work)
         elif arguments.versions:
             marker = "versions"
-            lines += version_rows(groups, views, work)
+            lines += version_rows(groups, views, work, BRIEF if arguments.brief else tuple(VERSIONS))
         elif arguments.codecs:
             marker = "codecs"
             points = []
@@ -571,7 +569,7 @@ def main() -> int:
                 value = bd_rate(base, [point for point in points if point.name == codec], "own_psnr")
                 lines.append("")
                 lines.append(
-                    f"BD-rate of {codec} against h264: " + ("no common range." if value is None else f"{value:+.0f} %.")
+                    f"BD-rate of {codec} against h264: " + ("no common range." if value is None else f"{value:+.0f}%.")
                 )
         else:
             marker = "rate-distortion"
@@ -580,7 +578,7 @@ def main() -> int:
             against = bd_rate(both[False], both[True], "own_psnr")
             better = against is not None and against < 0
             curves["released"] = both[better]
-            compared = "" if against is None else f" (with them: BD-rate {against:+.0f} % against without)"
+            compared = "" if against is None else f" (with them: BD-rate {against:+.0f}% against without)"
             lines[0] += f" `released` {'with' if better else 'without'} B frames{compared}."
             for profile, qps in (("planes", PLANES_QPS), ("motion", MOTION_QPS)):
                 curves[profile] = []

@@ -265,10 +265,11 @@ class _StreamVersion(argparse.Action):
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
         """Called by argparse."""
-        if self.const == "ladder":
+        if self.const in ("ladder", "cut"):
             from studio.stream.settings import DEFAULT_LADDER
 
-            rungs = json.dumps([rung.model_dump(mode="json") for rung in DEFAULT_LADDER])
+            cut = {"finetune_iterations": 0} if self.const == "cut" else {}
+            rungs = json.dumps([{**rung.model_dump(mode="json"), **cut} for rung in DEFAULT_LADDER])
             targets = [f"bake.{name}=null" for name in ("target_kb_per_frame", "target_psnr")]
             namespace.set = [*namespace.set, *targets, "bake.stream_version=3", f"bake.ladder={rungs}"]
         else:
@@ -287,7 +288,14 @@ def _add_stream_options(stage: argparse.ArgumentParser) -> None:
         const="ladder",
         nargs=0,
         help="bake several renditions (version 3): QP 16, 20, 24, 28, and two with fewer splats and no view-dependent "
-        "color for phones; bake.ladder selects others",
+        "color for phones, which are fine-tuned; bake.ladder selects others",
+    )
+    stage.add_argument(
+        "--ladder-without-fine-tuning",
+        action=_StreamVersion,
+        const="cut",
+        nargs=0,
+        help="like --ladder, but rungs with fewer splats are only cut: quicker and needs no images, but worse",
     )
 
 

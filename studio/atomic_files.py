@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,52 @@ def atomic_path(path: Path) -> Iterator[Path]:
         OSError: the folder cannot be created or the file cannot be renamed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{PARTIAL}{path.suffix}")
+    temporary = temporary_path(path)
     try:
         yield temporary
         os.replace(temporary, path)
     except BaseException:
         remove(temporary)
         raise
+
+
+def temporary_path(path: Path, what: str = "") -> Path:
+    """The temporary name of this process for a file or folder; `what` tells several apart (".old")."""
+    return path.with_name(f".{path.stem}.{os.getpid()}{what}{PARTIAL}{path.suffix}")
+
+
+def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path]:
+    """Temporary files and folders in a folder whose process has ended, as after kill -9.
+
+    Processes of other machines, which the numbers in the names do not tell, count as ended: do not write to one target
+    from two machines at once.
+
+    Args:
+        folder: where to look, not in the folders in it.
+        of: only those for this file or folder; None: all.
+        what: as for `temporary_path`.
+    """
+    stem, suffix = (r".+", r"(\.[^.]*)?") if of is None else (re.escape(of.stem), re.escape(of.suffix))
+    named = re.compile(rf"\.{stem}\.(?P<pid>[0-9]{{1,9}}){re.escape(what + PARTIAL)}{suffix}")
+    found = [(path, named.fullmatch(path.name)) for path in (folder.iterdir() if folder.is_dir() else ())]
+    return sorted(path for path, match in found if match is not None and not _running(int(match["pid"])))
+
+
+def remove_leftovers(folder: Path, of: Path | None = None) -> None:
+    """Delete `leftovers`; what cannot be deleted stays."""
+    for path in leftovers(folder, of):
+        with suppress(OSError):
+            remove(path)
+
+
+def _running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
 
 
 def write_bytes(path: Path, data: bytes) -> None:

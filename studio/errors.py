@@ -138,3 +138,9 @@ def _plain(value: Any) -> Any:
         return {str(name): _plain(item) for name, item in list(value.items())[:100]}
     text = os.fspath(value) if isinstance(value, os.PathLike) else str(value)
     return _CONTROL.sub("?", text)[:MAX_LENGTH]
+
+
+def reason_of(error: Exception) -> str:
+    """What went wrong, for a message: of an OSError without its number and path ("not a directory")."""
+    words = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
+    return words[:1].lower() + words[1:] if isinstance(error, OSError) else words

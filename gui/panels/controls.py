@@ -16,7 +16,7 @@ FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
 
 
-VOLUMES = {"sound off": 0.0, "sound 25 %": 0.25, "sound 50 %": 0.5, "sound 100 %": 1.0}
+VOLUMES = {"sound off": 0.0, "sound 25%": 0.25, "sound 50%": 0.5, "sound 100%": 1.0}
 SOUND = "Volume of the stream's sound (V: off or on). It plays at speed 1x only."
 NO_SOUND = "What is open has no sound"
 

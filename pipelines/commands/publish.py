@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from pipelines.commands.share import add_page_options, page_text
 from studio.progress import ProgressFn
 
 
@@ -14,26 +15,43 @@ def register(commands: Any) -> None:
         "publish",
         help="copy a stream to a web folder or an object store",
         description="Copy a stream of version 3 to a folder or an object store. Files that are there already are not "
-        "copied again, and the manifest is replaced last, so that players see the old stream or the new one.",
+        "copied again, and the manifest is replaced last, so that players see the old stream or the new one. --page "
+        "adds a page that plays it.",
         allow_abbrev=False,
     )
     command.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, one .v3s file, or a URL")
     command.add_argument(
         "target", metavar="TARGET", help="folder, or a URL such as s3://bucket/folder (needs the extra publish)"
     )
+    command.add_argument(
+        "--page",
+        action="store_true",
+        help="also put index.html and the browser player there, with the options below",
+    )
+    add_page_options(command)
     command.add_argument("--json", action="store_true", help="print progress as JSON lines")
     command.set_defaults(command=_publish)
 
 
 def _publish(arguments: argparse.Namespace) -> int:
+    text = page_text(arguments)
     from pipelines.commands.working import working
-    from pipelines.takes.videos import open_reader
-    from studio.stream.publish import publish
+    from pipelines.share.beside import PAGE_NAME, page_files
+    from pipelines.share.player_files import read_player
+    from pipelines.share.stream_files import stream_to_share
+    from studio.stream.manifest import MANIFEST_NAME
+    from studio.stream.publish import need_version_3, publish
 
-    with open_reader(arguments.source) as reader:
+    with stream_to_share(arguments.source) as stream:
+        need_version_3(stream.reader)
+        beside = page_files(stream, stream.text(text), read_player(), MANIFEST_NAME) if arguments.page else {}
         report: ProgressFn
         with working("publish", arguments.output if arguments.json else None) as report:
-            done = publish(reader, arguments.target, report)
+            done = publish(stream.reader, arguments.target, report, beside)
     if not arguments.json:
         print(f"{arguments.target}: {done.copied} files copied ({done.bytes:,} bytes), {done.present} were there")
+        if arguments.page:
+            print(f"{PAGE_NAME} there plays it.")
+        else:
+            print("This is the stream alone; --page adds a page that plays it.")
     return 0

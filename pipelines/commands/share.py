@@ -7,10 +7,13 @@ import json
 import shlex
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from pipelines.share import PageText
 
 
 def register(commands: Any) -> None:
@@ -26,6 +29,13 @@ def register(commands: Any) -> None:
     share.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
     share.add_argument("--out", type=Path, required=True, metavar="PATH", help="folder, or .html file, to write")
     share.add_argument("--single-file", action="store_true", help="one HTML file; for streams of at most 32 MB")
+    add_page_options(share)
+    share.add_argument("--json", action="store_true", help="print progress and sizes as JSON lines")
+    share.set_defaults(command=_share)
+
+
+def add_page_options(share: argparse.ArgumentParser) -> None:
+    """What the page says of the stream, as options; `page_text` reads them."""
     share.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
     share.add_argument("--credits", metavar="TEXT", help='whom to name; example: "Jane Doe, Studio X"')
     share.add_argument("--license", metavar="TEXT", help='of the footage; example: "CC BY 4.0"')
@@ -42,20 +52,29 @@ def register(commands: Any) -> None:
         metavar="URL",
         help="where the page will be; link previews show the poster only if this is given",
     )
-    share.add_argument("--json", action="store_true", help="print progress and sizes as JSON lines")
-    share.set_defaults(command=_share)
 
 
-def _share(arguments: argparse.Namespace) -> int:
+def page_text(arguments: argparse.Namespace) -> PageText:
+    """What `add_page_options` asked for.
+
+    Raises:
+        StudioError: an address that is none, or an intro that cannot be read.
+    """
     _check_address(arguments.address)
-    from pipelines.commands.working import working
-    from pipelines.share import PageText, share_folder, share_single_file
+    from pipelines.share import PageText
     from pipelines.share.intro import read_intro
 
     intro = None if arguments.intro is None else read_intro(arguments.intro)
-    text = PageText(
+    return PageText(
         arguments.title, arguments.credits, arguments.license, arguments.address, arguments.description, intro
     )
+
+
+def _share(arguments: argparse.Namespace) -> int:
+    text = page_text(arguments)
+    from pipelines.commands.working import working
+    from pipelines.share import share_folder, share_single_file
+
     write = share_single_file if arguments.single_file else share_folder
     with working("share", arguments.output if arguments.json else None) as progress:
         shared = write(arguments.source, arguments.out, text, progress)
@@ -77,7 +96,7 @@ def _share(arguments: argparse.Namespace) -> int:
 
 def iframe(address: str) -> str:
     """HTML that embeds a shared page in another page."""
-    allowed = "fullscreen; clipboard-write; gamepad"
+    allowed = "fullscreen; clipboard-write; gamepad; xr-spatial-tracking"
     return f'<iframe src="{escape(address)}" allow="{allowed}" width="640" height="480" style="border: 0"></iframe>'
 
 

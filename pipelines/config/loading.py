@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,11 @@ from pydantic import ValidationError
 
 from pipelines.config.config import Config
 from pipelines.config.renamed import first_tree, note_renames, renamed, renamed_override
-from studio.errors import Message, StudioError
+from studio.errors import Message, StudioError, reason_of
 from studio.json_types import JsonObject
 from studio.paths import need_utf8
 from studio.settings import Conflict, Settings, submodel
+from studio.violations import violation
 from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
 COMMAND_LINE = "command line"
@@ -108,7 +110,7 @@ def read_yaml(path: Path) -> JsonObject:
     except IsADirectoryError:
         raise StudioError("settings.unreadable", "is a folder", file=path, fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise StudioError("settings.unreadable", f"cannot be read ({error})", file=path, fix=fix) from None
+        raise StudioError("settings.unreadable", f"cannot be read ({reason_of(error)})", file=path, fix=fix) from None
     try:
         values = parse_yaml(text)
     except YamlError as error:
@@ -246,8 +248,23 @@ def _mistake(problem: JsonObject, file: Path | str | None, prefix: str, given: C
     elif kind in ("model_type", "model_attributes_type"):
         text, fix = f"{name} = {found!r} is not a section", f"Indent settings under it, one per line ({name}: ...)."
     else:
-        text = f"{name} = {_plain(found)} is invalid: {problem['msg'].replace('Input should', 'must', 1)}"
+        words = violation(problem)
+        text = f"{name} = {_plain(found)} {'' if words.startswith(('must', 'is ')) else 'is invalid: '}{words}"
+        fix = _default_sentence(setting)
     return Message("settings.invalid", text, where, found, fix, fields)
+
+
+def _default_sentence(name: str) -> str:
+    """What a setting is if nothing is said; "" for those of nested models."""
+    value: Any = Config()
+    for part in name.split("."):
+        if not hasattr(value, part):
+            return ""
+        value = getattr(value, part)
+    if isinstance(value, tuple):
+        value = list(value)
+    plain = all(isinstance(item, str | int | float | None) for item in (value if isinstance(value, list) else [value]))
+    return f"The default is {json.dumps(value).strip(chr(34))}." if plain else ""
 
 
 def _plain(value: Any) -> str:

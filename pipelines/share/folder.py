@@ -8,14 +8,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipelines.share.page import player_page, preview_tags
-from pipelines.share.player_files import hashed_name, read_player
-from pipelines.share.poster import draw_poster
+from pipelines.share.beside import PAGE_NAME, page_files
+from pipelines.share.player_files import read_player
 from pipelines.share.results import PageText, Shared
 from pipelines.share.stream_files import stream_to_share
 from pipelines.takes.atomic_files import disk_errors, remove
 from pipelines.version import program_version
-from studio.atomic_files import PARTIAL
+from studio.atomic_files import leftovers, remove_leftovers, temporary_path
 from studio.bounded_text import parse_json
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
@@ -59,24 +58,13 @@ def share_folder(source: str, out: Path, text: PageText | None = None, progress:
             written[name] = len(data)
 
         progress(0, total)
-        poster = draw_poster(stream)
-        poster_name = hashed_name("poster.jpg", poster.data)
-        write(poster_name, poster.data)
+        beside = page_files(stream, words, player, f"stream/{MANIFEST_NAME}")
         for done, file in enumerate(files, start=1):
             progress(done, total)
             write(f"stream/{file.path}", stream.read(file))
         write(f"stream/{MANIFEST_NAME}", stream.manifest_bytes)
-        for name, data in player.hashed.items():
+        for name, data in beside.items():
             write(name, data)
-        page = player_page(
-            player.page,
-            f'<script type="module" src="{player.script_name}"></script>',
-            f"stream/{MANIFEST_NAME}",
-            words,
-            poster_name,
-            preview_tags(words, poster_name, poster.size),
-        )
-        write("index.html", page.encode())
         stream_bytes = sum(size for name, size in written.items() if name.startswith("stream/"))
         record = {
             "format": RECORD_FORMAT,
@@ -94,8 +82,8 @@ def share_folder(source: str, out: Path, text: PageText | None = None, progress:
         files=len(written),
         total_bytes=sum(written.values()),
         stream_bytes=stream_bytes,
-        player_bytes=written["index.html"] + sum(len(data) for data in player.hashed.values()),
-        poster_bytes=len(poster.data),
+        player_bytes=written[PAGE_NAME] + sum(len(data) for data in player.hashed.values()),
+        poster_bytes=len(next(iter(beside.values()))),
     )
 
 
@@ -137,8 +125,13 @@ def _recorded(path: Path) -> set[str] | None:
 @contextmanager
 def _replaced(out: Path) -> Iterator[Path]:
     """A temporary folder beside `out` that takes its place when the block succeeds, and is deleted otherwise."""
-    new = out.with_name(f".{out.name}.{os.getpid()}{PARTIAL}")
-    old = out.with_name(f".{out.name}.{os.getpid()}.old{PARTIAL}")
+    new, old = temporary_path(out), temporary_path(out, ".old")
+    for path in leftovers(out.parent, out, ".old"):
+        if os.path.lexists(out):
+            remove(path)
+        else:  # killed between the renames: it is the earlier share
+            os.rename(path, out)
+    remove_leftovers(out.parent, out)
     remove(new)
     new.mkdir(parents=True)
     try:

@@ -25,8 +25,17 @@ def find_streams(folder: str) -> dict[str, Path]:
     from pipelines.takes.locate_stream import stream_place
 
     place = stream_place(folder)
-    if isinstance(place, str) or place.is_file():
-        raise StudioError("serve.not_a_folder", "only folders can be served", file=folder, fix="Specify a folder.")
+    if isinstance(place, str):
+        fix = "Open it with `v3studio play`, or specify a folder."
+        raise StudioError("serve.not_a_folder", "is a URL; only folders can be served", file=folder, fix=fix)
+    if place.is_file():
+        raise StudioError(
+            "serve.not_a_folder",
+            "is a file; only folders can be served",
+            file=folder,
+            fix="If it is a stream, `v3studio play` plays it, and `v3studio share` writes a folder with it that can be "
+            "served.",
+        )
     if (place / MANIFEST_NAME).is_file():
         return {"/": place}
     found = {}

@@ -15,6 +15,7 @@ from pipelines.share.poster import draw_poster
 from pipelines.share.results import PageText, Shared
 from pipelines.share.stream_files import StreamToShare, stream_to_share
 from pipelines.takes.atomic_files import atomic_path, disk_errors
+from studio.atomic_files import remove_leftovers
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 from studio.stream.manifest import MANIFEST_NAME
@@ -77,6 +78,7 @@ def share_single_file(
             f"data:image/jpeg;base64,{b64encode(poster.data).decode()}",
             preview_tags(words, None, poster.size),
         ).encode()
+        remove_leftovers(out.parent, out)
         with atomic_path(out) as temporary:
             temporary.write_bytes(page)
         progress(len(stream.files) + 1, len(stream.files) + 1)

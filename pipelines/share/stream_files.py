@@ -89,8 +89,10 @@ def stream_to_share(text: str) -> Iterator[StreamToShare]:
 
 
 def name_of(folder: Path) -> str:
-    """Name of a stream's folder; of a take's stream, the take's."""
+    """Name of a stream's folder, or of its file without the extension; of a take's stream, the take's."""
     folder = folder.absolute()
+    if folder.is_file():
+        return folder.stem
     in_take = folder.name == "stream" and (folder.parent / "take.json").is_file()
     return folder.parent.name if in_take else folder.name
 

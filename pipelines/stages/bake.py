@@ -13,7 +13,9 @@ import numpy as np
 
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.contribution import DrawnContribution
 from pipelines.stages.params import Params, key_of, settings_affecting
+from pipelines.stages.rungs import FinetunedFrames, RungTraining, finetuned_rungs, finetuning_params
 from pipelines.stages.summaries import BakeSummary
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy, read_model, remove, write_model
 from pipelines.takes.frame_files import read_frame
@@ -67,6 +69,8 @@ class BakeStage:
     Groups are baked into a work folder, each with a file that records what it was made from. When all are finished, the
     manifest is written and the folder replaces the old stream, or, in version 3, the old stream gets the new files
     and then the new manifest. Valid groups of the old stream are reused.
+
+    Rungs of the ladder that keep only a share of the splats are fine-tuned first; see `pipelines.stages.rungs`.
     """
 
     name = "bake"
@@ -78,6 +82,7 @@ class BakeStage:
     def params(self, context: Context) -> Params:
         """Encoding settings, and the contents of the manifest."""
         return {
+            **(finetuning_params(context) if finetuned_rungs(context) else {}),
             **settings_affecting(context.config, "videos", "manifest", "sound"),
             "frames a second": float(context.footage.raw.fps),
             **_content_of_sound(context),
@@ -192,7 +197,17 @@ class BakeStage:
         settings = settings_affecting(context.config, "videos")
         if context.config.bake.stream_version == 3:  # its level depends on it
             settings["frames a second"] = float(context.footage.raw.fps)
-        return key_of(self.name, self.version, settings, group.index, group.first, content)
+        rungs = RungTraining(context)
+        finetuned = [rungs.key(group.trained, rung) for rung in finetuned_rungs(context)]
+        return key_of(
+            self.name,
+            self.version,
+            settings,
+            group.index,
+            group.first,
+            content,
+            *([finetuned] if finetuned else []),
+        )
 
     def _place(self, context: Context, group: Part) -> Path | None:
         """Folder of a valid baked group, in the work folder or in the old stream; None if it must be baked."""
@@ -234,8 +249,18 @@ class BakeStage:
 
         remove(self._note(context, group))
         label, bake = f"group {group.index}", context.config.bake
+        frames = TrainedFrames(context, group)
+        finetuned: dict[tuple[float, int | None, int], FinetunedFrames] = {}
+        training, rungs = RungTraining(context), finetuned_rungs(context)
+        new = [rung for rung in rungs if not training.finished(group.trained, rung)]
+        share = 0.7 * (stop - start) / max(1, len(new))  # of the work, roughly
+        for rung in rungs:
+            end = start + share * (rung in new)
+            progress = reporter.part(f"{label}: fine-tuning {rung.kept}", start, end)
+            finetuned[rung.kind] = FinetunedFrames(frames, training.offsets(group.trained, rung, reporter, progress))
+            start = end
         entry = bake_group(
-            TrainedFrames(context, group),
+            frames,
             self._folder(context),
             group.index,
             group.first,
@@ -244,7 +269,8 @@ class BakeStage:
             quality=DrawnError(context, group) if bake.target_psnr is not None or bake.ladder else None,
             threads=context.config.run.threads,
             fps=float(context.footage.raw.fps),
-            contribution=DrawnContribution(context, group),
+            contribution=DrawnContribution(context, group.trained.index, group.indices),
+            finetuned=lambda rung: finetuned[rung.kind],
         )
         folder = self._folder(context)
         if bake.stream_version == 3:
@@ -352,37 +378,6 @@ def _content_of_sound(context: Context) -> Params:
     if sound is None or context.config.bake.stream_version == 2:
         return {}
     return {"sound": digest_files(sound.path.parent, [sound.path])}
-
-
-class DrawnContribution:
-    """What each splat adds to the pictures of the training cameras, for rungs with fewer splats.
-
-    Measured in the first, the middle and the last frame of the group, from all training cameras.
-    """
-
-    WIDTH = 640
-
-    def __init__(self, context: Context, group: Part) -> None:
-        self._context, self._group = context, group
-
-    def __call__(self) -> np.ndarray:
-        """(N,) float64: sum over views of the splat's blending weights."""
-        from studio.rasterizer.contribution import contribution
-
-        context, group, count = self._context, self._group, len(self._group.indices)
-        footage = context.footage.calibrated
-        total: np.ndarray | None = None
-        for position in sorted({0, count // 2, count - 1}):
-            gaussians = read_frame(context.take.trained_frame(group.trained.index, group.indices[position]))
-            for name in footage.train_cameras:
-                context.cancellation.check()
-                camera = footage.rig[name]
-                if camera.width > self.WIDTH:
-                    camera = camera.scaled(self.WIDTH / camera.width)
-                found = contribution(gaussians.to(context.device), camera)
-                total = found if total is None else total + found
-        assert total is not None
-        return total
 
 
 class DrawnError:

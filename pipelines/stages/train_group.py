@@ -14,12 +14,13 @@ from pipelines.reports.pictures import draw, write_picture
 from pipelines.stages.base import Context, StageReporter
 from pipelines.stages.params import derived_seed
 from pipelines.stages.train_clock import TrainClock
+from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import read_model, remove, write_model
 from pipelines.takes.frame_files import FrameMetadata, read_frame, read_tensors, write_frame, write_tensors
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import TrainedGroup
-from studio.errors import Message, StudioError
+from studio.errors import Message
 from studio.json_types import JsonData
 from studio.progress import ProgressFn
 
@@ -196,37 +197,15 @@ class GroupWork:
 
     def _views(self, frame: int, tell: bool = False) -> list[TrainingView]:
         """Training views of a frame; `tell`: report progress while reading them."""
-        from studio.training import TrainingView
 
-        footage, device = self.context.footage.calibrated, self.context.device
-        views = []
-        for number, camera in enumerate(footage.train_cameras):
-            self.context.cancellation.check()
+        def reading(number: int, images: int) -> None:
             self.stop.check()
             if tell:
-                label = f"reading frame {frame}: image {number} of {len(footage.train_cameras)}"
                 with self._lock:
                     fraction = self.clock.fraction
-                self.reporter.progress(fraction, label)
-            view = footage.view(camera, frame)
-            if (view.matte > 127).any():
-                views.append(TrainingView.from_view(view, device, self.settings.crop_margin, self.settings.use_plates))
-            else:
-                self.reporter.warn(
-                    Message(
-                        "training.not_visible",
-                        f"{camera} does not see the performer in frame {frame}: not used for this frame",
-                        fields={"camera": camera, "frame": int(frame)},
-                    )
-                )
-        if not views:
-            raise StudioError(
-                "matte.all_empty",
-                f"no training camera sees the performer in frame {frame}",
-                fix="Check the mattes.",
-                frame=int(frame),
-            )
-        return views
+                self.reporter.progress(fraction, f"reading frame {frame}: image {number} of {images}")
+
+        return training_views(self.context, self.reporter, frame, reading)
 
     def _advise(self, views: list[TrainingView]) -> None:
         """Without a GPU, warn once if the images are too large to train on."""

@@ -17,8 +17,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pipelines.config.renamed import first_path
 from studio.atomic_files import PARTIAL, atomic_path, remove, write_bytes, write_json, write_text
 from studio.bounded_text import TextError, parse_json
-from studio.errors import StudioError
+from studio.errors import StudioError, reason_of
 from studio.json_types import JsonObject
+from studio.violations import violation
 
 __all__ = [
     "Result",
@@ -64,7 +65,7 @@ def read_json(path: Path) -> Any:
     except FileNotFoundError:
         raise StudioError("take.file_not_found", "no such file", file=path) from None
     except (OSError, TextError) as error:
-        raise StudioError("take.damaged", f"cannot be read ({error})", file=path, fix=_AGAIN) from None
+        raise StudioError("take.damaged", f"cannot be read ({reason_of(error)})", file=path, fix=_AGAIN) from None
 
 
 def read_model(path: Path, model: type[Model]) -> Model:
@@ -87,7 +88,7 @@ def validated(path: Path, values: Any, model: type[Model]) -> Model:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
-        problem = f"{where}: {first['msg']}" if where else first["msg"]
+        problem = f"{where or 'the file'} {violation(first)}"
         raise StudioError("take.damaged", problem, file=path, fix=_AGAIN, key=where) from None
 
 
@@ -145,6 +146,13 @@ def disk_errors(folder: Path) -> Iterator[None]:
                 "the disk is full",
                 file=folder,
                 fix="Free some space and run again; finished work is kept.",
+            ) from error
+        if error.errno in (errno.ENOTDIR, errno.EEXIST):
+            raise StudioError(
+                "take.not_writable",
+                "cannot be written: a part of the path is a file, not a folder",
+                file=error.filename or folder,
+                fix="Choose another folder.",
             ) from error
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
             raise StudioError(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipelines.takes.atomic_files import Result, atomic_path
-from studio.errors import StudioError
+from studio.errors import StudioError, reason_of
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -76,7 +76,7 @@ def read_frame(path: Path) -> Gaussians:
     except (SafetensorError, OSError) as error:
         raise StudioError(
             "take.damaged",
-            f"cannot be read ({error})",
+            f"cannot be read ({reason_of(error)})",
             file=path,
             fix="Delete it and run `v3studio train`.",
             stage="train",

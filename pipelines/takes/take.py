@@ -8,6 +8,7 @@ Layout::
     calibrate/points.ply                        sparse points, if the cameras were calibrated from footage
     initialize/group_000/mesh.ply, points.ply   visual hull and initial points of a group's keyframe; report.json
     train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
+    train/group_000/offsets_*.safetensors       fine-tuning of splats that a rung of the ladder keeps
     stream/                                     the stream and nothing else
     evaluation.json, report.html                measured quality and the report
     marks.json                                  marked frames with notes, if any
@@ -193,6 +194,14 @@ class Take:
     def motion_network(self, group: int, index: int) -> Path:
         """Motion network of frame `index`, kept until the next frame is trained (train.motion_warm_start)."""
         return self.train_group(group) / f"motion_{index:06d}.safetensors"
+
+    def splat_offsets(self, group: int, rung: str) -> Path:
+        """What fine-tuning added to the splats that a rung keeps; `rung`: "splats50-sh0-1000"."""
+        return self.train_group(group) / f"offsets_{rung}.safetensors"
+
+    def splat_offsets_checkpoint(self, group: int, rung: str) -> Path:
+        """Checkpoint of that fine-tuning; deleted when it is finished."""
+        return self.train_group(group) / f"offsets_{rung}.checkpoint"
 
     @property
     def stream(self) -> Path:

@@ -116,7 +116,7 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
     """The transform to world coordinates in which the floor is level and at height 0; scale and heading do not change.
 
     The floor is the plane with the most sparse points (RANSAC) among all planes within 25 degrees of horizontal that
-    have 90 % of the points on or above them and all cameras above them.
+    have 90% of the points on or above them and all cameras above them.
 
     Args:
         rig: the cameras, with z approximately up, as after `upright`.
@@ -127,7 +127,7 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
         the transform, and a report of the floor plane.
 
     Raises:
-        StudioError: there are fewer than 50 points, or no such plane has 5 % of them (calibration.no_floor).
+        StudioError: there are fewer than 50 points, or no such plane has 5% of them (calibration.no_floor).
     """
     if len(points) < 50:
         raise StudioError(
@@ -158,7 +158,7 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
     if found is None or best < 0.05 * len(points):
         raise StudioError(
             "calibration.no_floor",
-            "no floor found: no level plane below the cameras has 5 % of the sparse points",
+            "no floor found: no level plane below the cameras has 5% of the sparse points",
             value=round(best / len(points), 3),
             fix="Set calibrate.floor to false, or put textured mats on the floor.",
             setting="calibrate.floor",

@@ -110,7 +110,7 @@ class CalibrateSettings(Settings):
 
     refine_principal_point: Annotated[bool, _ALL_WAYS] = False
     """Estimate the principal points. Needs many features, spread over the whole image. With a calibration target, even
-    false estimates the principal point of each camera whose views of the target cover at least 60 % of the image."""
+    false estimates the principal point of each camera whose views of the target cover at least 60% of the image."""
 
     max_features: int = Field(default=8192, ge=100)
     """Maximum number of features per camera."""

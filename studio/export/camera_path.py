@@ -219,7 +219,7 @@ def write_path_keys(keys: Sequence[Key], path: Path) -> None:
 def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:
     """Center (3,) and radius, in world units, of a sphere around the subject in a few sampled frames.
 
-    Splats with an opacity of 0.5 or less and the outermost 2 % are ignored, to exclude floaters.
+    Splats with an opacity of 0.5 or less and the outermost 2% are ignored, to exclude floaters.
     """
     points = []
     for index in np.unique(np.linspace(0, video.frame_count - 1, _SAMPLED_FRAMES).round().astype(int)):

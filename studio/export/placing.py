@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from studio.atomic_files import atomic_path, remove
+from studio.atomic_files import atomic_path, remove, remove_leftovers
 from studio.errors import StudioError
 
 
@@ -47,6 +47,7 @@ def new_file(path: Path) -> Iterator[Path]:
 def _new(path: Path, what: str) -> Iterator[Path]:
     path = path.absolute()
     _check_target(path, what)
+    remove_leftovers(path.parent, path)
     try:
         with atomic_path(path) as temporary:
             yield temporary

@@ -73,9 +73,17 @@ def find_frames(place: Path) -> list[Path]:
     A SOG data set that is not bundled is one frame, named by its folder.
 
     Raises:
-        StudioError: no files were found, more than one format, or two files have the same number.
+        StudioError: no files were found, more than one format, two files with the same number, or a stream
+            (import.is_a_stream).
     """
     if place.is_file():
+        if place.suffix.lower() == ".v3s":
+            raise StudioError(
+                "import.is_a_stream",
+                "is a stream already, not splats of another program",
+                file=place,
+                fix="Play it with `v3studio play`, or write its splats with `v3studio export --format ply`.",
+            )
         return [place]
     if not place.is_dir():
         raise StudioError("import.not_found", "no such file or folder", file=place)

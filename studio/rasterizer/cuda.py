@@ -119,7 +119,7 @@ def rasterize_cuda(
     pose = torch.eye(4)
     pose[:3, :3] = torch.as_tensor(pinhole.rotation)
     pose[:3, 3] = torch.as_tensor(pinhole.translation)
-    # gsplat clamps the linearization to the image plus 15 % of its size on each side. Projecting to an image of another
+    # gsplat clamps the linearization to the image plus 15% of its size on each side. Projecting to an image of another
     # size and principal point moves that bound to `Pinhole.limits`; the means are shifted back afterwards.
     left, right, top, bottom = pinhole.limits
     wide, high = (round((right - left) * pinhole.fx / 1.3), round((bottom - top) * pinhole.fy / 1.3))

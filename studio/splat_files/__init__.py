@@ -56,9 +56,10 @@ def _ending(path: Path, known: Iterable[str], what: str) -> str:
     if ending not in endings:
         raise StudioError(
             "splat_file.unsupported_format",
-            f"splats can be {what} {', '.join(endings)} files, not {path.suffix!r}",
+            f"splats can be {what} {', '.join(endings)} files, not {path.suffix or 'a file without extension'}",
             file=path,
             value=path.suffix,
+            fix="Convert it, or give the file the extension of its format.",
             expected=endings,
         )
     return ending

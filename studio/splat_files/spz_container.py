@@ -30,7 +30,7 @@ _ZSTD_VERSION = 4
 _EXTENSIONS = 0x2  # flag
 # These change what the attributes mean: other quantization of SH, other axes. All others can be skipped.
 _UNREADABLE_EXTENSIONS = {0xADBE0001, 0xADBE0003}
-# Of 1 to 22. 31,900 trained splats: 1.5 % fewer bytes than level 12, in 0.1 s; more does not help
+# Of 1 to 22. 31,900 trained splats: 1.5% fewer bytes than level 12, in 0.1 s; more does not help
 _ZSTD_LEVEL = 19
 _LARGEST_WINDOW = 1 << 27  # of Zstandard; what level 22 needs
 

@@ -6,7 +6,7 @@ from studio.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from studio.stream.bake import bake_group, group_folder_name, write_manifest
-    from studio.stream.bake_ladder import ContributionFn
+    from studio.stream.bake_ladder import ContributionFn, FinetunedFn
     from studio.stream.bake_sound import bake_sound
     from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
     from studio.stream.ladder_models import AudioEntry, BakedGroup, GroupLadder, RenditionEntry, baked_group
@@ -29,6 +29,7 @@ __all__ = [
     "BakedGroup",
     "ContributionFn",
     "DecodedFrame",
+    "FinetunedFn",
     "FolderSource",
     "GroupDecoder",
     "GroupEntry",

@@ -11,7 +11,7 @@ from bisect import bisect_right
 from pathlib import Path
 from typing import Protocol
 
-from studio.errors import StudioError
+from studio.errors import StudioError, reason_of
 from studio.stream.http_source import HttpSource
 from studio.stream.manifest_models import PATH
 from studio.stream.source import BAKE_AGAIN, too_long
@@ -54,7 +54,9 @@ class FileRanges:
         try:
             self._file = path.open("rb")
         except OSError as error:
-            raise StudioError("source.file_unreadable", f"the file cannot be read ({error})", file=path) from None
+            raise StudioError(
+                "source.file_unreadable", f"the file cannot be read ({reason_of(error)})", file=path
+            ) from None
         self._size = os.fstat(self._file.fileno()).st_size
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
@@ -62,7 +64,9 @@ class FileRanges:
         try:
             return os.pread(self._file.fileno(), count, offset), self._size
         except (OSError, ValueError) as error:
-            raise StudioError("source.file_unreadable", f"the file cannot be read ({error})", file=self.name) from None
+            raise StudioError(
+                "source.file_unreadable", f"the file cannot be read ({reason_of(error)})", file=self.name
+            ) from None
 
     def close(self) -> None:
         """See `Ranges.close`."""

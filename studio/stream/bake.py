@@ -11,7 +11,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
-from studio.stream.bake_ladder import ContributionFn, bake_ladder
+from studio.stream.bake_ladder import ContributionFn, FinetunedFn, bake_ladder
 from studio.stream.encode_group import encode_group, prepare
 from studio.stream.ladder_models import AudioEntry, BakedGroup, GroupLadder
 from studio.stream.manifest import MANIFEST_NAME, PROFILES, Codec, Manifest, seal
@@ -37,6 +37,7 @@ def bake_group(
     threads: int = 0,
     fps: float | None = None,
     contribution: ContributionFn | None = None,
+    finetuned: FinetunedFn | None = None,
 ) -> BakedGroup:
     """Bake one group: into `directory/group_<nnn>/` for version 2, into files named by their content for version 3.
 
@@ -55,14 +56,15 @@ def bake_group(
         quality: error of a decoded frame against the trained one; required for `target_psnr`. In version 3, the
             renditions' `psnr_to_trained` is measured with it.
         fps: version 3: frames per second of the stream, which the level of its videos is chosen for; None: 30.
-        contribution: what each splat adds to the pictures; required for rungs with fewer splats.
+        contribution: what each splat adds to the pictures; required for rungs that keep fewer splats as they are.
+        finetuned: frames of rungs that keep fewer splats and are trained further; required for these.
 
     Returns:
         The group's entry for the manifest.
 
     Raises:
         StudioError: no frames, differing splat counts, values that are not finite, a target that no QP reaches, no
-            `contribution` for a rung that needs it, or the folder cannot be written.
+            `contribution` or `finetuned` for a rung that needs it, or the folder cannot be written.
     """
     if not isinstance(frames, Sequence):
         frames = list(frames)
@@ -84,7 +86,18 @@ def bake_group(
     try:
         if settings.stream_version == 3:
             return bake_ladder(
-                frames, directory, partial, group, first_frame, settings, progress, quality, threads, fps, contribution
+                frames,
+                directory,
+                partial,
+                group,
+                first_frame,
+                settings,
+                progress,
+                quality,
+                threads,
+                fps,
+                contribution,
+                finetuned,
             )
         prepared = prepare(frames, settings, progress)
         entry = encode_group(

@@ -36,6 +36,9 @@ from studio.stream.video import AV1_QP_MAX, NOMINAL_FPS, PlaneDecoder
 ContributionFn = Callable[[], np.ndarray]
 """(N,) float, at least 0: what each splat of the group adds to the pictures that cameras see."""
 
+FinetunedFn = Callable[[Rung], Sequence[Gaussians]]
+"""Frames of the group with the splats that a rung keeps, trained further; called for rungs with `Rung.finetuned`."""
+
 
 def bake_ladder(
     frames: Sequence[Gaussians],
@@ -49,6 +52,7 @@ def bake_ladder(
     threads: int,
     fps: float | None,
     contribution: ContributionFn | None,
+    finetuned: FinetunedFn | None,
 ) -> GroupLadder:
     """Bake all rungs into `directory/files`. Arguments as for `bake.bake_group`; `partial` is a folder for work.
 
@@ -57,14 +61,25 @@ def bake_ladder(
         OSError: a file cannot be written.
     """
     rungs, count = settings.rungs, len(frames)
+    if finetuned is None and any(rung.finetuned for rung in rungs):
+        raise StudioError(
+            "bake.no_finetuning",
+            "a rung's splats are to be trained further after pruning, but there is no footage to train them on",
+            fix="Bake a take, pass finetuned, or set finetune_iterations of all rungs to 0.",
+            setting="bake.ladder",
+            group=group,
+        )
     ranking = _ranking(rungs, len(frames[0]), contribution, group)
     made: dict[str, JsonObject] = {}
-    for kind in dict.fromkeys((rung.splats, rung.sh_degree) for rung in rungs):
-        part = _Reduced(frames, ranking, *kind) if kind != (1.0, None) else frames
+    for kind in dict.fromkeys(rung.kind for rung in rungs):
+        same = [rung for rung in rungs if rung.kind == kind]
+        part = frames
+        if finetuned is not None and same[0].finetuned:
+            part = finetuned(same[0])
+        elif kind != (1.0, None, 0):
+            part = _Reduced(frames, ranking, same[0].splats, same[0].sh_degree)
         prepared = prepare(part, settings, progress)
-        for rung in rungs:
-            if (rung.splats, rung.sh_degree) != kind:
-                continue
+        for rung in same:
             own = settings.replace(ladder=(), qp=rung.qp)
             steps = _Steps(progress, len(made), len(rungs))
             entry = encode_group(
@@ -110,8 +125,7 @@ class _Reduced(Sequence[Gaussians]):
         self._kept: torch.Tensor | None = None
         if share < 1:
             assert ranking is not None
-            kept = np.sort(ranking[: max(1, round(share * len(ranking)))])
-            self._kept = torch.from_numpy(kept)
+            self._kept = torch.from_numpy(most_visible(ranking, share))
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -125,9 +139,21 @@ class _Reduced(Sequence[Gaussians]):
         return frame
 
 
+def most_visible(ranking: np.ndarray, share: float) -> np.ndarray:
+    """Indices of the first `share` of a ranking, at least one, ascending."""
+    kept: np.ndarray = np.sort(ranking[: max(1, round(share * len(ranking)))])
+    return kept
+
+
+def ranking_of(contribution: np.ndarray) -> np.ndarray:
+    """(N,) indices of splats, the one that contributes most first; equal ones in their order."""
+    order: np.ndarray = np.argsort(-contribution, kind="stable")
+    return order
+
+
 def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | None, group: int) -> np.ndarray | None:
-    """(N,) splats, the most visible first; None if every rung keeps all."""
-    if not any(rung.pruned for rung in rungs):
+    """(N,) splats, the most visible first; None if no rung is only cut."""
+    if not any(rung.pruned and not rung.finetuned for rung in rungs):
         return None
     if contribution is None:
         raise StudioError(
@@ -146,15 +172,14 @@ def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | 
             group=group,
             expected=(splats,),
         )
-    order: np.ndarray = np.argsort(-values, kind="stable")
-    return order
+    return ranking_of(values)
 
 
 def _rendition(
     entry: GroupEntry, partial: Path, directory: Path, rung: Rung, psnr: float | None, codec: str
 ) -> JsonObject:
     """The group's values for the manifest, with its files moved to their names."""
-    pruning: Pruning = "importance" if rung.pruned else "none"
+    pruning: Pruning = "fine-tuned" if rung.finetuned else "importance" if rung.pruned else "none"
     tree = entry.to_dict()
     videos = _videos(tree)
     size = entry.size if isinstance(entry, MotionGroup) else _plane_size(entry)

@@ -288,7 +288,7 @@ def _importance(opacity: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def _classes(importance: np.ndarray, residuals: np.ndarray, step: float) -> np.ndarray:
-    """(N,) uint8 classes by importance, coarse enough for the splat's residuals in 80 % of the frames."""
+    """(N,) uint8 classes by importance, coarse enough for the splat's residuals in 80% of the frames."""
     wanted = np.rint(np.log2(importance)) + 1  # class 0 is the finest
     reach = np.quantile(np.abs(residuals).max(axis=2), 0.8, axis=0)
     needed = np.ceil(np.log2(np.maximum(reach / (_STEPS_A_SIDE * step), 1e-9)))

@@ -29,6 +29,7 @@ from studio.stream.manifest import (
     Codec,
     Manifest,
     check_digest,
+    check_planes_codec,
     no_such_frame,
     parse_head,
     seal_with,
@@ -138,8 +139,7 @@ class PlanesLadderManifest(LadderManifest):
 
     @model_validator(mode="after")
     def _check_codec(self) -> PlanesLadderManifest:
-        if self.codec.name != "h264":
-            raise InconsistentError("codec", f"profile planes requires codec h264, not {self.codec.name}")
+        check_planes_codec(self.codec)
         return self
 
 

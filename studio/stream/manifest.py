@@ -151,8 +151,7 @@ class PlanesManifest(Manifest):
 
     @model_validator(mode="after")
     def _check_codec(self) -> PlanesManifest:
-        if self.codec.name != "h264":
-            raise InconsistentError("codec", f"profile planes requires codec h264, not {self.codec.name}")
+        check_planes_codec(self.codec)
         return self
 
 
@@ -255,6 +254,12 @@ def unknown_profile(head: JsonObject, name: str) -> StudioError:
         value=profile,
         fix=BAKE_AGAIN,
     )
+
+
+def check_planes_codec(codec: Codec) -> None:
+    """Raises InconsistentError unless the codec is one that the profile `planes` has."""
+    if codec.name != "h264":
+        raise InconsistentError("codec", f"profile planes requires codec h264, not {codec.name}")
 
 
 def check_digest(data: bytes, digest: str, name: str) -> None:

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.layout import Component, channels, components, plane_side, tile_side
+from studio.violations import violation
 
 # Bounds: far above any real stream, low enough that a malicious manifest cannot exhaust memory.
 MAX_SPLATS = 4 << 20
@@ -333,7 +334,7 @@ def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
     """
     first = error.errors(include_url=False)[0]
     location = ".".join(str(part) for part in first["loc"])
-    message, rule = first["msg"], first["type"]
+    message, rule = violation(first), first["type"]
     value: str | None = None
     found = ""
     cause = first.get("ctx", {}).get("error")
@@ -344,7 +345,7 @@ def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
         found = f", found {value}"
     return StudioError(
         "manifest.invalid",
-        f"{location + ': ' if location else ''}{message}{found}",
+        f"{location + (' ' if message.startswith(('must', 'is ')) else ': ') if location else ''}{message}{found}",
         file=file,
         value=value,
         fix=fix,

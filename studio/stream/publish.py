@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from studio.atomic_files import write_bytes
-from studio.errors import Cancelled, StudioError
+from studio.atomic_files import remove_leftovers, write_bytes
+from studio.errors import Cancelled, StudioError, reason_of
 from studio.progress import ProgressFn, no_progress
+from studio.stream.ladder_models import FILES
 from studio.stream.manifest import MANIFEST_NAME
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry
 from studio.stream.reader import StreamReader, checked_file
@@ -21,7 +23,16 @@ IMMUTABLE = "public, max-age=31536000, immutable"
 REVALIDATED = "no-cache"
 """Cache-Control of the manifest."""
 
-TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4", ".bin": "application/octet-stream"}
+TYPES = {
+    ".json": "application/json",
+    ".mp4": "video/mp4",
+    ".m4a": "audio/mp4",
+    ".bin": "application/octet-stream",
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript",
+    ".jpg": "image/jpeg",
+    ".txt": "text/plain; charset=utf-8",
+}
 _PARALLEL = 8
 
 
@@ -40,7 +51,12 @@ class _Place(Protocol):
     def put(self, path: str, data: bytes, cache: str) -> None: ...
 
 
-def publish(reader: StreamReader, target: str, progress: ProgressFn = no_progress) -> Published:
+def publish(
+    reader: StreamReader,
+    target: str,
+    progress: ProgressFn = no_progress,
+    beside: Mapping[str, bytes] | None = None,
+) -> Published:
     """Copy all files of a stream of version 3 that the target lacks, then its manifest.
 
     Players see the old stream or the new one, never a mixture: a file never changes under its name, and the manifest is
@@ -50,17 +66,13 @@ def publish(reader: StreamReader, target: str, progress: ProgressFn = no_progres
         reader: the stream; files are verified before they are copied.
         target: a folder, or a URL that fsspec knows, such as s3://bucket/folder; needs the extra `publish`.
         progress: called with (files done, files).
+        beside: further files by name, such as a page that plays the stream, put there in this order after the
+            manifest. `.html` files are revalidated; the others must be named by their content. Not counted.
 
     Raises:
         StudioError: an older version, a damaged file, a missing package, or the target cannot be written.
     """
-    if reader.index is None:
-        raise StudioError(
-            "publish.needs_version_3",
-            "the stream has version 2, whose files change under their names",
-            file=reader.source.name,
-            fix="Bake it with --stream-version 3.",
-        )
+    need_version_3(reader)
     files = reader.files
     place = _open(target)
     with _Written(target):
@@ -80,12 +92,27 @@ def publish(reader: StreamReader, target: str, progress: ProgressFn = no_progres
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
         place.put(MANIFEST_NAME, reader.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES), REVALIDATED)
+        for name, data in (beside or {}).items():
+            place.put(name, data, REVALIDATED if name.endswith(".html") else IMMUTABLE)
     return Published(len(missing), sum(file.bytes for file in missing), len(files) - len(missing))
+
+
+def need_version_3(reader: StreamReader) -> None:
+    """Raises StudioError (publish.needs_version_3) unless files of the stream never change under their names."""
+    if reader.index is None:
+        raise StudioError(
+            "publish.needs_version_3",
+            "the stream has version 2, whose files change under their names",
+            file=reader.source.name,
+            fix="Bake it with --stream-version 3.",
+        )
 
 
 class _Folder:
     def __init__(self, root: Path) -> None:
         self._root = root
+        for folder in (root, root / FILES):
+            remove_leftovers(folder)
 
     def size(self, path: str) -> int | None:
         file = self._root / path
@@ -160,7 +187,7 @@ class _Written:
 def _failed(target: str, error: Exception) -> StudioError:
     return StudioError(
         "publish.failed",
-        f"the target cannot be written ({error or type(error).__name__})",
+        f"the target cannot be written ({reason_of(error)})",
         file=target,
         fix="Check the address, the permissions and the network, then publish again: what is there is kept.",
     )

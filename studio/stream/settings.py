@@ -30,22 +30,40 @@ class Rung(Settings):
     """Quantization parameter of this rung."""
 
     splats: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Share of the splats that are kept: those that contribute most to what the training cameras see. They are not
-    trained further."""
+    """Share of the splats that are kept: those that contribute most to what the training cameras see."""
 
     sh_degree: Annotated[int, Field(ge=0, le=3)] | None = None
     """Degree that spherical harmonics are cut to; null keeps the trained one."""
 
+    finetune_iterations: Annotated[int, Field(ge=0, le=1_000_000)] = 1_000
+    """With splats below 1: training steps per group in which the kept splats learn to cover what the others covered.
+    0: they stay as they are."""
+
     @property
     def id(self) -> str:
         """Name of the rendition: qp24, qp24-splats40-sh0."""
-        splats = "" if self.splats == 1 else f"-splats{self.splats * 100:g}".replace(".", "-")
-        return f"qp{self.qp}{splats}{'' if self.sh_degree is None else f'-sh{self.sh_degree}'}"
+        return "-".join(part for part in (f"qp{self.qp}", self.kept) if part)
+
+    @property
+    def kept(self) -> str:
+        """Name of what is kept of each frame: splats40-sh0; empty for everything."""
+        splats = "" if self.splats == 1 else f"splats{self.splats * 100:g}".replace(".", "-")
+        return "-".join(part for part in (splats, "" if self.sh_degree is None else f"sh{self.sh_degree}") if part)
 
     @property
     def pruned(self) -> bool:
         """Whether splats are left out."""
         return self.splats < 1
+
+    @property
+    def finetuned(self) -> bool:
+        """Whether the splats that are kept are trained further."""
+        return self.pruned and self.finetune_iterations > 0
+
+    @property
+    def kind(self) -> tuple[float, int | None, int]:
+        """What the splats of the rung depend on: rungs of one kind differ by QP only."""
+        return self.splats, self.sh_degree, self.finetune_iterations if self.pruned else 0
 
 
 DEFAULT_LADDER = (
@@ -131,9 +149,9 @@ class BakeSettings(Settings):
     index in pages, checks of decoders. 2: for players that do not read 3 yet."""
 
     ladder: Annotated[tuple[Rung, ...], Field(max_length=16)] = ()
-    """Renditions of a stream of version 3, the best first, each with qp, splats (share of the splats that are kept) and
-    sh_degree; players choose one at each group. Example: [{qp: 20}, {qp: 28}, {qp: 28, splats: 0.5, sh_degree: 0}].
-    Empty: one rendition, by the settings above."""
+    """Renditions of a stream of version 3, the best first, each with qp, splats (share of the splats that are kept),
+    sh_degree and finetune_iterations; players choose one at each group. Example: [{qp: 20}, {qp: 28}, {qp: 28, splats:
+    0.5, sh_degree: 0}]. Empty: one rendition, by the settings above."""
 
     splats: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Share of the splats that are kept in a stream of version 3 without a ladder: those that contribute most to what
@@ -218,7 +236,7 @@ class BakeSettings(Settings):
     @property
     def rungs(self) -> tuple[Rung, ...]:
         """The ladder; without one, a single rung by `qp`."""
-        return self.ladder or (Rung(qp=self.qp, splats=self.splats),)
+        return self.ladder or (Rung(qp=self.qp, splats=self.splats, finetune_iterations=0),)
 
     @property
     def encoding(self) -> Encoding:

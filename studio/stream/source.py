@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
-from studio.errors import StudioError
+from studio.errors import StudioError, reason_of
 
 BAKE_AGAIN = "Bake the stream again, or copy it again."
 """The fix for a file of a stream that is missing or damaged."""
@@ -70,7 +70,8 @@ class FolderSource:
         except FileNotFoundError:
             raise StudioError("source.file_missing", "the file is missing", file=file, fix=BAKE_AGAIN) from None
         except (OSError, ValueError, RuntimeError) as error:
-            raise StudioError("source.file_unreadable", f"the file cannot be read ({error})", file=file) from None
+            problem = f"the file cannot be read ({reason_of(error)})"
+            raise StudioError("source.file_unreadable", problem, file=file, fix=BAKE_AGAIN) from None
         if len(data) > limit:
             raise too_long(file, limit)
         return data

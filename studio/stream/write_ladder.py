@@ -29,8 +29,9 @@ from studio.stream.manifest_models import MAX_MANIFEST_BYTES, invalid
 from studio.stream.settings import BakeSettings
 from studio.stream.source import FolderSource
 
-INLINE_BYTES = 64 << 10
-"""Groups in the manifest itself take about this many bytes at most: what a player must have before the first group."""
+INLINE_BYTES = 12 << 10
+"""Groups in the manifest itself take this many bytes at most, unless the first is larger: what a player must have
+before the first group. A manifest of 14 kB is what a server sends in the first round trip (ten segments, RFC 6928)."""
 
 PAGE_BYTES = 256 << 10
 """The same for a page, which a player must have after seeking."""

@@ -95,7 +95,7 @@ def relocate_dead(optimizer: SplatOptimizer, generator: torch.Generator) -> int:
 
 
 def grow(optimizer: SplatOptimizer, budget: int, generator: torch.Generator) -> int:
-    """Add 5 % more splats as copies of live ones, up to `budget` in total; returns the number added."""
+    """Add 5% more splats as copies of live ones, up to `budget` in total; returns the number added."""
     count = len(optimizer)
     more = min(budget, int(_GROWTH * count)) - count
     if more <= 0:

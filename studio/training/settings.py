@@ -179,7 +179,7 @@ class TrainSettings(Settings):
 
     entropy_weight: Annotated[float, _LATER] = Field(default=1e-5, ge=0)
     """Weight of the residual entropy loss: lambda_e in the paper's equation 13. Lower than the paper's 1e-4, which
-    needed 14 % more bytes at equal quality (docs/measurements/training.md)."""
+    needed 14% more bytes at equal quality (docs/measurements/training.md)."""
 
     temporal_weight: Annotated[float, _LATER] = Field(default=1e-3, ge=0)
     """Weight of the temporal loss: lambda_t in the paper's equation 13."""

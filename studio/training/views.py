@@ -131,7 +131,7 @@ def _floats(image: Tensor) -> Tensor:
 
 
 def surroundings(matte: Tensor) -> Tensor:
-    """(H, W) mask, 1 on and around the performer: the matte dilated by 2 % of the performer's size, at least 4 px."""
+    """(H, W) mask, 1 on and around the performer: the matte dilated by 2% of the performer's size, at least 4 px."""
     inside = matte > 0.5
     extent = max(int(inside.any(0).sum()), int(inside.any(1).sum()))
     reach = max(4, round(0.02 * extent))

@@ -170,6 +170,7 @@ def test_a_paused_picture_is_sorted_for_the_view(stream, open_page):
 
 def test_keys(stream, open_page):
     page = open_page("?t=0", **CALM)
+    assert page.handle.locator("v3-player [data-act='vr']:not([hidden])").count() == 0  # there is no headset
     keyboard = page.handle.keyboard
     page.handle.locator("v3-player .stage").focus()
     keyboard.press(".")

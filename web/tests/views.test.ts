@@ -37,7 +37,7 @@ void test("the figure is large on a phone and on a wide screen", () => {
     const pinhole = camera.pinhole(width, height);
     const [[, head], [, feet]] = [pixel(pinhole, [0, 0, 1.8]), pixel(pinhole, [0, 0, 0])];
     assert.ok(head > 0 && feet < height, `cut at ${width}x${height}`);
-    assert.ok((feet - head) / height > 0.45, `${Math.round((100 * (feet - head)) / height)} % of ${width}x${height}`);
+    assert.ok((feet - head) / height > 0.45, `${Math.round((100 * (feet - head)) / height)}% of ${width}x${height}`);
     assert.ok(Math.abs(pixel(pinhole, [0, 0, 0.9])[0] - width / 2) < 1);
   }
 });

@@ -11,6 +11,7 @@ from pathlib import Path
 from gui.presenters.playback.viewpoint import BACKGROUNDS
 from gui.presenters.run.jobs import ChildProcess, v3studio_command
 from gui.presenters.run.shares import ShareRequest, megabytes
+from gui.presenters.run.target import NamedTarget
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.takes.atomic_files import remove
 from studio.cameras import Camera
@@ -48,7 +49,7 @@ class PathKey:
 
 
 @dataclass
-class ExportRequest:
+class ExportRequest(NamedTarget):
     """An export as specified in the dialog; text as typed.
 
     Attributes:
@@ -71,20 +72,9 @@ class ExportRequest:
     _target: str = ""
 
     @property
-    def target(self) -> str:
-        """File or folder to write; named after the source and options until another name is typed."""
-        ending = FORMATS[self.kind][1]
-        return self._target or str(self.folder / f"{self.title}-{self.of or 'stream'}-{self.kind}{ending}")
-
-    def set_target(self, text: str) -> None:
-        """Set a typed name."""
-        self._target = "" if text.strip() == self.target else text
-
-    def move_to(self, folder: Path) -> None:
-        """Write to another folder under the same name."""
-        if self._target:
-            self._target = str(folder / Path(self._target.strip()).name)
-        self.folder = folder
+    def usual_name(self) -> str:
+        """Named after the source and the options."""
+        return f"{self.title}-{self.of or 'stream'}-{self.kind}{FORMATS[self.kind][1]}"
 
     def arguments(self) -> list[str]:
         """Arguments of `v3studio export`, without the camera path.
@@ -115,11 +105,6 @@ class ExportRequest:
                 )
             found += ["--seconds", f"{seconds:g}"]
         return found
-
-    @property
-    def path(self) -> Path:
-        """`target`, absolute."""
-        return Path(self.target.strip()).expanduser().absolute()
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from gui.presenters.run.target import NamedTarget
 from pipelines.share import MAX_SINGLE_FILE_BYTES, ShareSize
 
 FORMS: dict[str, tuple[str, str]] = {
@@ -30,7 +31,7 @@ PHONES_SERVE = (
 
 
 @dataclass
-class ShareRequest:
+class ShareRequest(NamedTarget):
     """A share as chosen in the dialog, text as typed.
 
     Attributes:
@@ -52,24 +53,9 @@ class ShareRequest:
     _target: str = ""
 
     @property
-    def target(self) -> str:
-        """File or folder to write; named after what is shared until another name is typed."""
-        return self._target or str(self.folder / f"{self.name}{FORMS[self.form][1]}")
-
-    def set_target(self, text: str) -> None:
-        """A name was typed."""
-        self._target = "" if text.strip() == self.target else text
-
-    def move_to(self, folder: Path) -> None:
-        """Write into another folder, under the same name."""
-        if self._target:
-            self._target = str(folder / Path(self._target.strip()).name)
-        self.folder = folder
-
-    @property
-    def path(self) -> Path:
-        """`target`, absolute."""
-        return Path(self.target.strip()).expanduser().absolute()
+    def usual_name(self) -> str:
+        """Named after what is shared."""
+        return f"{self.name}{FORMS[self.form][1]}"
 
     def arguments(self) -> list[str]:
         """For `v3studio share`."""

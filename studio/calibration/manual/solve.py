@@ -177,7 +177,7 @@ def _intrinsics(
 
 
 def _misfit(rig: TieRig, observations: Observations) -> float:
-    """Mean reprojection error in pixels, each clipped at 1 % of the longer image side."""
+    """Mean reprojection error in pixels, each clipped at 1% of the longer image side."""
     errors = rig.errors(observations)
     limits = {name: 0.01 * max(camera.width, camera.height) for name, camera in rig.cameras.items()}
     every = np.concatenate([np.minimum(error[~np.isnan(error)], limits[name]) for name, error in errors.items()])

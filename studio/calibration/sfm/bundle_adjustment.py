@@ -33,7 +33,7 @@ def adjust(model: Any, job: SfmJob, threads: int, *, last: bool = True, width: f
     solver.num_threads = threads
     if width is not None:
         options.ceres.loss_function_scale = width
-        # a fifth of the iterations of 1e-12; the error of the cameras is within 2 % of that
+        # a fifth of the iterations of 1e-12; the error of the cameras is within 2% of that
         solver.max_num_iterations = 100
         solver.function_tolerance = 1e-6
         solver.gradient_tolerance = solver.parameter_tolerance = 1e-12

@@ -27,7 +27,7 @@ _ORDER = {"incremental": ("incremental", "lenient"), "global": ("global",)}
 _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
 _CAUCHY = 2.4
-"""Width of the Cauchy loss in standard deviations: 95 % efficiency for Gaussian noise."""
+"""Width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise."""
 
 
 class Mapper:

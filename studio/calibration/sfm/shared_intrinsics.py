@@ -20,8 +20,8 @@ from studio.calibration.sfm.verdict import noise, reprojection_errors
 
 LIMIT = 8.0
 """Increase of the misfit per parameter removed by sharing, below which shared intrinsics are accepted. Independent
-Gaussian errors give 1; SIFT features of 1 to 3 sync frames gave 3 to 5. At 12 (focal lengths that differ by 0.1 %),
-shared and separate intrinsics gave equally accurate cameras; at 35 (0.2 %), shared intrinsics had twice the error."""
+Gaussian errors give 1; SIFT features of 1 to 3 sync frames gave 3 to 5. At 12 (focal lengths that differ by 0.1%),
+shared and separate intrinsics gave equally accurate cameras; at 35 (0.2%), shared intrinsics had twice the error."""
 _FEWEST = 3
 
 

@@ -101,7 +101,7 @@ def _consensus(
 
 
 def _fitting(state: TargetRig, target: CalibrationTarget, limit: float) -> dict[tuple[int, str], TargetObservation]:
-    """The observations and corners within the limit; at least the best 40 % of each camera's observations."""
+    """The observations and corners within the limit; at least the best 40% of each camera's observations."""
     errors = state.errors(target)
     middles = {key: float(np.median(error)) for key, error in errors.items()}
     allowed = {}

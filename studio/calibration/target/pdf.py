@@ -163,5 +163,5 @@ def _foot(axes: Any, target: CalibrationTarget, left: float, height: float) -> N
     axes.plot([left, left + length], [y, y], color=gray, linewidth=0.6)
     for at in range(0, int(length) + 1, 10):
         axes.plot([left + at, left + at], [y - 1.5, y], color=gray, linewidth=0.6)
-    text = f"50 mm; print at 100 %, then measure. {describe(target)}"
+    text = f"50 mm; print at 100%, then measure. {describe(target)}"
     axes.text(left + length + 3, y, text, fontsize=5, color=gray, verticalalignment="bottom")

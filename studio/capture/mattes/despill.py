@@ -34,7 +34,7 @@ def despill(image: np.ndarray, matte: np.ndarray, behind: np.ndarray, color: np.
         color: (3,) RGB color of the screen.
 
     Returns:
-        (H, W, 3) uint8. Pixels farther from the outline than 1 % of the performer's size (at least 3 pixels) are
+        (H, W, 3) uint8. Pixels farther from the outline than 1% of the performer's size (at least 3 pixels) are
         unchanged.
     """
     import cv2

@@ -98,7 +98,7 @@ def keep_components(
     Args:
         mask: (H, W) uint8, 0 or 1, or bool.
         components: maximum number of components, largest first; 0: no limit.
-        minimum: area in pixels; smaller components are removed and smaller holes filled. Components below 1 % of the
+        minimum: area in pixels; smaller components are removed and smaller holes filled. Components below 1% of the
             area of the largest one are also removed.
         core: (H, W) bool; components without at least 2x2 such pixels are removed.
         likeness: (H, W) float32; components whose mean is below half that of the largest one are removed (mostly

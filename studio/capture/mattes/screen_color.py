@@ -128,7 +128,7 @@ def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray
         most = f"the most common, {_text(np.median(colors[chosen], axis=0))}, covers" if share else "they cover"
         raise StudioError(
             "matte.no_screen",
-            f"Camera '{camera}': no screen found; no saturated color dominates the image ({most} {100 * share:.0f} %)",
+            f"Camera '{camera}': no screen found; no saturated color dominates the image ({most} {100 * share:.0f}%)",
             value=share,
             fix="Set capture.key_color, or choose another source of masks in capture.masks.",
             camera=camera,

@@ -1,9 +1,13 @@
 """`v3studio publish` and `v3studio export --format v3`."""
 
+import re
+
 import pytest
 
+from studio.imports import open_import
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from tests.studio.stream.conftest import _turning_bodies
+from tests.support.errors import refuses
 
 
 @pytest.fixture
@@ -26,7 +30,13 @@ def test_publish_copies_what_is_missing(here, stream, tmp_path):
     done = here("publish", folder, tmp_path / "web")
     assert done.returncode == 0, done.stderr
     assert "4 files copied" in done.stdout
-    assert "0 files copied" in here("publish", folder, tmp_path / "web").stdout
+    again = here("publish", folder, tmp_path / "web", "--page", "--title", "A <walk>")
+    assert "0 files copied" in again.stdout, again.stderr
+    page = (tmp_path / "web" / "index.html").read_text()
+    assert 'src="manifest.json"' in page
+    assert "<title>A &lt;walk&gt;</title>" in page
+    for name in re.findall(r'(?:src|poster)="([^"]+)"', page):
+        assert (tmp_path / "web" / name).is_file(), name
     with StreamReader.open(tmp_path / "web") as reader:
         reader.verify()
 
@@ -46,7 +56,11 @@ def test_a_stream_in_one_file_plays(here, stream, tmp_path):
     assert done.returncode == 0, done.stderr
     assert here("export", out, "--format", "ply", "--out", tmp_path / "plys").returncode == 0
     assert len(list((tmp_path / "plys").iterdir())) == 4
-    assert here("serve", out).returncode == 1
+    refused = here("serve", out)
+    assert refused.returncode == 1
+    assert "v3studio share" in refused.stderr
+    with refuses("import.is_a_stream", file=out):
+        open_import(out)
 
 
 @pytest.mark.parametrize(

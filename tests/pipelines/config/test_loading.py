@@ -113,24 +113,24 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
 @pytest.mark.parametrize(
     ("text", "setting", "value", "sentence"),
     [
-        ("bake: {qp: 80}", "bake.qp", 80, "bake.qp = 80 is invalid: must be less than or equal to 51."),
+        ("bake: {qp: 80}", "bake.qp", 80, "bake.qp = 80 must be at most 51. The default is 20."),
         (
             "train: {max_splats: many}",
             "train.max_splats",
             "many",
-            "train.max_splats = 'many' is invalid: must be a valid integer, unable to parse string as an integer.",
+            "train.max_splats = 'many' must be a whole number. The default is 100000.",
         ),
         (
             "train: {background: green}",
             "train.background",
             "green",
-            "train.background = 'green' is invalid: must be 'random', 'black' or 'white'.",
+            "train.background = 'green' must be random, black or white. The default is random.",
         ),
         (
             "capture: {background: [0, 0, 2]}",
             "capture.background",
             2,
-            "capture.background.2 = 2 is invalid: must be less than or equal to 1.",
+            "capture.background.2 = 2 must be at most 1. The default is [0.0, 0.0, 0.0].",
         ),
         ("run: {device: tpu}", "run.device", "tpu", "run.device = 'tpu' must be auto, cpu, cuda or cuda:N."),
         (

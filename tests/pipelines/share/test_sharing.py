@@ -7,6 +7,8 @@ import hashlib
 import json
 import os
 import shutil
+import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -182,9 +184,14 @@ def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
 
 def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream, tmp_path):
     copy, out, page = shutil.copytree(stream, tmp_path / "copy"), tmp_path / "out" / "site", tmp_path / "out" / "a.html"
+    killed = subprocess.Popen([sys.executable, "-S", "-c", ""])
+    killed.wait()
+    (tmp_path / "out" / f".site.{killed.pid}.partial").mkdir(parents=True)
+    (tmp_path / "out" / f".a.{killed.pid}.partial.html").write_text("half")
     share_folder(str(copy), out)
     share_single_file(str(copy), page)
     before = content(out.parent)
+    out.rename(out.with_name(f".site.{killed.pid}.old.partial"))  # as if killed while it was replaced
 
     def stop(done: int, total: int, **_: object) -> None:
         if done == total - 1:

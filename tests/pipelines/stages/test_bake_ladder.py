@@ -66,7 +66,7 @@ def test_a_take_of_version_2_becomes_version_3_and_back(here, take, monkeypatch)
 
 
 def test_a_take_is_baked_as_a_ladder(here, take):
-    rungs = "[{qp: 20}, {qp: 34}, {qp: 30, splats: 0.5, sh_degree: 0}]"
+    rungs = "[{qp: 20}, {qp: 34}, {qp: 30, splats: 0.5, sh_degree: 0, finetune_iterations: 10}]"
     done(here("bake", take, "--bake.ladder", rungs))
     manifest = manifest_of(take)
     assert manifest["version"] == 3
@@ -75,18 +75,22 @@ def test_a_take_is_baked_as_a_ladder(here, take):
     assert best["psnr_to_trained"] > coarse["psnr_to_trained"] > 10
     assert phone["psnr_to_trained"] > 10
     assert phone["splats"] < best["splats"]
+    assert [one["pruning"] for one in manifest["renditions"]] == ["none", "none", "fine-tuned"]
     assert all(name == "manifest.json" or name.startswith("files/") for name in names(take))
     with StreamReader.open(take / "stream") as reader:
         reader.verify()
         assert len(list(reader.iterate())) == 5
 
     ladder = {name: (take / "stream" / name).stat().st_ino for name in names(take)}
+    tuned = {path: path.stat().st_mtime_ns for path in take.glob("train/*/offsets_*")}
+    assert sorted(path.name for path in tuned) == ["offsets_splats50-sh0-10.safetensors"] * 2
     assert "up to date" in done(here("bake", take)).stdout.lower()
-    done(here("bake", take, "--bake.ladder", "[{qp: 20}, {qp: 36}]"))
+    done(here("bake", take, "--bake.ladder", rungs.replace("34", "36").replace("30", "32")))
+    assert {path: path.stat().st_mtime_ns for path in tuned} == tuned
     kept = {name for name in names(take) if ladder.get(name) == (take / "stream" / name).stat().st_ino}
     best = [group["renditions"][0] for group in manifest_of(take)["groups"]]
     assert {one[kind]["path"] for one in best for kind in ("side", "video")} <= kept
-    assert len(names(take)) <= 9
+    assert len(names(take)) <= 13
 
     done(here("evaluate", take))
     figures = json.loads((take / "evaluation.json").read_bytes())
@@ -95,7 +99,7 @@ def test_a_take_is_baked_as_a_ladder(here, take):
 
 
 def test_the_default_ladder(here, take):
-    done(here("bake", take, "--ladder", "--bake.preset", "ultrafast"))
+    done(here("bake", take, "--ladder-without-fine-tuning", "--bake.preset", "ultrafast"))
     ids = [one["id"] for one in manifest_of(take)["renditions"]]
     assert ids == ["qp16", "qp20", "qp24", "qp28", "qp24-splats50-sh0", "qp28-splats25-sh0"]
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from studio.audio import SoundFile, cut_sound
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
+from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_ladder, write_manifest
 from tests.support import sounds, streams
 
 MakeFrames = Callable[..., list[Gaussians]]
@@ -71,12 +71,14 @@ def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
     return streams.edit_manifest
 
 
-LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0))
+LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
 
 
 @pytest.fixture
-def make_ladder(tmp_path: Path) -> Callable[..., Path]:
-    """`make_ladder(lengths, ...)`: a stream of version 3 in `tmp_path`, as `write_stream` makes."""
+def make_ladder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
+    """`make_ladder(lengths, ...)`: a stream of version 3 in `tmp_path`, as `write_stream` makes, with all groups in the
+    manifest unless `write_ladder.INLINE_BYTES` is changed."""
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1 << 20)
 
     def make(lengths: tuple[int, ...] = (4, 3), name: str = "stream", **more: Any) -> Path:
         return write_stream(tmp_path / name, lengths, **more)

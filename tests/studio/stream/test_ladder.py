@@ -66,7 +66,7 @@ def test_every_rendition_has_all_frames(make_ladder, profile):
 def test_the_most_visible_splats_are_kept(tmp_path, turning_bodies):
     frames = turning_bodies(2, 80)
     keep = torch.randperm(80, generator=torch.Generator().manual_seed(2)).numpy()
-    settings = BakeSettings(stream_version=3, qp=10, ladder=(Rung(qp=10, splats=0.25),))
+    settings = BakeSettings(stream_version=3, qp=10, ladder=(Rung(qp=10, splats=0.25, finetune_iterations=0),))
     entry = bake_group(frames, tmp_path, 0, 0, settings, contribution=lambda: keep.astype(float))
     write_manifest(tmp_path, [entry], 30, settings)
     with StreamReader.open(tmp_path) as reader:
@@ -79,12 +79,28 @@ def test_the_most_visible_splats_are_kept(tmp_path, turning_bodies):
 
 
 def test_fewer_splats_need_to_know_what_they_contribute(tmp_path, turning_bodies):
-    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20, splats=0.5),))
+    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20, splats=0.5, finetune_iterations=0),))
     with refuses("bake.no_contribution", group=0):
         bake_group(turning_bodies(2, 80), tmp_path, 0, 0, settings)
     with refuses("bake.invalid_contribution", value=(79,), expected=(80,)):
         bake_group(turning_bodies(2, 80), tmp_path, 0, 0, settings, contribution=lambda: np.ones(79))
     assert files_of(tmp_path) == set()
+
+
+def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path, turning_bodies):
+    settings = BakeSettings(stream_version=3, ladder=(Rung(qp=20), Rung(qp=10, splats=0.5, sh_degree=0)))
+    frames = turning_bodies(2, 80)
+    with refuses("bake.no_finetuning", group=0):
+        bake_group(frames, tmp_path, 0, 0, settings)
+    asked = []
+
+    def finetuned(rung):
+        asked.append(rung.id)
+        return [frame[torch.arange(30)].with_sh_degree(0) for frame in frames]
+
+    entry = bake_group(frames, tmp_path, 0, 0, settings, finetuned=finetuned)
+    assert asked == ["qp10-splats50-sh0"]
+    assert [(one.splats, one.pruning) for one in entry.renditions] == [(80, "none"), (30, "fine-tuned")]
 
 
 def test_psnr_is_that_of_the_given_function(tmp_path, turning_bodies):

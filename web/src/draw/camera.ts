@@ -147,6 +147,16 @@ export class OrbitCamera {
     return result;
   }
 
+  /** The stream's up direction. */
+  get vertical(): Vector {
+    return this.up;
+  }
+
+  /** The horizontal direction of the suggested camera. */
+  get horizontal(): Vector {
+    return this.ahead;
+  }
+
   reset(): void {
     this.view = this.home;
   }

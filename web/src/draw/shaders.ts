@@ -262,10 +262,10 @@ void main() {
 export const RESOLVE_FRAGMENT = `${HEAD}
 uniform sampler2D drawing;
 uniform vec4 background; // alpha 0: none
-uniform vec2 canvas;
+uniform vec4 viewport; // corner, size
 out vec4 pixel;
 void main() {
-  vec4 front = texture(drawing, gl_FragCoord.xy / canvas);
+  vec4 front = texture(drawing, (gl_FragCoord.xy - viewport.xy) / viewport.zw);
   float rest = 1.0 - front.a;
   pixel = vec4(front.rgb + rest * background.rgb * background.a, front.a + rest * background.a);
 }`;

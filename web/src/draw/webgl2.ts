@@ -239,6 +239,14 @@ class Resources {
   }
 }
 
+/** A part of a framebuffer, in pixels from its bottom left corner. */
+export interface Viewport {
+  readonly x: number;
+  readonly y: number;
+  readonly width: number;
+  readonly height: number;
+}
+
 interface TimerQuery {
   readonly TIME_ELAPSED_EXT: number;
   readonly GPU_DISJOINT_EXT: number;
@@ -261,9 +269,13 @@ export class WebGL2Renderer implements Renderer {
   private escapePoints = 0;
   private count = 0;
 
-  /** @throws StreamError - the browser does not support WebGL2 */
-  constructor(canvas: HTMLCanvasElement) {
+  /**
+   * @param xrCompatible - to draw the views of a WebXR session
+   * @throws StreamError - the browser does not support WebGL2
+   */
+  constructor(canvas: HTMLCanvasElement, xrCompatible = false) {
     const gl = canvas.getContext("webgl2", {
+      xrCompatible,
       alpha: true,
       antialias: false,
       depth: false,
@@ -291,6 +303,10 @@ export class WebGL2Renderer implements Renderer {
       gl.getExtension("EXT_color_buffer_half_float");
       this.resources = new Resources(gl, this.half);
     });
+  }
+
+  get context(): WebGL2RenderingContext {
+    return this.gl;
   }
 
   get busy(): boolean {
@@ -395,13 +411,27 @@ export class WebGL2Renderer implements Renderer {
     resources.canvasTarget.resize(pinhole.width, pinhole.height);
     this.drawInto(resources, resources.canvasTarget, pinhole);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    const { width, height } = gl.canvas;
-    gl.viewport(0, 0, width, height);
-    this.resolveFrom(resources, resources.canvasTarget, [width, height], background);
+    this.resolveFrom(resources, resources.canvasTarget, { x: 0, y: 0, width: gl.canvas.width, height: gl.canvas.height }, background);
     if (begun) gl.endQuery(this.timer!.TIME_ELAPSED_EXT);
     gl.deleteSync(this.fence);
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
+  }
+
+  /** Draws several views into parts of another framebuffer of this context, such as that of a WebXR session. */
+  drawViews(
+    views: readonly { readonly pinhole: Pinhole; readonly viewport: Viewport }[],
+    frame: WebGLFramebuffer | null,
+    background: readonly [number, number, number] | null,
+  ): void {
+    const { gl, resources } = this;
+    if (resources === null) return;
+    for (const { pinhole, viewport } of views) {
+      resources.canvasTarget.resize(pinhole.width, pinhole.height);
+      this.drawInto(resources, resources.canvasTarget, pinhole);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+      this.resolveFrom(resources, resources.canvasTarget, viewport, background);
+    }
   }
 
   snapshot(pinhole: Pinhole, background: readonly [number, number, number]): Uint8ClampedArray<ArrayBuffer> {
@@ -416,8 +446,7 @@ export class WebGL2Renderer implements Renderer {
     this.drawInto(resources, drawing, pinhole);
     bytes.resize(width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, bytes.frame);
-    gl.viewport(0, 0, width, height);
-    this.resolveFrom(resources, drawing, [width, height], background);
+    this.resolveFrom(resources, drawing, { x: 0, y: 0, width, height }, background);
     const raw = new Uint8Array(pixels.length);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, raw);
     for (let y = 0; y < height; y++) pixels.set(raw.subarray((height - 1 - y) * row, (height - y) * row), y * row);
@@ -517,15 +546,16 @@ export class WebGL2Renderer implements Renderer {
   private resolveFrom(
     resources: Resources,
     target: Target,
-    canvas: readonly [number, number],
+    { x, y, width, height }: Viewport,
     background: readonly [number, number, number] | null,
   ): void {
     const { gl } = this;
     const { resolve } = resources;
+    gl.viewport(x, y, width, height);
     resolve.use();
     target.texture.bind();
     gl.uniform1i(resolve.at("drawing"), DRAWING);
-    gl.uniform2f(resolve.at("canvas"), ...canvas);
+    gl.uniform4f(resolve.at("viewport"), x, y, width, height);
     gl.uniform4f(resolve.at("background"), ...(background ?? ([0, 0, 0] as const)), background === null ? 0 : 1);
     gl.bindVertexArray(resources.emptyArray);
     gl.drawArrays(gl.TRIANGLES, 0, 3);

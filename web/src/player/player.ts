@@ -177,6 +177,46 @@ export class Player {
     return new WebGL2Renderer(this.canvas);
   }
 
+  /** The renderer of the page while an immersive session has its own. */
+  private outside: Renderer | null = null;
+  /** The center of the viewer's head in an immersive session. */
+  private head: Pinhole | null = null;
+
+  /** Draws no more to the page: an immersive session draws, with its own renderer, and advances the clock. */
+  enterImmersion(renderer: Renderer): void {
+    cancelAnimationFrame(this.handle);
+    this.outside = this.renderer;
+    this.change(renderer);
+  }
+
+  /** Advances the clock to `now`, and sorts for the center of the head; the session draws. */
+  advanceImmersion(now: number, head: Pinhole): void {
+    this.head = head;
+    this.advance(now);
+    this.follow();
+  }
+
+  /** Draws to the page again. */
+  leaveImmersion(): void {
+    this.head = null;
+    this.renderer?.dispose();
+    const renderer = this.outside;
+    this.outside = null;
+    if (renderer === null || this.stop.signal.aborted) return;
+    this.change(renderer);
+    this.dirty = true;
+    this.handle = requestAnimationFrame(this.tick);
+  }
+
+  /** Uses another renderer, to which everything must be sent again. */
+  private change(renderer: Renderer): void {
+    this.renderer = renderer;
+    this.lastTick = this.drawBegan = this.lastShownAt = null;
+    if (this.info === null) return;
+    renderer.prepare(this.info.profile, this.info.shDegree);
+    this.restore();
+  }
+
   /** Starts with WebGPU, or with WebGL2 if that is not possible. */
   private async startWebGPU(forced: boolean): Promise<void> {
     let used = false;
@@ -199,7 +239,7 @@ export class Player {
   private leaveWebGPU(why: string, used: boolean): void {
     if (this.stop.signal.aborted) return;
     this.withoutWebGPU = why;
-    const before = this.renderer;
+    const before = this.outside ?? this.renderer;
     before?.dispose();
     if (used) {
       const canvas = this.canvas.cloneNode() as HTMLCanvasElement;
@@ -208,16 +248,14 @@ export class Player {
       this.resizing.observe(canvas);
       this.canvas = canvas;
     }
-    this.drawBegan = null;
     try {
-      this.renderer = this.webgl2();
+      const renderer = this.webgl2();
+      if (this.outside !== null) this.outside = renderer;
+      else if (before !== null) this.change(renderer);
+      else this.renderer = renderer;
     } catch (error) {
       this.fail(before === null ? messageOf(error) : `The graphics driver has stopped working: ${why}. Reload the page.`);
-      return;
     }
-    if (before === null || this.info === null) return;
-    this.renderer.prepare(this.info.profile, this.info.shDegree);
-    this.restore();
   }
 
   on<K extends keyof PlayerEvents>(event: K, handler: Handler<PlayerEvents[K]>): void {
@@ -492,7 +530,7 @@ export class Player {
 
   private request(frame: number, seek: boolean, lap = 0): void {
     // Sorted for the current camera: at most one frame old when it is drawn.
-    const axis = depthAxis(this.pinhole());
+    const axis = depthAxis(this.head ?? this.pinhole());
     this.requested = { frame, at: performance.now(), seek, lap, axis };
     this.post({ type: "present", frame, axis: this.renderer?.sorts === true ? null : axis, seek });
   }
@@ -712,7 +750,7 @@ export class Player {
     if (this.renderer?.sorts === true || this.sorting || this.shown === null || this.requested?.seek === true) return;
     // While frames follow one another quickly, each comes sorted for a recent view.
     if (this.playing_ && this.requested !== null) return;
-    const axis = depthAxis(this.pinhole());
+    const axis = depthAxis(this.head ?? this.pinhole());
     const turned = Math.hypot(axis[0] - this.sortedAxis[0], axis[1] - this.sortedAxis[1], axis[2] - this.sortedAxis[2]);
     const moved = Math.abs(axis[3] - this.sortedAxis[3]);
     if (turned < SORT_AGAIN && moved < SORT_AGAIN * this.camera.distance) return;

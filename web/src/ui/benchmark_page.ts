@@ -24,7 +24,7 @@ export function runBenchmark(element: V3PlayerElement): void {
 
 function show(sheet: HTMLElement, result: BenchmarkResult): void {
   const { frames, milliseconds, stream, picture, device } = result;
-  sheet.innerHTML = `<h2>Benchmark</h2><p></p><table><thead><tr><th scope="col">Milliseconds</th><td>5 %</td><td>median</td><td>95 %</td></tr></thead><tbody></tbody></table>
+  sheet.innerHTML = `<h2>Benchmark</h2><p></p><table><thead><tr><th scope="col">Milliseconds</th><td>5%</td><td>median</td><td>95%</td></tr></thead><tbody></tbody></table>
 <div class="actions choices"><button type="button" data-save>Save as JSON</button></div>`;
   sheet.querySelector("p")!.textContent =
     `${frames.rate} of ${frames.wanted} fps; ${plural(frames.dropped, "dropped frame")}, ${plural(frames.stalls, "stall")}. ` +

@@ -17,6 +17,7 @@ import { Panel } from "./panel.ts";
 import css from "./style.css";
 import { type BackgroundName, BACKGROUNDS, isBackground, SPEEDS, TEMPLATE } from "./template.ts";
 import { Timeline } from "./timeline.ts";
+import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 
 /** Milliseconds without user input until the controls hide. */
 const IDLE = 3000;
@@ -88,9 +89,14 @@ export class V3PlayerElement extends HTMLElement {
     this.setBackground(isBackground(background) ? background : "stream");
     this.applyAttributes();
     this.open();
+    for (const kind of ["vr", "ar"] as const)
+      void hasImmersion(kind).then((has) => {
+        for (const button of this.root.querySelectorAll<HTMLElement>(`[data-act="${kind}"]`)) button.hidden = !has;
+      });
   }
 
   disconnectedCallback(): void {
+    this.immersive?.end();
     this.intro?.stop();
     this.intro = null;
     this.lifetime?.abort();
@@ -356,6 +362,7 @@ export class V3PlayerElement extends HTMLElement {
     if (act === "info") this.toggleInfo();
     if (act === "link") void this.copyLink();
     if (act === "full") void this.toggleFull();
+    if (act === "vr" || act === "ar") void this.toggleImmersion(act);
     if (act === "again") {
       this.part_<HTMLElement>(".failure").hidden = true;
       this.open();
@@ -571,6 +578,38 @@ export class V3PlayerElement extends HTMLElement {
     this.part_(".bar [data-act='info']").setAttribute("aria-pressed", String(this.panel?.open ?? false));
   }
 
+  /** The session in a headset or on the camera's picture; null if there is none. Not part of the stable interface. */
+  immersive: Immersive | null = null;
+
+  private async toggleImmersion(kind: Immersion): Promise<void> {
+    if (this.immersive !== null) {
+      this.immersive.end();
+      return;
+    }
+    if (this.player === null || !this.isReady) return;
+    this.toggleSettings(false);
+    try {
+      this.immersive = await Immersive.start(kind, this.player, this, {
+        hint: (text) => {
+          this.notice(text);
+        },
+        ended: () => {
+          this.immersive = null;
+          this.showImmersion(kind, false);
+        },
+      });
+      this.showImmersion(kind, true);
+    } catch (error) {
+      this.notice(`${kind.toUpperCase()} is not available: ${messageOf(error)}.`);
+    }
+  }
+
+  private showImmersion(kind: Immersion, on: boolean): void {
+    this.classList.toggle("ar", on && kind === "ar");
+    for (const button of this.root.querySelectorAll(`[data-act="${kind}"]`)) button.setAttribute("aria-pressed", String(on));
+    this.awake();
+  }
+
   private async toggleFull(): Promise<void> {
     try {
       if (document.fullscreenElement === this) await document.exitFullscreen();
@@ -639,7 +678,7 @@ export class V3PlayerElement extends HTMLElement {
     clearTimeout(this.idleTimer);
     this.idleTimer = setTimeout(() => {
       const open = !this.part_<HTMLElement>(".settings").hidden;
-      if (this.player?.playing === true && !open) this.classList.add("idle");
+      if (this.player?.playing === true && !open && this.immersive === null) this.classList.add("idle");
     }, IDLE);
   }
 

@@ -49,6 +49,10 @@ const HELP: readonly (readonly [string, string])[] = [
   ["Gamepad", "left stick orbits, right stick pans, triggers zoom; A plays, B resets the view"],
 ];
 
+/** Shown where the device has them. */
+const immersions = (more: string): string =>
+  button("vr", "Watch in VR", "VR", more) + button("ar", "Place in the room (AR)", "AR", more);
+
 export const TEMPLATE = `
 <p class="unseen" id="keys">Arrow keys orbit, Shift and arrow keys pan, plus and minus zoom, R resets the view, Space plays and pauses. Question mark: all keys.</p>
 <p class="unseen" id="about"></p>
@@ -69,6 +73,7 @@ export const TEMPLATE = `
     <div class="gap"></div>
     ${button("reset", "Reset view", ICONS.reset)}
     ${button("link", "Copy link to this view", ICONS.link, 'class="wide" hidden')}
+    ${immersions('class="wide" hidden')}
     ${button("info", "Statistics", ICONS.info, 'class="wide" aria-pressed="false"')}
     ${button("settings", "Settings", ICONS.settings, 'aria-expanded="false"')}
     ${button("full", "Full screen", ICONS.full)}
@@ -88,6 +93,7 @@ export const TEMPLATE = `
   <h3>More</h3>
   <div class="choices">
     <button type="button" data-act="info">Statistics</button><button type="button" data-act="link" hidden>Copy link</button>
+    ${immersions("hidden")}
     <button type="button" data-act="help">Help</button>
   </div>
 </div>

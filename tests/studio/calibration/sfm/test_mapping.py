@@ -44,7 +44,7 @@ def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", focal: float = 1280.0,
 def synthesize(
     folder: Path, count: int, points: int, zooms: Sequence[float] = (), model: str = "", terms: Sequence[float] = ()
 ) -> Rig:
-    """A database of a rig with 0.5 pixels of noise and 10 % wrong matches, and the true cameras, named by number.
+    """A database of a rig with 0.5 pixels of noise and 10% wrong matches, and the true cameras, named by number.
 
     `zooms`: factor of each camera's focal length. `model`, `terms`: COLMAP model and parameters instead of the usual.
     """

@@ -1,0 +1,149 @@
+"""Fine-tunes the splats that rungs of the ladder keep, once per trained group. Bakes use the results in the take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.contribution import DrawnContribution
+from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
+from pipelines.stages.training_views import training_views
+from pipelines.takes.atomic_files import digest_of_file, remove
+from pipelines.takes.frame_files import FrameMetadata, read_about, read_frame, read_tensors, write_tensors
+from pipelines.takes.groups import Group
+from pipelines.takes.records import result_of
+from studio.progress import ProgressFn
+from studio.stream.settings import Rung
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from studio.gaussians import Gaussians
+    from studio.training.offsets import SplatOffsets
+
+VERSION = 1
+"""Raised whenever fine-tuning changes; older results are then trained again."""
+
+FRAMES = 5
+"""Frames of a group that offsets are trained on. All 15 of the sample's first group gave the same quality, with three
+times the images in memory."""
+
+
+def finetuned_rungs(context: Context) -> tuple[Rung, ...]:
+    """Rungs whose splats are fine-tuned: one for each combination of share, SH degree and steps."""
+    rungs = {rung.kind: rung for rung in reversed(context.config.bake.ladder) if rung.finetuned}
+    return tuple(rungs[kind] for kind in reversed(rungs))
+
+
+def name_of(rung: Rung) -> str:
+    """Name of a rung's offsets: splats50-sh0-1000."""
+    return f"{rung.kept}-{rung.finetune_iterations}"
+
+
+def finetuning_params(context: Context) -> Params:
+    """Settings and inputs of fine-tuning that do not depend on the rung."""
+    return {
+        **context.footage.seen_by_training(),
+        **settings_affecting(context.config, "keyframe"),
+        "result of calibrate": result_of(context.take, "calibrate"),
+    }
+
+
+class RungTraining:
+    """Trains the offsets of rungs and keeps them in the take.
+
+    Each result is a file with a key, a digest of everything it was made from: settings, footage, cameras, seed and the
+    trained frames of the group. A run that was killed continues from the last checkpoint with the same key, and gives
+    the same result.
+
+    Args:
+        context: of the stage `bake`.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._params: Params | None = None
+        self._contents: dict[int, list[str]] = {}
+
+    def key(self, group: Group, rung: Rung) -> str:
+        """Digest of everything that the offsets of a rung are made from."""
+        if self._params is None:
+            self._params = finetuning_params(self._context)
+        if group.index not in self._contents:
+            paths = [self._context.take.trained_frame(group.index, index) for index in group.indices]
+            self._contents[group.index] = [digest_of_file(path) if path.is_file() else "" for path in paths]
+        return key_of("rung", VERSION, self._params, list(rung.kind), group.index, self._contents[group.index])
+
+    def finished(self, group: Group, rung: Rung) -> bool:
+        """Whether there are valid offsets."""
+        about = read_about(self._context.take.splat_offsets(group.index, name_of(rung)))
+        return about is not None and about.key == self.key(group, rung)
+
+    def offsets(self, group: Group, rung: Rung, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
+        """Offsets of a rung: from the take, or trained now and written to it.
+
+        Raises:
+            StudioError: the footage cannot be read, or training diverged.
+            Cancelled: the run was cancelled.
+        """
+        from studio.training.offsets import SplatOffsets
+
+        path, key = self._context.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung)
+        found = read_tensors(path, key)
+        if found is None:
+            found = self._train(group, rung, key, reporter, progress).to_tensors()
+            write_tensors(path, found, FrameMetadata(key=key, group=group.index))
+            remove(self._context.take.splat_offsets_checkpoint(group.index, name_of(rung)))
+        return SplatOffsets.from_tensors(found)
+
+    def _train(self, group: Group, rung: Rung, key: str, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
+        import torch
+
+        from studio.stream.bake_ladder import most_visible, ranking_of
+        from studio.training.offsets import train_offsets
+
+        context = self._context
+        checkpoint = context.take.splat_offsets_checkpoint(group.index, name_of(rung))
+
+        def keep(step: int, state: dict[str, Tensor]) -> None:
+            write_tensors(checkpoint, state, FrameMetadata(key=key, step=step, group=group.index))
+
+        def reading(number: int, images: int) -> None:
+            progress(0, rung.finetune_iterations)
+
+        resume = read_tensors(checkpoint, key)
+        if resume is not None:
+            reporter.log(f"group {group.index}: resuming {rung.kept} at step {int(resume['done'])}")
+        contribution = DrawnContribution(context, group.index, group.indices)()
+        kept = torch.from_numpy(most_visible(ranking_of(contribution), rung.splats)).to(context.device)
+        positions = sorted({round(x) for x in np.linspace(0, len(group.frames) - 1, FRAMES)})
+        frames = [read_frame(context.take.trained_frame(group.index, group.indices[at])) for at in positions]
+        return train_offsets(
+            [frame.to(context.device) for frame in frames],
+            [training_views(context, reporter, group.frames[at], reading) for at in positions],
+            kept,
+            frames[0].sh_degree if rung.sh_degree is None else min(rung.sh_degree, frames[0].sh_degree),
+            # fewer splats overfit less
+            context.config.train.replace(dropout=context.config.train.dropout * rung.splats),
+            rung.finetune_iterations,
+            seed=derived_seed(context.config.run.seed, "rung", group.index, name_of(rung)),
+            progress=progress,
+            checkpoint=keep,
+            resume=resume,
+        )
+
+
+class FinetunedFrames(Sequence["Gaussians"]):
+    """The frames of a rung, made on access: the splats that it keeps, with offsets."""
+
+    def __init__(self, frames: Sequence[Gaussians], offsets: SplatOffsets) -> None:
+        self._frames, self._offsets = frames, offsets
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._offsets.applied(self._offsets.selected(self._frames[index]))
