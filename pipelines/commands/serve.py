@@ -62,6 +62,12 @@ def register(commands: Any) -> None:
         help="print the address as a QR code (default: in a terminal, if other machines can reach the server)",
     )
     serve.add_argument(
+        "--intro",
+        type=Path,
+        metavar="FILE",
+        help="camera path with which the pages begin, until the viewer takes over, as for `v3studio share`",
+    )
+    serve.add_argument(
         "--review",
         action="store_true",
         help="also serve what a review of the take needs, below a secret link that is printed: quality and size per "
@@ -95,6 +101,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.events.cancellation import EXIT_CANCELLED
     from pipelines.share.addresses import is_local, reachable_hosts
     from pipelines.share.host_check import own_names
+    from pipelines.share.intro import read_intro
     from pipelines.share.listening import listen
     from pipelines.share.served_streams import find_reviews, find_streams, wait_for_first_group
     from pipelines.share.web_app import Reviews, build_app
@@ -107,13 +114,22 @@ def _serve(arguments: argparse.Namespace) -> int:
     hosts = reachable_hosts(arguments.host)
     certificate = _certificate(arguments, hosts)
     player = _player()
+    intro = None if arguments.intro is None else read_intro(arguments.intro)
     with listen(arguments.host, arguments.port) as sock:
         import uvicorn
 
         from pipelines.share.server import BoundedLog, BoundedServer
 
         config = uvicorn.Config(
-            build_app(streams, player, reviews, secret, (*own_names(), *arguments.allow_host), arguments.allow_origin),
+            build_app(
+                streams,
+                player,
+                reviews,
+                secret,
+                (*own_names(), *arguments.allow_host),
+                arguments.allow_origin,
+                intro,
+            ),
             server_header=False,
             http="h11",
             log_level="warning",

@@ -56,6 +56,7 @@ def build_app(
     secret: str = "",
     names: Sequence[str] = (),
     origins: Sequence[str] = (),
+    intro: str | None = None,
 ) -> Starlette:
     """The web application: GET and HEAD of stream files, with ranges and revalidation, and the player.
 
@@ -71,6 +72,7 @@ def build_app(
         secret: part of the path that requests must begin with; "" for none.
         names: of this server, besides addresses and localhost; requests to others are refused.
         origins: pages of these may read ("https://example.org", or "*").
+        intro: a camera path from `read_intro`, with which the pages begin; None for none.
     """
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
@@ -88,17 +90,22 @@ def build_app(
         max_age=86400,
     )
     shared = "cross-origin" if origins else "same-origin"
-    routes = _routes(streams, player, {}, shared)
+    routes = _routes(streams, player, {}, shared, intro)
     if secret:
         routes = [Mount(f"/{secret}", routes=routes)]
     if reviews is not None:
         # pages of other origins get no access to reviews
-        routes.insert(0, Mount(f"/{reviews.secret}", routes=_routes(streams, player, reviews.takes, "same-origin")))
+        review = _routes(streams, player, reviews.takes, "same-origin", intro)
+        routes.insert(0, Mount(f"/{reviews.secret}", routes=review))
     return Starlette(routes=routes, middleware=[Middleware(HostCheck, names=names), *([cors] if origins else [])])
 
 
 def _routes(
-    streams: dict[str, Path], player: PlayerFiles | None, reviews: Mapping[str, TakeReview], shared: str
+    streams: dict[str, Path],
+    player: PlayerFiles | None,
+    reviews: Mapping[str, TakeReview],
+    shared: str,
+    intro: str | None,
 ) -> list[BaseRoute]:
     """Routes of the streams, the player and the reviews; `shared` is the Cross-Origin-Resource-Policy."""
     from starlette.exceptions import HTTPException
@@ -127,7 +134,7 @@ def _routes(
 
         async def get_response(self, path: str, scope: Scope) -> Response:
             if player is not None and path == ".":
-                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews)
+                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews, intro)
                 return HTMLResponse(page, headers=uncached)
             if not path.endswith(".json") or not _takes_gzip(scope):
                 return await super().get_response(path, scope)
@@ -157,7 +164,8 @@ def _routes(
     async def index(request: Request) -> Response:
         if player is not None and "text/html" in request.headers.get("accept", ""):
             if "/" in streams:
-                return HTMLResponse(_page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews), headers=uncached)
+                page = _page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews, intro)
+                return HTMLResponse(page, headers=uncached)
             return HTMLResponse(_list_page(streams), headers=uncached)
         base = str(request.base_url).rstrip("/")
         lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST_NAME}" for path in streams]
@@ -218,7 +226,7 @@ def usable_range(header: bytes) -> bool:
     return True
 
 
-def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool) -> str:
+def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, intro: str | None) -> str:
     """The player's page for a stream beside it, with what a review adds to it."""
     from pipelines.share.page import player_page
     from pipelines.share.results import PageText
@@ -232,7 +240,7 @@ def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool) -> 
         title = own if isinstance(own, str) and own.strip() else title
     names = [player.script_name, *([player.review_name] if review else [])]
     script = "\n".join(f'<script type="module" src="{player_path}{name}"></script>' for name in names)
-    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title))
+    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title, intro=intro))
 
 
 def _list_page(streams: dict[str, Path]) -> str:

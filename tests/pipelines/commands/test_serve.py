@@ -195,12 +195,14 @@ def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
         shutil.copytree(stream, tmp_path / name, symlinks=True)
     (tmp_path / "a" / ".player").mkdir()
     for folder, page, script in ((stream, "/", ".player/"), (tmp_path, "/a/", "../.player/")):
-        with running(build_app(find_streams(str(folder)), PLAYER)) as port:
+        with running(build_app(find_streams(str(folder)), PLAYER, intro='{"keys": []}')) as port:
             status, headers, body = ask(port, page, Accept=BROWSER)
             assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
             assert headers["cache-control"] == "no-cache"
             text = body.decode()
             assert 'src="manifest.json"' in text
+            assert 'intro="#v3-intro"' in text
+            assert '{"keys": []}' in text
             assert f'src="{script}{PLAYER.script_name}"' in text
             status, headers, body = ask(port, f"/.player/{PLAYER.script_name}")
             assert (status, body) == (200, PLAYER.script)

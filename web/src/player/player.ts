@@ -608,6 +608,7 @@ export class Player {
     if (setup !== undefined) {
       renderer.setGroup(setup);
       const { rendition, bytes, frames, splats, shDegree } = setup;
+      this.statistics.prepare.add(setup.prepare);
       this.group = { rendition, bytes, frames, splats, shDegree };
       this.setups.clear();
     }

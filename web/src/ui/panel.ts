@@ -19,6 +19,7 @@ export function figures(player: Player): [string, string][] {
     ["Decode", milliseconds(s.decode.mean())],
     ["Dequantize", milliseconds(s.dequantize.mean()) + where],
     ["Sort", milliseconds(s.sort.mean()) + where],
+    ["Prepare", `${milliseconds(s.prepare.mean(4))} per group`],
     ["Upload", milliseconds(s.upload.mean())],
     ["Draw", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
     ["Main thread", `${milliseconds(s.main.mean())} per frame`],

@@ -94,6 +94,8 @@ export interface GroupSetup {
   /** Size of the group's files in this rendition, and how many frames they hold. */
   readonly bytes: number;
   readonly frames: number;
+  /** Milliseconds from the group's files to the first packet and the tables of its splats. */
+  readonly prepare: number;
   readonly profile: "motion" | "planes";
   readonly splats: number;
   readonly shDegree: number;

@@ -34,6 +34,17 @@ import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
 const NEEDS_WEBCODECS =
   "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
+const needsWebCodecs = ({ codec }: Manifest): string =>
+  `This stream's ${codec.toUpperCase()} videos need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.`;
+
+/**
+ * Whether a <video> element can stand in for WebCodecs. It gives the luma of H.264 exactly, that of AV1 only nearly, and
+ * splats need it exactly. Streams of version 3 have checksums that tell.
+ */
+function videoMayBeExact({ profile, codec, version }: Manifest): boolean {
+  return profile === "motion" && (codec === "h264" || version >= 3);
+}
+
 /** Seconds between two reads of a live stream's manifest; in between, about the duration of a group. */
 const SHORTEST_PAUSE = 0.5;
 const LONGEST_PAUSE = 5;
@@ -44,6 +55,7 @@ interface Prepared {
   readonly group: Group;
   readonly tables: MotionTables | null;
   readonly pictures: PictureSource;
+  readonly milliseconds: number;
 }
 
 interface Decoded {
@@ -115,7 +127,10 @@ export class Session {
     }
     const { manifest, checked } = await this.readManifest(source, name);
     this.checkDevice(manifest);
-    if (manifest.profile === "planes" && this.path === "video") throw new StreamError(NEEDS_WEBCODECS);
+    if (this.path === "video") {
+      if (manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
+      if (!videoMayBeExact(manifest)) throw new StreamError(needsWebCodecs(manifest));
+    }
     this.manifest = manifest;
     const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
@@ -441,12 +456,13 @@ export class Session {
     return [order, count, performance.now() - began];
   }
 
-  private setup({ group, tables }: Prepared): GroupSetup {
+  private setup({ group, tables, milliseconds }: Prepared): GroupSetup {
     const common = {
       group: group.index,
       rendition: group.rendition,
       bytes: group.bytes,
       frames: group.frameCount,
+      prepare: milliseconds,
       splats: group.splats,
       shDegree: group.shDegree,
     };
@@ -523,13 +539,14 @@ export class Session {
 
   private async read(index: number): Promise<Prepared> {
     const { group, files } = await this.store!.get(index);
+    const began = performance.now();
     if (group.profile === "planes") {
       const pictures = new PlanesPictures(
         group,
         (plane) => this.openVideo(files, group.files[plane] as VideoEntry, [group.side, group.side], group.frameCount),
         this.pool,
       );
-      return { group, tables: null, pictures };
+      return { group, tables: null, pictures, milliseconds: performance.now() - began };
     }
     let tables: MotionTables;
     try {
@@ -538,7 +555,8 @@ export class Session {
     } catch (error) {
       throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
     }
-    return { group, tables, pictures: await this.openVideo(files, group.video, pictureSize(group), group.frameCount) };
+    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frameCount);
+    return { group, tables, pictures, milliseconds: performance.now() - began };
   }
 
   private async openVideo(
@@ -578,7 +596,7 @@ export class Session {
   private changePath(): boolean {
     if (!this.mayChangePath) return false;
     if (this.path === "webcodecs") this.path = "webcodecs-software";
-    else if (this.path === "webcodecs-software" && this.manifest!.profile === "motion") this.path = "video";
+    else if (this.path === "webcodecs-software" && videoMayBeExact(this.manifest!)) this.path = "video";
     else return false;
     for (const index of [...this.prepared.keys()]) this.drop(index);
     this.post({ type: "path", path: this.path });
