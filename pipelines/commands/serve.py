@@ -6,9 +6,11 @@ import argparse
 import contextlib
 import json
 import logging
+import os
 import secrets
 import socket
 import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -17,6 +19,8 @@ from urllib.parse import quote
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
+    import uvicorn
+
     from pipelines.share.certificates import Certificate
     from pipelines.share.player_files import PlayerFiles
     from pipelines.share.web_app import Reviews
@@ -94,6 +98,11 @@ def register(commands: Any) -> None:
         help="let pages from there play the stream, such as https://example.org, or '*' for all; may be repeated",
     )
     serve.add_argument("--json", action="store_true", help="print addresses and fingerprint as a JSON line")
+    serve.add_argument(
+        "--end-with-stdin",
+        action="store_true",
+        help="stop when standard input ends: for programs whose server must not outlive them, even if they are killed",
+    )
     serve.set_defaults(command=_serve)
 
 
@@ -152,10 +161,20 @@ def _serve(arguments: argparse.Namespace) -> int:
             logging.getLogger(name).addFilter(bounded)
         # connections closed by Ctrl-C need no traceback
         logging.getLogger("uvicorn.error").addFilter(lambda record: not server.should_exit)
+        if arguments.end_with_stdin:
+            threading.Thread(target=_end_with_stdin, args=(server,), name="v3studio stdin", daemon=True).start()
         # uvicorn raises its signal again on exit, but not always before `run` returns
         with contextlib.suppress(KeyboardInterrupt):
             server.run(sockets=[sock])
         return EXIT_CANCELLED if server.should_exit else 0
+
+
+def _end_with_stdin(server: uvicorn.Server) -> None:
+    """The kernel closes the other end of the pipe when the process that holds it has ended for whatever reason."""
+    with contextlib.suppress(OSError):
+        while os.read(0, 65536):
+            pass
+    server.should_exit = True
 
 
 def _certificate(arguments: argparse.Namespace, hosts: list[str]) -> Certificate | None:

@@ -40,16 +40,17 @@ class ChildProcess:
         command: program and arguments.
         errors: file for its standard error.
         folder: working directory.
+        tied: give it a pipe as standard input, which ends with the window, even if that is killed.
     """
 
-    def __init__(self, command: Sequence[str], errors: Path, folder: Path) -> None:
+    def __init__(self, command: Sequence[str], errors: Path, folder: Path, tied: bool = False) -> None:
         self.errors = errors
         root = str(Path(pipelines.__file__).resolve().parents[1])  # so that the child process finds the packages
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         with errors.open("wb") as file:
             self._process = subprocess.Popen(
                 command,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if tied else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=file,
                 start_new_session=True,

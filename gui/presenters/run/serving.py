@@ -43,8 +43,18 @@ class Serving:
         """Serve a folder on all interfaces, at any free port, in place of what is served."""
         self.stop()
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-serve-"))
-        command = [*v3studio_command(), "serve", source, "--host", "0.0.0.0", "--port", "0", "--json"]
-        self._process = ChildProcess([*command, *["--https"] * https], scratch / "errors.txt", scratch)
+        command = [
+            *v3studio_command(),
+            "serve",
+            source,
+            "--host",
+            "0.0.0.0",
+            "--port",
+            "0",
+            "--json",
+            "--end-with-stdin",
+        ]
+        self._process = ChildProcess([*command, *["--https"] * https], scratch / "errors.txt", scratch, tied=True)
         self.source, self.failure = source, ""
 
     def poll(self) -> bool:
