@@ -40,6 +40,7 @@ from studio.stream.profiles import coding_of
 from studio.training import TrainingView, TrainSettings
 from studio.training.coded_loss import CodedLoss
 from studio.training.dropout import drop_splats
+from studio.training.hashgrid import Corners
 from studio.training.interframe import performer_box
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
@@ -172,12 +173,13 @@ class Scene:
         learned = [values, *coded.parameters()]
         self.pair("entropy and temporal loss", lambda: torch.autograd.grad(coded(values, 5)[0], learned), "fine-tuning")
 
-    def field(self) -> tuple[MotionField, object]:
+    def field(self) -> tuple[MotionField, Corners]:
         """A motion field after a few updates, and its corners."""
         generator = torch.Generator().manual_seed(0)
         field = MotionField(*performer_box(self.previous.means), self.settings, generator)
-        with torch.no_grad():
-            field.mlp[-1].weight.normal_(0, 0.01, generator=generator)
+        with torch.no_grad():  # the last layer starts at zero
+            for parameter in field.mlp[-1].parameters():
+                parameter.normal_(0, 0.01, generator=generator)
         return field, field.corners(self.previous.means)
 
     def coded(self) -> CodedLoss:
@@ -208,7 +210,7 @@ class Scene:
         adam = field.optimizer(1e-9)  # the scene stays as it is
 
         def motion() -> None:
-            moved = replace(self.previous, means=self.previous.means + field(corners))  # type: ignore[arg-type]
+            moved = replace(self.previous, means=self.previous.means + field(corners))
             losses = [stepper(moved).loss for _ in range(settings.motion_views)]
             torch.stack(losses).mean().backward()  # type: ignore[no-untyped-call]
             adam.step()

@@ -288,8 +288,8 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
     fps = arguments.fps or video.fps
     count = render_movie(video, arguments.out, camera, frame, seconds, fps, arguments.crf, progress)
     sound, why = movie_sound(video, frame, seconds, fps)
-    heard = "with sound" if sound is not None else f"without sound: {why}"
-    return f"{count} frames of {size[0]}x{size[1]}, {heard}"
+    heard = ", with sound" if sound is not None else f", without sound: {why}" if why else ""
+    return f"{count} frames of {size[0]}x{size[1]}{heard}"
 
 
 def _color(text: str) -> tuple[float, float, float]:

@@ -62,10 +62,36 @@ def register(commands: Any) -> None:
         help="print the address as a QR code (default: in a terminal, if other machines can reach the server)",
     )
     serve.add_argument(
+        "--intro",
+        type=Path,
+        metavar="FILE",
+        help="camera path with which the pages begin, until the viewer takes over, as for `v3studio share`",
+    )
+    serve.add_argument(
         "--review",
         action="store_true",
         help="also serve what a review of the take needs, below a secret link that is printed: quality and size per "
         "frame, footage of held-out cameras, marks, which whoever has the link may change",
+    )
+    serve.add_argument(
+        "--token",
+        action=argparse.BooleanOptionalAction,
+        help="serve below a secret path that is part of the printed link (default: if other machines can reach the "
+        "server)",
+    )
+    serve.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a further name of this machine in links, such as example.org; may be repeated",
+    )
+    serve.add_argument(
+        "--allow-origin",
+        action="append",
+        default=[],
+        metavar="ORIGIN",
+        help="let pages from there play the stream, such as https://example.org, or '*' for all; may be repeated",
     )
     serve.add_argument("--json", action="store_true", help="print addresses and fingerprint as a JSON line")
     serve.set_defaults(command=_serve)
@@ -74,6 +100,8 @@ def register(commands: Any) -> None:
 def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.events.cancellation import EXIT_CANCELLED
     from pipelines.share.addresses import is_local, reachable_hosts
+    from pipelines.share.host_check import own_names
+    from pipelines.share.intro import read_intro
     from pipelines.share.listening import listen
     from pipelines.share.served_streams import find_reviews, find_streams, wait_for_first_group
     from pipelines.share.web_app import Reviews, build_app
@@ -81,14 +109,29 @@ def _serve(arguments: argparse.Namespace) -> int:
     wait_for_first_group(arguments.folder)
     streams = find_streams(arguments.folder)
     reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if arguments.review else None
+    local = is_local(arguments.host)
+    secret = secrets.token_urlsafe(_SECRET_BYTES) if (not local if arguments.token is None else arguments.token) else ""
     hosts = reachable_hosts(arguments.host)
     certificate = _certificate(arguments, hosts)
     player = _player()
+    intro = None if arguments.intro is None else read_intro(arguments.intro)
     with listen(arguments.host, arguments.port) as sock:
         import uvicorn
 
+        from pipelines.share.server import BoundedLog, BoundedServer
+
         config = uvicorn.Config(
-            build_app(streams, player, reviews),
+            build_app(
+                streams,
+                player,
+                reviews,
+                secret,
+                (*own_names(), *arguments.allow_host),
+                arguments.allow_origin,
+                intro,
+            ),
+            server_header=False,
+            http="h11",
             log_level="warning",
             lifespan="off",
             timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
@@ -97,13 +140,16 @@ def _serve(arguments: argparse.Namespace) -> int:
             config.load()
             config.ssl = certificate.context
         port = sock.getsockname()[1]
-        bases = [f"http{'s' * (certificate is not None)}://{host}:{port}" for host in hosts]
-        links = Links(streams, bases, reviews, is_local(arguments.host), certificate)
+        roots = [f"http{'s' * (certificate is not None)}://{host}:{port}" for host in hosts]
+        links = Links(streams, roots, secret, reviews, local, certificate)
         if arguments.json:
             _print_json(arguments.output, links)
         else:
             _print(links, player is not None, arguments.qr)
-        server = uvicorn.Server(config)
+        server = BoundedServer(config)
+        bounded = BoundedLog()
+        for name in ("uvicorn.error", "asyncio"):
+            logging.getLogger(name).addFilter(bounded)
         # connections closed by Ctrl-C need no traceback
         logging.getLogger("uvicorn.error").addFilter(lambda record: not server.should_exit)
         # uvicorn raises its signal again on exit, but not always before `run` returns
@@ -147,17 +193,24 @@ class Links:
 
     Attributes:
         streams: folders by path on the server.
-        bases: addresses below which the paths are, the one to try first at the beginning.
+        roots: addresses of the server, the one to try first at the beginning.
+        secret: part of the path of all streams; "" for none.
         reviews: what can be reviewed; None for nothing.
         local: whether only this machine can reach it.
         certificate: None over http.
     """
 
     streams: dict[str, Path]
-    bases: list[str]
+    roots: list[str]
+    secret: str
     reviews: Reviews | None
     local: bool
     certificate: Certificate | None
+
+    @property
+    def bases(self) -> list[str]:
+        """Addresses below which the paths are."""
+        return [f"{root}/{self.secret}".rstrip("/") for root in self.roots]
 
     @property
     def to_play(self) -> dict[str, str]:
@@ -169,7 +222,7 @@ class Links:
         """Secret addresses by path: a trailing slash is part of them."""
         if self.reviews is None:
             return {}
-        base = f"{self.bases[0]}/{self.reviews.secret}"
+        base = f"{self.roots[0]}/{self.reviews.secret}"
         return {path: f"{base}{quote(path.rstrip('/'))}/" for path in self.reviews.takes}
 
 
@@ -194,6 +247,8 @@ def _print(links: Links, player: bool, qr: bool | None) -> None:
         lines.append("Only this machine can reach it; --host 0.0.0.0 lets phones and other machines in.")
     elif certificate is None and player:
         lines.append(HTTP_NOTE)
+    if links.secret:
+        lines.append("The link is secret: without all of it nothing is served; --no-token serves to everybody.")
     print("\n".join(lines), flush=True)
     if qr if qr is not None else player and not links.local and sys.stdout.isatty():
         from pipelines.share.qr_code import qr_text

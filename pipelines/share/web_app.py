@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -17,6 +18,7 @@ from studio.stream.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
+    from starlette.responses import Response
     from starlette.routing import BaseRoute
 
     from pipelines.review import TakeReview
@@ -29,7 +31,9 @@ HASHED = re.compile(r"[0-9a-f]{32}\.[a-z0-9]{1,8}")
 """Files in the folder files/ of a stream of version 3, which never change under their names."""
 
 _PLAYER_PATH = ".player"  # hidden files of streams are not served, so that no stream can have a folder of that name
+_PACKED = b'-gzip"'  # end of the ETag of a compressed response
 _KEEP = "public, max-age=31536000, immutable"  # for files that are named by their content
+_MOST_RANGES = 8  # in one request
 
 
 @dataclass(frozen=True)
@@ -45,8 +49,16 @@ class Reviews:
     takes: Mapping[str, TakeReview]
 
 
-def build_app(streams: dict[str, Path], player: PlayerFiles | None = None, reviews: Reviews | None = None) -> Starlette:
-    """The web application: GET and HEAD of stream files, with ranges, CORS and revalidation, and the player.
+def build_app(
+    streams: dict[str, Path],
+    player: PlayerFiles | None = None,
+    reviews: Reviews | None = None,
+    secret: str = "",
+    names: Sequence[str] = (),
+    origins: Sequence[str] = (),
+    intro: str | None = None,
+) -> Starlette:
+    """The web application: GET and HEAD of stream files, with ranges and revalidation, and the player.
 
     Only files in a stream's folder are served; hidden files and links out of the folder are not. Clients must
     revalidate every response (ETag), since a stream that is baked again keeps its file names; files of version 3, which
@@ -57,38 +69,56 @@ def build_app(streams: dict[str, Path], player: PlayerFiles | None = None, revie
         streams: from `find_streams`.
         player: None for none.
         reviews: None for none. Below its secret path, the same is served again, with the takes' reviews.
+        secret: part of the path that requests must begin with; "" for none.
+        names: of this server, besides addresses and localhost; requests to others are refused.
+        origins: pages of these may read ("https://example.org", or "*").
+        intro: a camera path from `read_intro`, with which the pages begin; None for none.
     """
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
     from starlette.middleware.cors import CORSMiddleware
     from starlette.routing import Mount
 
+    from pipelines.share.host_check import HostCheck
+
     cors = Middleware(
         CORSMiddleware,
-        allow_origins=["*"],
+        allow_origins=list(origins),
         allow_methods=["GET", "HEAD"],
         allow_headers=["Range", "If-Range", "If-None-Match", "If-Modified-Since"],
         expose_headers=["Accept-Ranges", "Content-Length", "Content-Range", "ETag", "Last-Modified"],
         max_age=86400,
     )
-    routes = _routes(streams, player, {})
+    shared = "cross-origin" if origins else "same-origin"
+    routes = _routes(streams, player, {}, shared, intro)
+    if secret:
+        routes = [Mount(f"/{secret}", routes=routes)]
     if reviews is not None:
-        routes.insert(0, Mount(f"/{reviews.secret}", routes=_routes(streams, player, reviews.takes)))
-    return Starlette(routes=routes, middleware=[cors])
+        # pages of other origins get no access to reviews
+        review = _routes(streams, player, reviews.takes, "same-origin", intro)
+        routes.insert(0, Mount(f"/{reviews.secret}", routes=review))
+    return Starlette(routes=routes, middleware=[Middleware(HostCheck, names=names), *([cors] if origins else [])])
 
 
-def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
-    """Routes of the streams, the player and the reviews."""
+def _routes(
+    streams: dict[str, Path],
+    player: PlayerFiles | None,
+    reviews: Mapping[str, TakeReview],
+    shared: str,
+    intro: str | None,
+) -> list[BaseRoute]:
+    """Routes of the streams, the player and the reviews; `shared` is the Cross-Origin-Resource-Policy."""
     from starlette.exceptions import HTTPException
     from starlette.requests import Request
     from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
     from starlette.routing import Mount, Route
     from starlette.staticfiles import StaticFiles
-    from starlette.types import Scope
+    from starlette.types import Receive, Scope, Send
 
     hashed = {}
     if player is not None:
         hashed = {**player.hashed, **(player.hashed_review if reviews else {})}
+    packed = {name: gzip.compress(data, mtime=0) for name, data in hashed.items()}
     uncached = {"Cache-Control": "no-cache", "Vary": "Accept"}
 
     class StreamFiles(StaticFiles):
@@ -96,11 +126,22 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
             super().__init__(directory=folder)
             self.path, self.folder = path, folder
 
+        async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+            if not all(usable_range(value) for name, value in scope["headers"] if name == b"range"):
+                kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
+                scope = {**scope, "headers": kept}
+            await super().__call__(scope, receive, send)
+
         async def get_response(self, path: str, scope: Scope) -> Response:
             if player is not None and path == ".":
-                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews)
+                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews, intro)
                 return HTMLResponse(page, headers=uncached)
-            return await super().get_response(path, scope)
+            if not path.endswith(".json") or not _takes_gzip(scope):
+                return await super().get_response(path, scope)
+            # the manifest and the pages of the index: what a player must have before the first picture
+            plain = {**scope, "headers": [(name, value.replace(_PACKED, b'"')) for name, value in scope["headers"]]}
+            response = await super().get_response(path, plain)
+            return _packed(response) if isinstance(response, FileResponse) else response
 
         def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
             if any(part.startswith(".") for part in Path(path).parts):
@@ -114,7 +155,7 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
             named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
             response.headers["Cache-Control"] = _KEEP if named else "no-cache"
             response.headers["X-Content-Type-Options"] = "nosniff"
-            response.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
+            response.headers["Cross-Origin-Resource-Policy"] = shared
             if isinstance(response, FileResponse):
                 kind = TYPES.get(Path(full_path).suffix.lower(), "application/octet-stream")
                 response.headers["Content-Type"] = kind
@@ -123,7 +164,8 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
     async def index(request: Request) -> Response:
         if player is not None and "text/html" in request.headers.get("accept", ""):
             if "/" in streams:
-                return HTMLResponse(_page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews), headers=uncached)
+                page = _page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews, intro)
+                return HTMLResponse(page, headers=uncached)
             return HTMLResponse(_list_page(streams), headers=uncached)
         base = str(request.base_url).rstrip("/")
         lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST_NAME}" for path in streams]
@@ -134,8 +176,10 @@ def _routes(streams: dict[str, Path], player: PlayerFiles | None, reviews: Mappi
         if name not in hashed:
             raise HTTPException(404)
         kind = "text/javascript" if name.endswith(".js") else "text/plain"
-        headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff"}
-        return Response(hashed[name], media_type=kind, headers=headers)
+        headers = {"Cache-Control": _KEEP, "X-Content-Type-Options": "nosniff", "Vary": "Accept-Encoding"}
+        if not _takes_gzip(request.scope):
+            return Response(hashed[name], media_type=kind, headers=headers)
+        return Response(packed[name], media_type=kind, headers={**headers, "Content-Encoding": "gzip"})
 
     files = Route(f"/{_PLAYER_PATH}/{{name}}", player_file)
     mounts = [Mount(path.rstrip("/"), StreamFiles(path, folder)) for path, folder in streams.items()]
@@ -148,7 +192,41 @@ def _review_routes(reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
     return [route for path, review in reviews.items() for route in review_routes(review, path.rstrip("/"))]
 
 
-def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool) -> str:
+def _takes_gzip(scope: Any) -> bool:
+    """Whether the client takes compressed responses and asks for a whole file."""
+    headers = dict(scope["headers"])
+    return b"gzip" in headers.get(b"accept-encoding", b"") and b"range" not in headers
+
+
+def _packed(response: Any) -> Response:
+    """A whole file, compressed; its ETag says so, since the bytes are others."""
+    from starlette.responses import Response
+
+    headers = {name: value for name, value in response.headers.items() if name != "content-length"}
+    headers["etag"] = headers["etag"].removesuffix('"') + _PACKED.decode()
+    data = gzip.compress(Path(response.path).read_bytes(), 6, mtime=0)
+    return Response(data, headers={**headers, "Content-Encoding": "gzip", "Vary": "Accept-Encoding"})
+
+
+def usable_range(header: bytes) -> bool:
+    """Whether a Range header is to be followed; others are ignored (RFC 9110, 14.2).
+
+    Those are other units, malformed and reversed ranges, and many ranges in one request.
+    """
+    unit, equals, ranges = header.decode("latin-1").partition("=")
+    if not equals or unit.strip().lower() != "bytes":
+        return False
+    parts = ranges.split(",")
+    if len(parts) > _MOST_RANGES:
+        return False
+    for part in parts:
+        found = re.fullmatch(r"[ \t]*(?:([0-9]{1,15})-([0-9]{0,15})|-[0-9]{1,15})[ \t]*", part)
+        if found is None or (found[2] and int(found[2]) < int(found[1])):
+            return False
+    return True
+
+
+def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, intro: str | None) -> str:
     """The player's page for a stream beside it, with what a review adds to it."""
     from pipelines.share.page import player_page
     from pipelines.share.results import PageText
@@ -162,7 +240,7 @@ def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool) -> 
         title = own if isinstance(own, str) and own.strip() else title
     names = [player.script_name, *([player.review_name] if review else [])]
     script = "\n".join(f'<script type="module" src="{player_path}{name}"></script>' for name in names)
-    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title))
+    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title, intro=intro))
 
 
 def _list_page(streams: dict[str, Path]) -> str:

@@ -162,12 +162,13 @@ class BakeStage:
             self._bake(context, group, reporter, 0.0, 1.0)
         return baked_group(read_model(self._note(context, group), BakedGroupNote).entry)
 
-    def publish(self, context: Context, entries: Sequence[BakedGroup], live: bool) -> None:
+    def publish(self, context: Context, entries: Sequence[BakedGroup], live: bool, reporter: StageReporter) -> None:
         """Version 3: give the stream the files of these groups, then a manifest of them.
 
         Args:
             entries: the first groups of the stream, from `bake_part`.
-            live: whether others follow.
+            live: whether others follow. The sound is added with the last.
+            reporter: told what the sound lacks.
 
         Raises:
             StudioError: the stream cannot be written.
@@ -175,14 +176,19 @@ class BakeStage:
         from studio.stream import write_manifest
 
         stream, new = context.take.stream, self._folder(context)
-        for path, size in {file.path: file.bytes for entry in entries for file in entry.files}.items():
+        audio = None if live else self._sound(context, new, reporter)
+        wanted = {file.path: file.bytes for entry in entries for file in entry.files}
+        if audio is not None:
+            wanted[audio.path] = audio.bytes
+        for path, size in wanted.items():
             target = stream / path
             if not target.is_file() or target.stat().st_size != size:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 with atomic_path(target) as temporary:
                     link_or_copy(str(new / path), str(temporary))
         fps, settings = context.footage.calibrated.fps, context.config.bake
-        write_manifest(stream, entries, fps, settings, self._metadata(context, entries).to_json(), live=live)
+        metadata = self._metadata(context, entries).to_json()
+        write_manifest(stream, entries, fps, settings, metadata, live=live, audio=audio)
 
     def _folder(self, context: Context) -> Path:
         return context.take.work(self.name) / "stream"

@@ -139,7 +139,7 @@ class EvaluateStage:
             ssim="11x11 Gaussian window, sigma 1.5",
             **({} if lpips is None else {"lpips": lpips.protocol}),
             total_bytes=manifest.played_bytes,
-            total_bytes_are="all videos and the manifest",
+            total_bytes_are="all files that playing the best rendition takes, and the manifest",
             bytes_of_a_frame="videos of its group, divided by the frames in the group",
         )
         evaluation = Evaluation(

@@ -101,7 +101,7 @@ class LiveBake:
             if live and len(entries) <= len(old) and entries == list(old[: len(entries)]):
                 continue  # the same stream, of which more is published
             old = ()
-            self._stage.publish(self._context, entries, live)
+            self._stage.publish(self._context, entries, live, self._reporter)
             self._reporter.log(f"group {part.index} of the stream is published")
 
     def _published(self) -> Sequence[GroupLadder]:

@@ -49,7 +49,7 @@ class MovieSound:
 def movie_sound(
     video: SplatVideo, frame: Callable[[float], float], seconds: float, fps: float
 ) -> tuple[MovieSound | None, str]:
-    """The sound of a movie of `video`, and the reason if there is none.
+    """The sound of a movie of `video`, and the reason if it is left out.
 
     Args:
         video: the splat video.
@@ -57,10 +57,11 @@ def movie_sound(
         seconds, fps: of the movie.
 
     Returns:
-        The sound, or None and why: the video has none, or the movie does not show it at its own speed.
+        The sound and ""; None and "" for a silent video; None and why, if the movie does not show the frames at their
+        own speed.
     """
     if video.sound is None:
-        return None, "the source has no sound"
+        return None, ""
     times = np.arange(max(1, round(seconds * fps))) / fps
     shown = np.array([frame(float(time)) for time in times])
     away = shown - (shown[0] + times * video.fps)

@@ -91,7 +91,11 @@ class Shared:
         """
         if self.rule is None:
             return self.reader.group(number)
-        return self.reader.group(number, self.reader.renditions[self.rule.choose(buffered)].id)
+        chosen = self.reader.group(number, self.reader.renditions[self.rule.choose(buffered)].id)
+        with self._lock:
+            kept = [rendition for index, rendition in self._files if index == number]
+        better = [self.reader.group(number, rendition) for rendition in kept]
+        return max([chosen, *better], key=lambda group: group.bytes)  # what is here already may be better
 
     def played(self, group: GroupEntry, shown: int = 0, dropped: int = 0) -> None:
         """Tell the rule about frames that were shown, or were dropped since decoding was late."""

@@ -15,6 +15,8 @@ from urllib.parse import unquote, urlsplit, urlunsplit
 import urllib3
 
 from studio.errors import StudioError
+from studio.stream.http_connections import Watch, WatchedPools
+from studio.stream.redirects import MOST_REDIRECTS, redirected, same_origin
 from studio.stream.source import SourceUnavailable, is_address, too_long
 
 CONNECT_SECONDS = 5.0
@@ -130,13 +132,13 @@ class HttpSource:
         self._answered = False
         self._known: dict[str, str | None] = {}  # ETags of files that `read_changed` has read
         self._closed = threading.Event()
-        self._live: set[urllib3.BaseHTTPResponse] = set()
+        self._live: set[Watch] = set()
         self._live_lock = threading.Lock()
-        self._pool = urllib3.PoolManager(
+        self._pool = WatchedPools(
             maxsize=self.parallel,
             timeout=urllib3.Timeout(connect=CONNECT_SECONDS, read=stall),
-            # urllib3 follows redirects; `read` does all other retries, since it knows what has arrived.
-            retries=urllib3.Retry(total=None, connect=0, read=0, status=0, other=0, redirect=5),
+            # `read` does all retries, since it knows what has arrived, and follows redirects where that is safe.
+            retries=urllib3.Retry(total=None, connect=0, read=0, status=0, other=0, redirect=0),
         )
 
     @property
@@ -224,25 +226,47 @@ class HttpSource:
                 headers["If-Range"] = partial.validator
         elif partial.known is not None:
             headers["If-None-Match"] = partial.known
-        try:
-            response = self._pool.request("GET", url, headers=headers, preload_content=False)
-        except urllib3.exceptions.HTTPError as error:
-            raise _problem(name, error) from None
-        self._answered = True
-        complete = False
-        try:
-            with self._tracked(response):
-                self._receive(response, name, partial, limit)
-            complete = True
-        except (urllib3.exceptions.HTTPError, OSError) as error:
-            raise _problem(name, error) from None
-        finally:
-            if complete:
-                response.release_conn()
-            else:
-                response.close()  # late bytes must not become the answer to the next request
+        with self._watched() as watch:
+            try:
+                response = self._requested(url, name, headers, watch)
+            except urllib3.exceptions.HTTPError as error:
+                raise _late() if watch.late else _problem(name, error) from None
+            self._answered = True
+            complete = False
+            try:
+                self._receive(response, name, partial, limit, watch)
+                if watch.late:
+                    raise _late()
+                complete = True
+            except (urllib3.exceptions.HTTPError, OSError) as error:
+                raise _late() if watch.late else _problem(name, error) from None
+            finally:
+                if complete:
+                    response.release_conn()
+                else:
+                    response.close()  # late bytes must not become the answer to the next request
 
-    def _receive(self, response: urllib3.BaseHTTPResponse, name: str, partial: _Partial, limit: int) -> None:
+    def _requested(self, url: str, name: str, headers: dict[str, str], watch: Watch) -> urllib3.BaseHTTPResponse:
+        """The answer at the end of all redirects."""
+        origin = url
+        for _ in range(MOST_REDIRECTS + 1):
+            if not same_origin(origin, url):
+                headers = {key: value for key, value in headers.items() if key.lower() != "authorization"}
+            response = self._pool.request("GET", url, headers=headers, preload_content=False, redirect=False)
+            location = response.get_redirect_location()
+            if not location:
+                return response
+            response.close()
+            url = redirected(url, location, name)
+            watch.progress()
+        raise StudioError("source.redirect_loop", "too many redirects", file=name, fix="Check the URL.")
+
+    def _receive(
+        self, response: urllib3.BaseHTTPResponse, name: str, partial: _Partial, limit: int, watch: Watch
+    ) -> None:
+        if watch.late:  # headers that end with the connection are no headers
+            raise _late()
+        watch.progress()
         if response.status == 304 and partial.known is not None:
             partial.same = True
             return
@@ -261,6 +285,7 @@ class HttpSource:
             if not chunk:
                 break
             data += chunk
+            watch.progress()
             if len(data) > limit:
                 raise too_long(name, limit)
             now = time.monotonic()
@@ -274,22 +299,25 @@ class HttpSource:
             )
 
     @contextlib.contextmanager
-    def _tracked(self, response: urllib3.BaseHTTPResponse) -> Iterator[None]:
-        with self._live_lock:
-            self._live.add(response)
-        try:
-            yield
-        finally:
+    def _watched(self) -> Iterator[Watch]:
+        """A deadline for every phase of an answer; `close` ends it as well."""
+        with Watch(self._stall) as watch:
             with self._live_lock:
-                self._live.discard(response)
+                self._live.add(watch)
+            try:
+                if self._closed.is_set():
+                    watch.end()
+                yield watch
+            finally:
+                with self._live_lock:
+                    self._live.discard(watch)
 
     def close(self) -> None:
-        """Abort all reads and close the connections."""
+        """Abort all reads, in whatever phase, and close the connections."""
         self._closed.set()
         with self._live_lock:
-            for response in self._live:
-                with contextlib.suppress(Exception):  # it may have ended just now
-                    response.shutdown()
+            for watch in self._live:
+                watch.end()
         self._pool.clear()
 
 
@@ -355,6 +383,10 @@ def _validator(response: urllib3.BaseHTTPResponse) -> str | None:
     if tag is not None and not tag.startswith("W/"):
         return tag
     return response.headers.get("Last-Modified")
+
+
+def _late() -> _Temporary:
+    return _Temporary("read_timeout", "the server stopped sending")
 
 
 def _problem(name: str, error: Exception) -> Exception:

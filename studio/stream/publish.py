@@ -185,6 +185,29 @@ class _Written:
 
 
 def _failed(target: str, error: Exception) -> StudioError:
+    if "://" in target:
+        # the classes of botocore and others are not imported here
+        if "Credential" in type(error).__name__:
+            return StudioError(
+                "publish.no_credentials",
+                f"there are no credentials for this store ({error})",
+                file=target,
+                fix="For s3://, set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or run `aws configure`.",
+            )
+        if isinstance(error, FileNotFoundError):
+            return StudioError(
+                "publish.no_bucket",
+                f"there is no such bucket ({error})",
+                file=target,
+                fix="Create the bucket first, or correct the address.",
+            )
+        if isinstance(error, PermissionError):
+            return StudioError(
+                "publish.denied",
+                f"the store refuses access ({error})",
+                file=target,
+                fix="Use credentials that may list and write this bucket.",
+            )
     return StudioError(
         "publish.failed",
         f"the target cannot be written ({reason_of(error)})",

@@ -20,8 +20,8 @@ from studio.training.noise import uniform
 
 Quantizer = tuple[Tensor, Tensor]
 
-_TAIL = 1e-3
-"""Below this probability, the float32 difference of two CDF values has lost too many digits to be used."""
+_LEAST = 1e-30
+"""Below any P that occurs, relative to the density at the nearer end."""
 
 
 class _Bits(torch.autograd.Function):
@@ -29,54 +29,43 @@ class _Bits(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
+        # P is symmetric, so the interval is mirrored to the upper side. Relative to the density at its nearer end, P
+        # has full precision in both tails, and no element needs another treatment, which would stall a GPU.
         centered = residual - mu
         inverse = 1 / sigma
-        upper = (centered + 0.5) * inverse
-        lower = (centered - 0.5) * inverse
-        probability = 0.5 * (torch.erf(upper * math.sqrt(0.5)) - torch.erf(lower * math.sqrt(0.5)))
-        bits = -torch.log2(probability.clamp_min(_TAIL))
-        # Derivative of Phi at both ends, divided by P; all gradients are combinations of these.
-        scale = 1 / (math.sqrt(2 * math.pi) * probability.clamp_min(_TAIL))
-        upper_slope = torch.exp(-0.5 * upper * upper) * scale
-        lower_slope = torch.exp(-0.5 * lower * lower) * scale
-        tail = probability < _TAIL
-        if tail.any():
-            _fix_tail(tail, centered, inverse.expand_as(centered), bits, upper_slope, lower_slope)
-        ctx.save_for_backward(upper, lower, upper_slope, lower_slope, inverse)
+        size = centered.abs()
+        near, far = (size - 0.5) * inverse, (size + 0.5) * inverse
+        holds_mean = near < 0
+        log_near, log_far = -0.5 * near * near, -0.5 * far * far
+        tail_near, tail_far = (torch.special.erfcx(end * math.sqrt(0.5)) for end in (near.abs(), far))
+        density_near, density_far, ratio = log_near.exp(), log_far.exp(), (log_far - log_near).exp()
+        scaled = torch.where(
+            holds_mean,
+            1 - 0.5 * (density_near * tail_near + density_far * tail_far),
+            0.5 * (tail_near - ratio * tail_far),
+        ).clamp_min(_LEAST)
+        bits = -torch.log2(scaled) - torch.where(holds_mean, 0.0, log_near) / math.log(2)
+        # Densities at both ends, divided by P; all gradients are combinations of these.
+        scale = 1 / (math.sqrt(2 * math.pi) * scaled)
+        near_slope = torch.where(holds_mean, density_near, 1.0) * scale
+        far_slope = torch.where(holds_mean, density_far, ratio) * scale
+        ctx.save_for_backward(near, far, near_slope, far_slope, inverse, torch.where(centered < 0, -1.0, 1.0))
         ctx.mu_shape = mu.shape
         return bits
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        upper, lower, upper_slope, lower_slope, inverse = ctx.saved_tensors
-        weight = gradients[0] * inverse * (-1 / math.log(2))
-        by_residual = weight * (upper_slope - lower_slope)
-        by_sigma = weight * (lower * lower_slope - upper * upper_slope)
+        near, far, near_slope, far_slope, inverse, side = ctx.saved_tensors
+        weight = gradients[0] * inverse / math.log(2)
+        by_residual = (weight * side * (near_slope - far_slope)).to(weight.dtype)
+        by_sigma = weight * (far * far_slope - near * near_slope)
         return by_residual, -by_residual.sum_to_size(ctx.mu_shape), by_sigma.sum_to_size(ctx.mu_shape)
-
-
-def _fix_tail(
-    tail: Tensor, centered: Tensor, inverse: Tensor, bits: Tensor, upper_slope: Tensor, lower_slope: Tensor
-) -> None:
-    """Recompute values far from the mean in float64 in the log domain. P is symmetric, so the lower tail is used."""
-    sign = torch.where(centered[tail] > 0, -1.0, 1.0).double()
-    scale = inverse[tail].double()
-    near = (-centered[tail].double().abs() + 0.5) * scale
-    far = near - scale
-    log_near = torch.special.log_ndtr(near)
-    log_p = log_near + torch.log1p(-torch.exp((torch.special.log_ndtr(far) - log_near).clamp(max=-1e-12)))
-    near_slope = torch.exp(-0.5 * near * near - 0.5 * math.log(2 * math.pi) - log_p)
-    far_slope = torch.exp(-0.5 * far * far - 0.5 * math.log(2 * math.pi) - log_p)
-    below = sign > 0  # not mirrored; the upper end is closer to the mean
-    bits[tail] = (-log_p / math.log(2)).to(bits.dtype)
-    upper_slope[tail] = torch.where(below, near_slope, far_slope).to(bits.dtype)
-    lower_slope[tail] = torch.where(below, far_slope, near_slope).to(bits.dtype)
 
 
 def bits_of_residual(residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
     """Equation 10: -log2 P per element, with P = Phi((r + 1/2 - mu) / sigma) - Phi((r - 1/2 - mu) / sigma).
 
-    Also exact in the tails, where the difference of two float32 CDF values would be 0.
+    Also exact in the tails, where the difference of two CDF values would be 0.
 
     Args:
         residual: (..., C) in quantization steps, noise included.

@@ -93,11 +93,12 @@ class Site:
             return
         data = file.read_bytes()
         tag = f'"{file.stat().st_mtime_ns}-{len(data)}"'
-        start, status = 0, 200
+        start, end, status = 0, len(data), 200
         match = re.fullmatch(r"bytes=(\d+)-(\d*)", wanted or "")
         if match and int(match[1]) < len(data) and handler.headers.get("If-Range", tag) == tag:
             start, status = int(match[1]), 206
-        body = data[start:]
+            end = min(int(match[2]) + 1, len(data)) if match[2] else len(data)
+        body = data[start:end]
         handler.send_response(status)
         handler.send_header("Content-Type", TYPES.get(file.suffix, "application/octet-stream"))
         handler.send_header("Content-Length", str(len(body)))
@@ -105,7 +106,7 @@ class Site:
         handler.send_header("Cache-Control", "no-cache")
         handler.send_header("Accept-Ranges", "bytes")
         if status == 206:
-            handler.send_header("Content-Range", f"bytes {start}-{len(data) - 1}/{len(data)}")
+            handler.send_header("Content-Range", f"bytes {start}-{end - 1}/{len(data)}")
         handler.end_headers()
         limit = next((size for ending, size in self.cut.items() if path.endswith(ending)), None)
         if limit is not None and self.cuts_left > 0:

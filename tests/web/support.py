@@ -5,6 +5,7 @@ If modules move, this is the only file to change.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -202,3 +203,14 @@ def camera_values(view: Camera) -> dict[str, Any]:
         "K": view.K.tolist(),
         "worldToCamera": view.world_to_camera.tolist(),
     }
+
+
+def live(source: Path, folder: Path, groups: int, live: bool = True) -> Path:
+    """Publish the first groups of a stream of version 3; returns `source`."""
+    with StreamReader.open(source) as reader:
+        assert reader.index is not None
+        entries = [reader.index.ladder(number) for number in range(groups)]
+        metadata, settings = reader.manifest.metadata, BakeSettings(stream_version=3, ladder=(Rung(qp=16),))
+    shutil.copytree(source / "files", folder / "files", dirs_exist_ok=True)
+    write_manifest(folder, entries, FPS, settings, metadata, live=live)
+    return source

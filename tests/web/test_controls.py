@@ -6,6 +6,7 @@ import json
 import shutil
 
 import pytest
+import support
 
 pytestmark = pytest.mark.web
 
@@ -197,6 +198,35 @@ def test_keys(stream, open_page):
     assert panel.is_visible()
     keyboard.press("Escape")
     assert not panel.is_visible()
+    page.evaluate(
+        """() => {
+          const button = {pressed: false, value: 0};
+          navigator.getGamepads = () => [null, {axes: [1, 0, 0, 0], buttons: Array(8).fill(button)}];
+          window.dispatchEvent(new Event('gamepadconnected'));
+        }"""
+    )
+    page.wait("Math.abs(player.state.view.azimuth) > 5")
+
+
+def test_an_intro_until_the_first_input(site, stream, open_page):
+    eyes = [support.camera(azimuth) for azimuth in (60, 90)]
+    keys = [{"time": 600 * i, "camera": eye.to_dict()} for i, eye in enumerate(eyes)]
+    path = json.dumps({"format": "v3studio-camera-path", "version": 1, "keys": keys})
+    html = (site.folder / "index.html").read_text().replace("<v3-player ", '<v3-player intro="#path" ')
+    script = f'<script type="application/json" id="path">{path}</script>'
+    (site.folder / "index.html").write_text(html.replace("</body>", f"{script}</body>"))
+    page = open_page()
+    page.wait("Math.abs(player.state.view.azimuth) > 59")
+    assert abs(page.state["view"]["elevation"] - 10) < 0.1
+    ended = """() => {
+      const player = document.querySelector('v3-player');
+      player.addEventListener('v3-intro-ended', () => { window.ended = true; });
+    }"""
+    page.evaluate(ended)
+    page.handle.mouse.click(*middle(page))
+    page.wait("window.ended")
+    # A link to a view begins there.
+    assert open_page("?view=20,5").state["view"]["azimuth"] == 20
 
 
 def test_the_timeline(stream, open_page):

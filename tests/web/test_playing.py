@@ -227,6 +227,15 @@ def test_without_webcodecs_on_an_insecure_page(site, stream, open_page):
     page.wait("(seen.looped ?? []).length >= 1")
 
 
+def test_a_video_element_may_not_guess(site, baked, open_page):
+    """It decodes AV1 inexactly, and a stream of version 2 has no checksums that would tell."""
+    shutil.copytree(baked(lengths=(2,), splats=200, stream_version=2), site.stream)
+    edit_manifest(site.stream, lambda values: values["codec"].update(name="av1"))
+    page = open_page("?t=0&decoder=video", wait=False)
+    page.wait("(seen.error ?? []).length")
+    assert "AV1 videos need WebCodecs" in page.seen("error")[0]
+
+
 def test_a_stream_below_another_path(site, baked, open_page):
     shutil.copytree(baked(), site.folder / "deep" / "stream")
     for name in ("index.html", "v3-player.js"):

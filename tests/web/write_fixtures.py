@@ -36,9 +36,10 @@ def rule_steps() -> dict[str, Any]:
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
-        # QP 4 has escapes; the figure has few of them.
-        stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4)
-        planes = support.bake(Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0)
+        # QP 4 has escapes; the figure has few of them. Version 2, for the tests of its manifest.
+        two: dict[str, Any] = {"stream_version": 2}
+        stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4, **two)
+        planes = support.bake(Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0, **two)
         for name, place in (("motion", stream), ("planes", planes)):
             python = support.PythonFrames(place)
             group = python.reader.manifest.groups[0]

@@ -89,7 +89,9 @@ class QpTrial:
                     return
                 with tempfile.TemporaryDirectory() as folder:
                     settings = section.replace(qp=qp, ladder=(), **NO_TARGET)
-                    entry = bake_group(frames, Path(folder), 0, 0, settings, threads=1)
+                    # with bake.splats, how many are left out decides the size, hardly which
+                    share = frames[0].opacities.numpy
+                    entry = bake_group(frames, Path(folder), 0, 0, settings, threads=1, contribution=share)
                 self.results[qp] = entry.bytes / entry.frame_count
                 self.changes += 1
         except StudioError as error:

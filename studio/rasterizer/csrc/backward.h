@@ -7,8 +7,8 @@
 #include "attributes.h"
 #include "isa_namespace.h"
 #include "kernels.h"
-#include "project.h"
 #include "pixel_lanes.h"
+#include "project.h"
 #include "simd.h"
 #include "tiles.h"
 
@@ -38,7 +38,7 @@ struct BackwardPixel<T, IMAGE_ALPHA_DEPTH> {
 
 template <typename T, GradientsOf USED>
 static void backward_tile(const Frame<T>& frame, const TileBox& box, const Intersection<T>* list, std::uint32_t count,
-                          const Gradients<T>& grad, T* slots, int tile) {
+                          const Gradients<T>& grad, T* slots, int tile, std::uint64_t* kept) {
     using L = PixelLanes<T>;
     using V = typename L::V;
     using M = typename L::M;
@@ -57,7 +57,7 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Inter
     for (int y = 0; y < box.height; y++) {
         const std::int64_t row = std::int64_t(box.top + y) * camera.width + box.left;
         for (int x = 0; x < box.width; x++) {
-            const int i = (y / BLOCK_H<T>) * BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
+            const int i = (y / BLOCK_H<T>)*BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
             const std::int64_t here = row + x;
             BackwardPixel<T, USED>& pixel = pixels[i];
             T gr = 0, gg = 0, gb = 0;
@@ -90,7 +90,7 @@ static void backward_tile(const Frame<T>& frame, const TileBox& box, const Inter
     Batch<T> batch;
     for (std::uint32_t n = 0; n < count;) {
         const std::uint32_t start = n;
-        n = batch.fill(projected, list, n, count, box, active);
+        n = batch.template fill<false>(projected, list, n, count, box, active, kept);
         // The slots of splats that touch no active pixel stay zero.
         for (std::uint32_t k = start; k < n; k++) {
             T* slot = slot_of(projected[list[k].splat]);

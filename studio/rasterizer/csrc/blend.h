@@ -1,6 +1,7 @@
 // Forward pass over one tile: alpha blending from front to back.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "isa_namespace.h"
@@ -16,10 +17,10 @@ struct ForwardPixel {
     PixelVec<T> transmittance, weight_sum, red, green, blue, depth;
 };
 
-// Blends a tile's intersections, sorted by depth, and writes its pixels.
+// Blends a tile's intersections, sorted by depth, and writes its pixels and the blocks that each touches.
 template <typename T>
 static void blend_tile(const Camera& camera, const TileBox& box, const Projected<T>* projected,
-                       const Intersection<T>* list, std::uint32_t count, const Outputs<T>& out) {
+                       const Intersection<T>* list, std::uint32_t count, const Outputs<T>& out, std::uint64_t* kept) {
     using L = PixelLanes<T>;
     using V = typename L::V;
     using M = typename L::M;
@@ -31,14 +32,14 @@ static void blend_tile(const Camera& camera, const TileBox& box, const Projected
     const V alpha_min_log2 = L::all(T(ALPHA_MIN_LOG2)), alpha_max = L::all(T(camera.alpha_max)),
             transmittance_min = L::all(T(TRANSMITTANCE_MIN));
     Batch<T> batch;
-    for (std::uint32_t n = 0; n < count && active.any();) {
-        n = batch.fill(projected, list, n, count, box, active);
+    std::uint32_t n = 0;
+    while (n < count && active.any()) {
+        n = batch.template fill<true>(projected, list, n, count, box, active, kept);
         for (int k = 0; k < batch.size; k++) {
             const Projected<T>& p = *batch.splats[k];
             const BlockSet<T> touched = batch.touched[k];
             const SplatInTile<T> shape = SplatInTile<T>::of(p, box);
-            const V r = L::all(p.color[0]), g = L::all(p.color[1]), b = L::all(p.color[2]),
-                    z = L::all(p.depth);
+            const V r = L::all(p.color[0]), g = L::all(p.color[1]), b = L::all(p.color[2]), z = L::all(p.depth);
             for (int w = 0; w < BlockSet<T>::WORDS; w++)
                 for (std::uint64_t remaining = touched.word[w] & active.word[w]; remaining != 0;
                      remaining &= remaining - 1) {
@@ -64,10 +65,12 @@ static void blend_tile(const Camera& camera, const TileBox& box, const Projected
                 }
         }
     }
+    for (std::size_t i = std::size_t(n) * BlockSet<T>::WORDS; i < std::size_t(count) * BlockSet<T>::WORDS; i++)
+        kept[i] = 0;  // behind finished pixels
     for (int y = 0; y < box.height; y++) {
         const std::int64_t row = std::int64_t(box.top + y) * camera.width + box.left;
         for (int x = 0; x < box.width; x++) {
-            const int i = (y / BLOCK_H<T>) * BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
+            const int i = (y / BLOCK_H<T>)*BLOCKS_X + x / BLOCK_W, lane = y % BLOCK_H<T> * BLOCK_W + x % BLOCK_W;
             const T signed_t = pixels[i].transmittance[lane], transmittance = signed_t < 0 ? -signed_t : signed_t,
                     weight_sum = pixels[i].weight_sum[lane];
             T* rgb = out.image + 3 * (row + x);

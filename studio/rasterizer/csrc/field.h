@@ -25,9 +25,9 @@ constexpr int MAX_VECTORS = 4;
 #else
 constexpr int MAX_VECTORS = 2;
 #endif
-constexpr int FIELD_CHUNK = 48;                 // points whose activations stay in the first-level cache
-constexpr int FIELD_BLOCK = 32 * FIELD_CHUNK;   // points that share one sum of gradients
-constexpr int FIELD_ROUND = 16;                 // padding of rows of activations, values
+constexpr int FIELD_CHUNK = 48;                // points whose activations stay in the first-level cache
+constexpr int FIELD_BLOCK = 32 * FIELD_CHUNK;  // points that share one sum of gradients
+constexpr int FIELD_ROUND = 16;                // padding of rows of activations, values
 
 VS_INLINE int field_padded(int width) { return (width + FIELD_ROUND - 1) / FIELD_ROUND * FIELD_ROUND; }
 
@@ -244,18 +244,13 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
                 T* d_bias = d_weights + std::size_t(layer.outputs) * std::size_t(layer.padded_inputs);
                 for (int p = 0; p < FIELD_CHUNK; p++)
                     for (int o = 0; o < layer.padded_outputs; o += WIDTH<T>)
-                        wide_store<T>(d_bias + o, wide_load<T>(d_bias + o) +
-                                                      wide_load<T>(gradient + p * layer.padded_outputs + o));
-                const Product<T> weights = {FIELD_CHUNK,
-                                            gradient,
-                                            1,
-                                            layer.padded_outputs,
-                                            input,
-                                            layer.padded_inputs,
-                                            d_weights,
-                                            layer.padded_inputs,
-                                            nullptr,
-                                            true,
+                        wide_store<T>(d_bias + o,
+                                      wide_load<T>(d_bias + o) + wide_load<T>(gradient + p * layer.padded_outputs + o));
+                const Product<T> weights = {FIELD_CHUNK, gradient,
+                                            1,           layer.padded_outputs,
+                                            input,       layer.padded_inputs,
+                                            d_weights,   layer.padded_inputs,
+                                            nullptr,     true,
                                             false};
                 product<T>(weights, layer.outputs, layer.padded_inputs);
                 const Product<T> inputs = {layer.outputs,
@@ -292,9 +287,9 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
         const FieldLayer<T> layer = field_layer<T>(shape, l);
         for (int o = 0; o < layer.outputs; o++)
             for (int i = 0; i <= layer.inputs; i++) {  // the last one is the bias
-                const std::size_t at = offsets[l] + (i < layer.inputs
-                                                         ? std::size_t(o) * std::size_t(layer.padded_inputs) + i
-                                                         : std::size_t(layer.outputs) * layer.padded_inputs + o);
+                const std::size_t at =
+                    offsets[l] + (i < layer.inputs ? std::size_t(o) * std::size_t(layer.padded_inputs) + i
+                                                   : std::size_t(layer.outputs) * layer.padded_inputs + o);
                 T total = 0;
                 for (int b = 0; b < blocks; b++) total += partial.get()[stride * std::size_t(b) + at];
                 if (i < layer.inputs)

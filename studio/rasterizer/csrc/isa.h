@@ -17,11 +17,9 @@
 #define VS_JOIN2(a, b) a##b
 #define VS_JOIN(a, b) VS_JOIN2(a, b)
 
-#define VS_TRAINING(T)                                                                                     \
-    {                                                                                                      \
-        VS_ISA::field_forward<T>, VS_ISA::field_backward<T>, VS_ISA::coded_loss<T>, VS_ISA::planes_values<T>, \
-            VS_ISA::planes_gradients<T>, VS_ISA::dropout<T>                                                \
-    }
+#define VS_TRAINING(T)                                                             \
+    {VS_ISA::field_forward<T>, VS_ISA::field_backward<T>,   VS_ISA::coded_loss<T>, \
+     VS_ISA::planes_values<T>, VS_ISA::planes_gradients<T>, VS_ISA::dropout<T>}
 
 namespace vs {
 

@@ -52,15 +52,19 @@ struct Intersection {                                                           
     std::uint32_t splat;
 };
 
+struct Kernels;
+
 // What the backward pass needs from the forward pass.
 template <typename T>
 struct Frame {
     Camera camera;
+    const Kernels* kernels = nullptr;  // that made it; `touched` has their size of blocks
     std::int64_t count = 0;
     int tiles_x = 0, tiles_y = 0;
     std::uint64_t pairs = 0;  // number of (tile, splat) intersections
     Buffer<Projected<T>> projected;
     Buffer<Intersection<T>> intersections;  // sorted by depth within each tile
+    Buffer<std::uint64_t> touched;          // blocks of its tile that each intersection touches, as bits
     Buffer<std::uint32_t> starts;           // (tiles + 1,) first intersection of each tile
     Buffer<std::uint32_t> order;            // tiles, longest lists first
 };
@@ -99,13 +103,13 @@ template <typename T>
 struct FieldJob {
     FieldShape shape;
     std::int64_t count;
-    const std::int32_t* rows;                 // (L, N, 8) rows of the table
-    const T* corner_weights;                  // (L, N, 8)
-    const std::int64_t* level_rows;           // (L + 1,) first row of each level
-    const T* table;                           // (rows, F)
-    const T* weights[MAX_FIELD_LAYERS + 1];   // (outputs, inputs) of each layer
-    const T* biases[MAX_FIELD_LAYERS + 1];    // (outputs,)
-    T scale;                                  // of the output
+    const std::int32_t* rows;                // (L, N, 8) rows of the table
+    const T* corner_weights;                 // (L, N, 8)
+    const std::int64_t* level_rows;          // (L + 1,) first row of each level
+    const T* table;                          // (rows, F)
+    const T* weights[MAX_FIELD_LAYERS + 1];  // (outputs, inputs) of each layer
+    const T* biases[MAX_FIELD_LAYERS + 1];   // (outputs,)
+    T scale;                                 // of the output
 };
 
 template <typename T>
@@ -125,9 +129,9 @@ struct CodedJob {
     T huber;                      // in steps; 0: L1
     std::uint32_t seed;           // of the rounding noise
     T bits_weight, difference_weight;
-    T* gradient;                 // (N, C) of the weighted sum of both; may be null
-    double bits, difference;     // results: sums
-    double *by_mu, *by_sigma;    // (C,) results: derivatives of the bits
+    T* gradient;               // (N, C) of the weighted sum of both; may be null
+    double bits, difference;   // results: sums
+    double *by_mu, *by_sigma;  // (C,) results: derivatives of the bits
 };
 
 template <typename T>

@@ -29,14 +29,16 @@ struct LossWeights {
 VS_INLINE void blur_row(const LossWeights& w, const float* in, float* out, int count) {
     for (int i = 0; i < count; i += LOSS_LANES) {
         WFloat s = w.tap[0] * wide_load<float>(in + i);
-        for (int k = 1; k <= HALF; k++) s += w.tap[k] * (wide_load<float>(in + i - 3 * k) + wide_load<float>(in + i + 3 * k));
+        for (int k = 1; k <= HALF; k++)
+            s += w.tap[k] * (wide_load<float>(in + i - 3 * k) + wide_load<float>(in + i + 3 * k));
         wide_store<float>(out + i, s);
     }
 }
 
 VS_INLINE WFloat blur_column(const LossWeights& w, float* const* ring, int i) {
     WFloat s = w.tap[0] * wide_load<float>(ring[HALF] + i);
-    for (int k = 1; k <= HALF; k++) s += w.tap[k] * (wide_load<float>(ring[HALF - k] + i) + wide_load<float>(ring[HALF + k] + i));
+    for (int k = 1; k <= HALF; k++)
+        s += w.tap[k] * (wide_load<float>(ring[HALF - k] + i) + wide_load<float>(ring[HALF + k] + i));
     return s;
 }
 
@@ -139,8 +141,8 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             total += double(wide_sum<float>(size));
             if (job.gradient == nullptr) continue;
             const WFloat zero{};
-            WFloat sign = difference > zero ? wide_all<float>(l1_scale)
-                                            : (difference < zero ? wide_all<float>(-l1_scale) : zero);
+            WFloat sign =
+                difference > zero ? wide_all<float>(l1_scale) : (difference < zero ? wide_all<float>(-l1_scale) : zero);
             WFloat g =
                 blur_column(w, ring[0], i) + 2.0f * x * blur_column(w, ring[1], i) + y * blur_column(w, ring[2], i);
             g = sign + ssim_scale * g;
@@ -166,7 +168,8 @@ static void photometric_loss(LossJob& job, int threads) {
     // Each band recomputes twenty rows of its neighbors, so use no more bands than keep all threads busy.
     int bands = threads > 1 ? 2 * threads : 1;
     if (bands > job.height / 32 + 1) bands = job.height / 32 + 1;
-    const int stride = (3 * job.width + LOSS_LANES - 1) / LOSS_LANES * LOSS_LANES, padded_stride = stride + 2 * REACH + 2;
+    const int stride = (3 * job.width + LOSS_LANES - 1) / LOSS_LANES * LOSS_LANES,
+              padded_stride = stride + 2 * REACH + 2;
     const std::size_t band_floats = std::size_t(5 * padded_stride + 7 * TAPS * stride + LOSS_LANES);
     Buffer<float> scratch(band_floats * bands);
     Buffer<double> rows(2 * std::size_t(job.height));

@@ -37,9 +37,8 @@ std::vector<const Kernels*> supported() {
     std::vector<const Kernels*> found;
 #if defined(VS_HAVE_X86_64)
     __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-        __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512vl"))
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd") &&
+        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
         found.push_back(&kernels_x86_64_v4);
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2"))
         found.push_back(&kernels_x86_64_v3);
@@ -118,6 +117,7 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
     expect(depth, pixels, "depth");
     expect(radii, std::size_t(splats.count), "radii");
     auto frame = std::make_unique<Frame<T>>();
+    frame->kernels = kernels;
     Camera& c = frame->camera;
     const double* p = camera.data();
     for (int i = 0; i < 9; i++) c.rotation[i] = p[i];
@@ -125,7 +125,8 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
     c.fx = p[15], c.fy = p[16], c.cx = p[17], c.cy = p[18];
     for (int i = 0; i < 4; i++) c.limits[i] = p[19 + i];
     c.width = width, c.height = height, c.near = near, c.alpha_max = alpha_max;
-    const Outputs<T> out = {background.data(), background.size() == 3 ? 0 : 3, image.data(), alpha.data(), depth.data(), radii.data()};
+    const Outputs<T> out = {background.data(), background.size() == 3 ? 0 : 3, image.data(), alpha.data(), depth.data(),
+                            radii.data()};
     {
         nb::gil_scoped_release release;
         if constexpr (sizeof(T) == 4)
@@ -168,9 +169,9 @@ void backward(const Frame<T>& frame, In<T> means, In<T> quats, In<T> log_scales,
                                pointer(d_offsets, 2 * n, "d_offsets")};
     nb::gil_scoped_release release;
     if constexpr (sizeof(T) == 4)
-        kernels->backward_float(splats, grad, frame, checked_threads(threads));
+        frame.kernels->backward_float(splats, grad, frame, checked_threads(threads));
     else
-        kernels->backward_double(splats, grad, frame, checked_threads(threads));
+        frame.kernels->backward_double(splats, grad, frame, checked_threads(threads));
 }
 
 std::pair<double, double> loss(In<float> image, In<float> target, int width, int height, double dssim_weight,
@@ -316,8 +317,7 @@ PlanesJob<T> planes_job(const In<T>& quats, const In<T>& log_scales, const In<T>
 }
 
 template <typename T>
-void planes_values(In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, In<T> reference, Out<T> values,
-                   int threads) {
+void planes_values(In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, In<T> reference, Out<T> values, int threads) {
     const PlanesJob<T> job = planes_job<T>(quats, log_scales, logits, sh, reference);
     expect(values, std::size_t(job.count) * std::size_t(8 + 3 * job.coefficients), "values");
     nb::gil_scoped_release release;
@@ -358,14 +358,14 @@ void add_training(nb::module_& m, const char* pass_name) {
           nb::arg("biases").noconvert(), nb::arg("scale"), nb::arg("out").noconvert(), nb::arg("threads"));
     m.def("field_backward", &field_backward<T>, nb::arg("pass"), nb::arg("rows").noconvert(),
           nb::arg("corner_weights").noconvert(), nb::arg("level_rows").noconvert(), nb::arg("table").noconvert(),
-          nb::arg("weights").noconvert(), nb::arg("biases").noconvert(), nb::arg("scale"),
-          nb::arg("d_out").noconvert(), nb::arg("d_table").noconvert(), nb::arg("d_weights").noconvert(),
-          nb::arg("d_biases").noconvert(), nb::arg("threads"));
+          nb::arg("weights").noconvert(), nb::arg("biases").noconvert(), nb::arg("scale"), nb::arg("d_out").noconvert(),
+          nb::arg("d_table").noconvert(), nb::arg("d_weights").noconvert(), nb::arg("d_biases").noconvert(),
+          nb::arg("threads"));
     m.def("coded_loss", &coded_loss<T>, nb::arg("current").noconvert(), nb::arg("previous").noconvert(),
           nb::arg("steps").noconvert(), nb::arg("mu").noconvert(), nb::arg("sigma").noconvert(), nb::arg("huber"),
-          nb::arg("seed"), nb::arg("bits_weight"), nb::arg("difference_weight"),
-          nb::arg("gradient").noconvert().none(), nb::arg("by_mu").noconvert(), nb::arg("by_sigma").noconvert(),
-          nb::arg("threads"), "Sums of bits and differences; writes the gradient of their weighted sum.");
+          nb::arg("seed"), nb::arg("bits_weight"), nb::arg("difference_weight"), nb::arg("gradient").noconvert().none(),
+          nb::arg("by_mu").noconvert(), nb::arg("by_sigma").noconvert(), nb::arg("threads"),
+          "Sums of bits and differences; writes the gradient of their weighted sum.");
     m.def("planes_values", &planes_values<T>, nb::arg("quats").noconvert(), nb::arg("log_scales").noconvert(),
           nb::arg("logits").noconvert(), nb::arg("sh").noconvert(), nb::arg("reference").noconvert(),
           nb::arg("values").noconvert(), nb::arg("threads"));

@@ -35,7 +35,7 @@ struct PixelLanes {
     VS_MEMBER M lt(V a, V b) { return VS_ISA::lt<T>(a, b); }
     VS_MEMBER M both(M a, M b) { return a & b; }
     VS_MEMBER bool any(M m) { return VS_ISA::any(m); }
-    VS_MEMBER V keep(M m, V a) { return zero_unless<T>(m, a); }   // zero elsewhere
+    VS_MEMBER V keep(M m, V a) { return zero_unless<T>(m, a); }    // zero elsewhere
     VS_MEMBER V clear(M m, V a) { return zero_unless<T>(~m, a); }  // zero where the mask is set
     VS_MEMBER V select(M m, V a, V b) { return VS_ISA::select<T>(m, a, b); }
     VS_MEMBER V min(V a, V b) { return vmin<T>(a, b); }  // b where a is NaN

@@ -71,6 +71,7 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
     frame.pairs = total;
     frame.intersections = Buffer<Intersection<T>>(std::size_t(total));
     Buffer<Intersection<T>> scratch{std::size_t(total)};
+    frame.touched = Buffer<std::uint64_t>(std::size_t(total) * BlockSet<T>::WORDS);
     Intersection<T>* intersections = frame.intersections.get();
 
     // Where each chunk writes in the list of each tile: after the chunks before it, so that lists keep the splat order.
@@ -120,7 +121,8 @@ static void forward(const Splats<T>& splats, const Outputs<T>& out, Frame<T>& fr
         const TileBox box = tile_box(camera, frame.tiles_x, tile);
         if (count == 0) return fill_background<T>(camera, box, out);
         sort_intersections<T>(intersections + begin, scratch.get() + begin, count);
-        blend_tile<T>(camera, box, projected, intersections + begin, count, out);
+        blend_tile<T>(camera, box, projected, intersections + begin, count, out,
+                      frame.touched.get() + std::size_t(begin) * BlockSet<T>::WORDS);
     };
     parallel_for(tiles, threads, blend_pass);
 }
@@ -135,12 +137,13 @@ static void backward(const Splats<T>& splats, const Gradients<T>& grad, const Fr
         if (count == 0) return;
         const TileBox box = tile_box(frame.camera, frame.tiles_x, tile);
         const Intersection<T>* list = frame.intersections.get() + begin;
+        std::uint64_t* kept = frame.touched.get() + std::size_t(begin) * BlockSet<T>::WORDS;
         if (grad.d_depth != nullptr)
-            backward_tile<T, IMAGE_ALPHA_DEPTH>(frame, box, list, count, grad, slots.get(), tile);
+            backward_tile<T, IMAGE_ALPHA_DEPTH>(frame, box, list, count, grad, slots.get(), tile, kept);
         else if (grad.d_alpha != nullptr)
-            backward_tile<T, IMAGE_ALPHA>(frame, box, list, count, grad, slots.get(), tile);
+            backward_tile<T, IMAGE_ALPHA>(frame, box, list, count, grad, slots.get(), tile, kept);
         else
-            backward_tile<T, IMAGE>(frame, box, list, count, grad, slots.get(), tile);
+            backward_tile<T, IMAGE>(frame, box, list, count, grad, slots.get(), tile, kept);
     };
     parallel_for(tiles, threads, tile_pass);
 

@@ -1,6 +1,7 @@
 // Tiles of 32x32 pixels: which pixels of a tile a splat touches, and the sorting of a tile's intersections by depth.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "isa_namespace.h"
@@ -163,17 +164,29 @@ struct Batch {
     BlockSet<T> touched[CAPACITY];
     int size;
 
-    // Reads intersections from index `n`, drops those that touch no active block, and returns the next index.
+    // Reads intersections from index `n`, drops those that touch no active block, and returns the next index. The
+    // forward pass finds the blocks and keeps them in `kept`, WORDS values per intersection; the backward pass reads
+    // them there.
+    template <bool FORWARD>
     inline __attribute__((always_inline)) std::uint32_t fill(const Projected<T>* projected, const Intersection<T>* list,
                                                              std::uint32_t n, std::uint32_t count, const TileBox& box,
-                                                             const BlockSet<T>& active) {
+                                                             const BlockSet<T>& active, std::uint64_t* kept) {
+        constexpr int WORDS = BlockSet<T>::WORDS;
         const std::uint32_t end = count - n < std::uint32_t(CAPACITY) ? count : n + CAPACITY;
         size = 0;
         for (; n < end; n++) {
             if (n + 8 < count) __builtin_prefetch(&projected[list[n + 8].splat]);
             const Projected<T>* p = &projected[list[n].splat];
-            BlockSet<T> found = touched_blocks<T>(*p, box);
-            for (int w = 0; w < BlockSet<T>::WORDS; w++) found.word[w] &= active.word[w];
+            BlockSet<T> found;
+            if constexpr (FORWARD) found = touched_blocks<T>(*p, box);
+            for (int w = 0; w < WORDS; w++) {
+                std::uint64_t& word = kept[std::size_t(n) * WORDS + w];
+                if constexpr (FORWARD)
+                    word = found.word[w];
+                else
+                    found.word[w] = word;
+                found.word[w] &= active.word[w];
+            }
             splats[size] = p;
             touched[size] = found;
             size += found.any();

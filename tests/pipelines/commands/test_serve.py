@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 import os
@@ -48,7 +49,7 @@ def port(stream: Path):
     (stream / ".hidden").write_text("secret")
     (stream / "out.txt").symlink_to(stream.parent / "secret.txt")
     (stream / "up").symlink_to(stream.parent)
-    with running(build_app(find_streams(str(stream)))) as port:
+    with running(build_app(find_streams(str(stream)), origins=["*"])) as port:
         yield port
 
 
@@ -194,12 +195,14 @@ def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
         shutil.copytree(stream, tmp_path / name, symlinks=True)
     (tmp_path / "a" / ".player").mkdir()
     for folder, page, script in ((stream, "/", ".player/"), (tmp_path, "/a/", "../.player/")):
-        with running(build_app(find_streams(str(folder)), PLAYER)) as port:
+        with running(build_app(find_streams(str(folder)), PLAYER, intro='{"keys": []}')) as port:
             status, headers, body = ask(port, page, Accept=BROWSER)
             assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
             assert headers["cache-control"] == "no-cache"
             text = body.decode()
             assert 'src="manifest.json"' in text
+            assert 'intro="#v3-intro"' in text
+            assert '{"keys": []}' in text
             assert f'src="{script}{PLAYER.script_name}"' in text
             status, headers, body = ask(port, f"/.player/{PLAYER.script_name}")
             assert (status, body) == (200, PLAYER.script)
@@ -284,9 +287,9 @@ def test_ctrl_c_ends_it_within_two_seconds_whoever_is_connected(start, tmp_path)
     assert "v3studio play --headless " + address in process.stdout.readline()
     port = int(address.rstrip("/").rpartition(":")[2])
     with socket.create_connection(("127.0.0.1", port)) as idle, socket.create_connection(("127.0.0.1", port)) as slow:
-        idle.sendall(b"GET /manifest.json HTTP/1.1\r\nHost: x\r\n\r\n")
+        idle.sendall(b"GET /manifest.json HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert idle.recv(100)
-        slow.sendall(b"GET /big.bin HTTP/1.1\r\nHost: x\r\n\r\n")
+        slow.sendall(b"GET /big.bin HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert slow.recv(100)  # and no more: the response stays incomplete
         began = time.monotonic()
         process.send_signal(signal.SIGINT)
@@ -339,3 +342,16 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     done = here("play", "--headless", address + "nowhere")
     assert done.returncode == 1
     assert "404" in done.stderr
+
+
+def test_json_is_compressed_for_clients_that_take_it(port, stream):
+    data = (stream / "manifest.json").read_bytes()
+    status, headers, body = ask(port, "/manifest.json", Accept_Encoding="gzip, br")
+    assert (status, headers["content-encoding"], gzip.decompress(body)) == (200, "gzip", data)
+    plain = ask(port, "/manifest.json")[1]
+    assert headers["etag"] != plain["etag"]
+    for tag in (headers["etag"], plain["etag"]):
+        assert ask(port, "/manifest.json", Accept_Encoding="gzip", If_None_Match=tag)[0] == 304
+    status, headers, body = ask(port, "/manifest.json", Accept_Encoding="gzip", Range="bytes=0-9")
+    assert (status, body) == (206, data[:10])
+    assert "content-encoding" not in ask(port, "/group_003/opacity.mp4", Accept_Encoding="gzip")[1]

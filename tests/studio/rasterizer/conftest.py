@@ -57,7 +57,8 @@ def sturdy_pixels(splats: Gaussians, camera: Camera, alpha_max: float = 0.99, ne
     """(H, W) True where no threshold of the definition is within float32 rounding.
 
     The image is discontinuous where the alpha of a splat crosses 1/255, where transmittance crosses 1e-4, and where two
-    splats of equal depth swap. A float32 backend may take the other branch there.
+    splats of equal depth swap; the gradient also where alpha crosses `alpha_max`. A float32 backend may take the other
+    branch there.
     """
     pinhole = Pinhole.of(camera)
     splats = splats.detach().to(torch.float64)
@@ -72,7 +73,8 @@ def sturdy_pixels(splats: Gaussians, camera: Camera, alpha_max: float = 0.99, ne
     drawn = torch.where(alpha >= ALPHA_MIN, alpha.clamp_max(alpha_max), 0.0)
     transmittance = torch.cumprod(1 - drawn, dim=1)
     matters = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], 1) > 0.99 * TRANSMITTANCE_MIN
-    sturdy = ~(((alpha / ALPHA_MIN - 1).abs() < 1e-4) & matters).any(1)
+    at_threshold = ((alpha / ALPHA_MIN - 1).abs() < 1e-4) | ((alpha / alpha_max - 1).abs() < 1e-4)
+    sturdy = ~(at_threshold & matters).any(1)
     sturdy &= ((transmittance / TRANSMITTANCE_MIN - 1).abs() > 1e-3).all(1)
     close = (depths[1:] - depths[:-1]).abs() < 2e-6 * depths[1:]
     tied = torch.zeros_like(drawn, dtype=torch.bool)

@@ -60,7 +60,8 @@ def test_single_precision(helpers, scene) -> None:  # type: ignore[no-untyped-de
     options = {"weight": sturdy.double(), "alpha_max": scene["alpha_max"]}
     truth = helpers.draw(splats, camera, "reference", **options)
     ours = helpers.draw(splats, camera, "cpu", torch.float32, **options)
-    helpers.assert_same(ours, truth, where=sturdy)
+    # The gradient divides by 1 - alpha, which magnifies rounding.
+    helpers.assert_same(ours, truth, where=sturdy, gradient=max(1e-3, 1e-5 / (1 - scene["alpha_max"])))
 
 
 @settings(max_examples=30, **COMMON)  # type: ignore[arg-type]

@@ -74,3 +74,22 @@ def test_what_cannot_be_published(make_stream, make_ladder, tmp_path):
             publish(reader, str(tmp_path / "file" / "x"))
         with refuses("publish.failed"):
             publish(reader, "nosuchstore://bucket/take")
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (type("NoCredentialsError", (Exception,), {})("Unable to locate credentials"), "publish.no_credentials"),
+        (FileNotFoundError("The specified bucket does not exist"), "publish.no_bucket"),
+        (PermissionError("Access Denied"), "publish.denied"),
+        (OSError("reset"), "publish.failed"),
+    ],
+)
+def test_what_a_store_refuses(make_ladder, monkeypatch, error, code):
+    def fails(*arguments, **options):
+        raise error
+
+    monkeypatch.setattr(fsspec.filesystem("memory"), "pipe_file", fails)
+    target = "memory://publish-test/refused"
+    with StreamReader.open(make_ladder((1,), splats=40)) as reader, refuses(code, file=target):
+        publish(reader, target)

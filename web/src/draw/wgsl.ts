@@ -215,8 +215,8 @@ fn projectEscapes(@builtin(global_invocation_id) id: vec3u) {
 export const SPLAT_SHADER = `${VIEW}
 struct Corner {
   @builtin(position) position: vec4f,
-  @location(0) @interpolate(flat, either) paint: vec4f, // color and opacity
-  @location(1) @interpolate(flat, either) conic: vec3f,
+  @location(0) @interpolate(flat) paint: vec4f, // color and opacity
+  @location(1) @interpolate(flat) conic: vec3f,
   @location(2) offset: vec2f,
 }
 @group(0) @binding(0) var<uniform> view: View;

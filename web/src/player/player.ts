@@ -47,6 +47,8 @@ export interface PlayerEvents {
   waiting: boolean;
   view: View;
   fetched: { readonly groups: readonly number[] };
+  /** A live stream has more frames, or is complete. */
+  grown: StreamInfo;
   /** Sound was loaded, muted, or blocked by the browser; see `Player.sound`. */
   sound: undefined;
   /** A message for the viewer; playback continues. */
@@ -268,8 +270,11 @@ export class Player {
     for (const handler of this.handlers.get(event) ?? []) (handler as Handler<PlayerEvents[K]>)(value);
   }
 
-  /** Opens a stream by the URL of its folder or its manifest, or from files that the page itself holds. */
-  open(address: string, files: EmbeddedFiles | null = null): void {
+  /**
+   * Opens a stream by the URL of its folder, its manifest or its one file (`.v3s`), from files that the page itself
+   * holds, or from a file on this computer.
+   */
+  open(address: string, files: EmbeddedFiles | null = null, archive: File | null = null): void {
     this.info = this.group = null;
     this.shown = this.ready = this.requested = null;
     this.failed = false;
@@ -282,10 +287,26 @@ export class Player {
     const open = (): void => {
       if (this.renderer === null) return; // there is none, which was reported
       const { maxTexture } = this.renderer;
-      this.post({ type: "open", url, files, maxTexture, path: this.options.path ?? "auto", loop: this.loop_ });
+      this.post({ type: "open", url, files, archive, maxTexture, path: this.options.path ?? "auto", loop: this.loop_ });
+      this.tellPlaying();
     };
     if (this.renderer === null) this.opening = open;
     else open();
+  }
+
+  private tellPlaying(): void {
+    this.post({ type: "playing", playing: this.playing_ });
+  }
+
+  /** Looping begins when a live stream is complete. */
+  private get looping(): boolean {
+    return this.loop_ && this.info?.live !== true;
+  }
+
+  /** Goes to the newest group of a live stream. */
+  seekLive(): void {
+    const last = this.info?.groups.at(-1);
+    if (last !== undefined) this.seekFrame(last.firstFrame);
   }
 
   get playing(): boolean {
@@ -296,8 +317,9 @@ export class Player {
     if (this.playing_ || this.failed) return;
     const { info } = this;
     // At the end, playback starts over.
-    if (info !== null && !this.loop_ && this.nextPlayable(info) === null) this.seekFrame(0);
+    if (info !== null && !info.live && !this.loop_ && this.nextPlayable(info) === null) this.seekFrame(0);
     this.playing_ = true;
+    this.tellPlaying();
     this.lastTick = null;
     // Within the viewer's input, if it is one: some browsers start sound only then.
     if (info !== null && this.shown !== null && this.requested?.seek !== true) this.sound.follow(this.position / info.fps, this.speed_);
@@ -307,6 +329,7 @@ export class Player {
   pause(): void {
     if (!this.playing_) return;
     this.playing_ = false;
+    this.tellPlaying();
     this.sound.halt();
     if (this.shown !== null && this.requested?.seek !== true) this.position = this.shown.frame;
     this.emit("pause", undefined);
@@ -490,6 +513,14 @@ export class Player {
           this.snapshotSorted = null;
         }
         break;
+      case "grown":
+        this.info = message.info;
+        this.emit("grown", message.info);
+        break;
+      case "improved":
+        if (!this.playing_ && this.shown?.group === message.group && this.requested === null)
+          this.request(this.shown.frame, true);
+        break;
       case "left-out":
         this.left(message.group, message.message);
         break;
@@ -577,6 +608,7 @@ export class Player {
     if (setup !== undefined) {
       renderer.setGroup(setup);
       const { rendition, bytes, frames, splats, shDegree } = setup;
+      this.statistics.prepare.add(setup.prepare);
       this.group = { rendition, bytes, frames, splats, shDegree };
       this.setups.clear();
     }
@@ -587,6 +619,7 @@ export class Player {
     const first = this.shown === null;
     this.shown = { frame: picture.frame, count: picture.count, group: picture.group };
     this.statistics.shown++;
+    this.count(picture.group);
     if (this.lastShownAt !== null && this.playing_) this.statistics.interval.add(now - this.lastShownAt);
     this.lastShownAt = now;
     this.recycle(picture);
@@ -597,6 +630,17 @@ export class Player {
       this.emit("ready", undefined);
     }
     this.emit("frame", { frame: picture.frame, seconds: picture.frame / (this.info?.fps ?? 1) });
+  }
+
+  /** Frames of the group on the screen that were shown and dropped, for the choice of renditions. */
+  private tally = { group: -1, shown: 0, dropped: 0 };
+
+  private count(group: number): void {
+    if (group !== this.tally.group) {
+      if (this.tally.group >= 0) this.post({ type: "played", ...this.tally });
+      this.tally = { group, shown: 0, dropped: 0 };
+    }
+    this.tally.shown++;
   }
 
   private recycle({ luma, order }: Picture): void {
@@ -709,13 +753,20 @@ export class Player {
     let next = shown + 1;
     let lap = 0;
     // Frames that were due while the last one was loading are skipped.
-    const due = this.loop_ ? Math.floor(this.position) : Math.min(Math.floor(this.position), info.frameCount - 1);
+    const due = this.looping ? Math.floor(this.position) : Math.min(Math.floor(this.position), info.frameCount - 1);
     if (due > next) {
       this.statistics.dropped += due - next;
+      this.tally.dropped += due - next;
       next = due;
     }
     if (next >= info.frameCount) {
-      if (!this.loop_) {
+      if (info.live) {
+        // The clock waits for the next group.
+        this.position = Math.min(this.position, info.frameCount);
+        this.setWaiting(true);
+        return;
+      }
+      if (!this.looping) {
         this.end();
         return;
       }
@@ -728,7 +779,8 @@ export class Player {
     if (playable !== next) {
       // Jump over skipped groups; there may be no other before the end.
       if (playable < next) {
-        if (!this.loop_) {
+        if (info.live) return;
+        if (!this.looping) {
           this.end();
           return;
         }

@@ -1,5 +1,5 @@
 /**
- * Which rendition to fetch next: a buffer-based rule with throughput as a further input. The same as
+ * Which rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs. The same as
  * studio/playback/rate_rule.py, which names its sources (BOLA, dash.js).
  */
 
@@ -8,6 +8,8 @@ const SAFETY = 0.9;
 const PROBING = 0.9;
 const FIRST_PAUSE = 4;
 const LONGEST_PAUSE = 64;
+const DROPPED_SHARE = 0.15;
+const DROPPED_SAMPLE = 90;
 
 export class RateRule {
   /** Seconds of buffer to fill. */
@@ -18,6 +20,8 @@ export class RateRule {
   private readonly gp: number;
   private readonly minimum: number;
   private readonly throughput: [number, number][] = [];
+  /** Frames shown and dropped, by rate. */
+  private readonly frames: [number, number][];
   private filling = true;
   private last = 0;
   private patience = FIRST_PAUSE;
@@ -27,6 +31,7 @@ export class RateRule {
   constructor(bandwidths: readonly number[], minimum = 4, perRung = 1) {
     this.order = bandwidths.map((_, i) => i).sort((a, b) => bandwidths[a] - bandwidths[b]);
     this.rates = this.order.map((i) => bandwidths[i]);
+    this.frames = this.order.map(() => [0, 0]);
     this.minimum = minimum;
     this.target = minimum + perRung * bandwidths.length;
     this.utilities = this.rates.map((rate) => Math.log(rate / this.rates[0]) + 1);
@@ -37,6 +42,23 @@ export class RateRule {
   fetched(bytes: number, seconds: number): void {
     this.throughput.push([bytes, Math.max(seconds, 1e-6)]);
     if (this.throughput.length > SAMPLES) this.throughput.shift();
+  }
+
+  /** Frames of a rendition (its position in the manifest) were shown, or were dropped since decoding was late. */
+  played(rendition: number, shown: number, dropped: number): void {
+    const counts = this.frames[this.order.indexOf(rendition)];
+    counts[0] += shown;
+    counts[1] += dropped;
+  }
+
+  /** The best rendition that can be decoded in time, in which groups are fetched that need not arrive in time. */
+  best(): number {
+    return this.order[this.decodable()];
+  }
+
+  /** The best rendition that can be decoded in time and arrives in time. */
+  affordable(): number {
+    return this.order[Math.min(this.sustained(), this.decodable())];
   }
 
   /** The buffer is empty again. */
@@ -64,6 +86,7 @@ export class RateRule {
       }
     }
     this.pause--;
+    choice = Math.min(choice, this.decodable());
     this.last = choice;
     return this.order[choice];
   }
@@ -78,6 +101,14 @@ export class RateRule {
       if (score >= most) [best, most] = [i, score];
     });
     return best;
+  }
+
+  /** The highest rate below the first one of which too many frames were dropped. */
+  private decodable(): number {
+    const bad = this.frames.findIndex(
+      ([shown, dropped], i) => i > 0 && shown + dropped >= DROPPED_SAMPLE && dropped > DROPPED_SHARE * (shown + dropped),
+    );
+    return bad < 0 ? this.rates.length - 1 : bad - 1;
   }
 
   private sustained(): number {

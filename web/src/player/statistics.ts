@@ -37,6 +37,8 @@ export class Statistics {
   readonly decode = new Series();
   readonly dequantize = new Series();
   readonly sort = new Series();
+  /** Once per group. */
+  readonly prepare = new Series();
   readonly upload = new Series();
   readonly draw = new Series();
   readonly gpu = new Series();
@@ -51,7 +53,7 @@ export class Statistics {
   stalls = 0;
 
   clear(): void {
-    for (const series of [this.decode, this.dequantize, this.sort, this.upload, this.draw, this.gpu, this.main, this.interval, this.done])
+    for (const series of [this.decode, this.dequantize, this.sort, this.prepare, this.upload, this.draw, this.gpu, this.main, this.interval, this.done])
       series.clear();
     this.shown = this.dropped = this.stalls = 0;
   }

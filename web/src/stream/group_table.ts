@@ -3,20 +3,26 @@
 import { type Group, type Manifest, type PageEntry, type Span } from "./manifest.ts";
 
 export class GroupTable {
-  readonly spans: readonly Span[];
-  private readonly inline: readonly (readonly Group[])[];
-  private readonly pages: readonly PageEntry[];
+  spans: readonly Span[] = [];
+  private inline: readonly (readonly Group[])[] = [];
+  private pages: readonly PageEntry[] = [];
   private readonly readPage: (page: PageEntry) => Promise<readonly (readonly Group[])[]>;
-  private readonly read = new Map<PageEntry, Promise<readonly (readonly Group[])[]>>();
+  /** By path, so that the unchanged pages of a live stream are not read again. */
+  private readonly read = new Map<string, Promise<readonly (readonly Group[])[]>>();
   private readonly sizes = new Map<number, number>();
-  private readonly estimate: (span: Span) => number;
+  private estimate: (span: Span) => number = () => 0;
 
   /** @param readPage - fetches, verifies and parses a page */
   constructor(manifest: Manifest, readPage: (page: PageEntry) => Promise<readonly (readonly Group[])[]>) {
+    this.readPage = readPage;
+    this.grow(manifest);
+  }
+
+  /** The manifest of a live stream with more groups. */
+  grow(manifest: Manifest): void {
     this.spans = manifest.spans;
     this.inline = manifest.groups;
     this.pages = manifest.pages;
-    this.readPage = readPage;
     const rate = manifest.renditions[0]?.bandwidth ?? 0;
     this.estimate = ({ frameCount }): number => (rate * frameCount) / manifest.fps / 8;
     this.inline.forEach((renditions, index) => this.sizes.set(index, renditions[0].bytes));
@@ -39,15 +45,15 @@ export class GroupTable {
   async renditions(index: number): Promise<readonly Group[]> {
     if (index < this.inline.length) return this.inline[index];
     const page = this.pages.find(({ firstGroup, frames }) => index < firstGroup + frames.length)!;
-    let reading = this.read.get(page);
+    let reading = this.read.get(page.path);
     if (reading === undefined) {
       reading = this.readPage(page);
-      this.read.set(page, reading);
+      this.read.set(page.path, reading);
       reading.then(
         (groups) => {
           groups.forEach((renditions, i) => this.sizes.set(page.firstGroup + i, renditions[0].bytes));
         },
-        () => this.read.delete(page),
+        () => this.read.delete(page.path),
       );
     }
     return (await reading)[index - page.firstGroup];

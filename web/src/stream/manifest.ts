@@ -184,6 +184,8 @@ export interface Manifest {
   readonly up: Vector | null;
   readonly background: Vector | null;
   readonly title: string | null;
+  /** Whether groups are still being added. */
+  readonly live: boolean;
 }
 
 type Values = Record<string, unknown>;
@@ -665,8 +667,18 @@ export function parseManifest(text: string, bytes: number): Manifest {
     camera: readCamera(metadata),
     up: up !== null && up.some((value) => value !== 0) ? up : null,
     background: background?.every((value) => value >= 0 && value <= 1) === true ? background : null,
+    live: version >= 3 && values["live"] === true,
     title: typeof metadata["title"] === "string" ? metadata["title"].slice(0, 200) : null,
   };
+}
+
+/** What a live stream's new manifest changed that may not change, or null. See docs/STREAM.md, "Live streams". */
+export function whatChanged(old: Manifest, now: Manifest): string | null {
+  for (const key of ["version", "profile", "fps", "codec"] as const) if (old[key] !== now[key]) return key;
+  const ids = (manifest: Manifest): string => manifest.renditions.map(({ id }) => id).join();
+  if (ids(old) !== ids(now)) return "renditions";
+  if (!old.spans.every(({ frameCount }, i) => frameCount === now.spans[i]?.frameCount)) return "groups";
+  return null;
 }
 
 /** The group that contains a frame, by bisection; `frame` must be within the stream. */

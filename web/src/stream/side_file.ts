@@ -79,14 +79,14 @@ function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
       const children = occupancy[i];
       if (children === 0) throw new StreamError(wrong);
       const [px, py, pz] = [x[i] << 1, y[i] << 1, z[i] << 1];
-      for (let c = 0; c < 8; c++) {
-        if ((children >> c) & 1) {
-          if (filled === splats) throw new StreamError(wrong);
-          nextX[filled] = px | (c & 1);
-          nextY[filled] = py | ((c >> 1) & 1);
-          nextZ[filled] = pz | (c >> 2);
-          filled++;
-        }
+      // Most cells have a single child: only the bits that are set are visited, lowest first.
+      for (let left: number = children; left !== 0; left &= left - 1) {
+        if (filled === splats) throw new StreamError(wrong);
+        const c = 31 - Math.clz32(left & -left);
+        nextX[filled] = px | (c & 1);
+        nextY[filled] = py | ((c >> 1) & 1);
+        nextZ[filled] = pz | (c >> 2);
+        filled++;
       }
     }
     [x, y, z, nextX, nextY, nextZ] = [nextX, nextY, nextZ, x, y, z];
@@ -144,7 +144,7 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   const blocks = group.blocks.count;
   const moved = group.frameCount - 1;
   const cells = readOctree(cursor, group.positions.bits, splats);
-  const labels = Uint16Array.from(
+  const labels = new Uint16Array(
     accumulate(cursor.numbers(splats, 2), blocks, "a splat belongs to a block that does not exist"),
   );
   const classes = cursor.take(splats).slice();

@@ -8,6 +8,7 @@ import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath } from "../worker/messages.ts";
+import { acceptDrops } from "./drop.ts";
 import { clock } from "./format.ts";
 import { ICONS } from "./icons.ts";
 import { Intro, readPath } from "./intro.ts";
@@ -33,6 +34,7 @@ export interface PlayerState {
   readonly frameCount: number;
   readonly speed: number;
   readonly loop: boolean;
+  readonly live: boolean;
   /** Whether sound is off; null if the stream has none. */
   readonly muted: boolean | null;
   readonly view: View | null;
@@ -173,6 +175,7 @@ export class V3PlayerElement extends HTMLElement {
       frameCount: player?.info?.frameCount ?? 0,
       speed: player?.speed ?? 1,
       loop: player?.loop ?? false,
+      live: player?.info?.live ?? false,
       muted: player?.info?.hasSound === true ? player.sound.muted : null,
       view: !player?.info ? null : player.view,
     };
@@ -195,8 +198,18 @@ export class V3PlayerElement extends HTMLElement {
     this.dispatchEvent(new CustomEvent(`v3-${event}`, { detail, bubbles: true, composed: true }));
   }
 
-  private open(): void {
-    const source = this.getAttribute("src");
+  /** Opens a stream in one file (`.v3s`) on this computer. */
+  openFile(file: File): void {
+    this.open(file);
+  }
+
+  /** Goes to the newest group of a live stream. */
+  seekLive(): void {
+    this.player?.seekLive();
+  }
+
+  private open(file: File | null = null): void {
+    const source = file === null ? this.getAttribute("src") : file.name;
     this.part_<HTMLElement>(".failure").hidden = true;
     if (source === null || source === "" || this.player === null) return;
     this.isReady = false;
@@ -207,7 +220,8 @@ export class V3PlayerElement extends HTMLElement {
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.wantsToPlay ||= this.hasAttribute("autoplay") && !calm;
     try {
-      this.player.open(source, source.startsWith("#") ? embeddedFiles(source) : null);
+      const embedded = file === null && source.startsWith("#") ? embeddedFiles(source) : null;
+      this.player.open(source, embedded, file);
     } catch (error) {
       this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error)}.`);
     }
@@ -291,6 +305,11 @@ export class V3PlayerElement extends HTMLElement {
       this.part_(".now").textContent = clock(seconds);
       this.tell("time", { frame, seconds });
     });
+    player.on("grown", (info) => {
+      this.part_(".total").textContent = `/ ${clock(player.duration)}`;
+      this.timeline?.updateBuffered();
+      this.tell("grown", { frameCount: info.frameCount, duration: player.duration, live: info.live });
+    });
     player.on("fetched", () => {
       this.timeline?.updateBuffered();
     });
@@ -321,6 +340,11 @@ export class V3PlayerElement extends HTMLElement {
       this.tell("error", message);
     });
 
+    acceptDrops(stage, (file) => {
+      this.openFile(file);
+    }, (name) => {
+      this.notice(`${name} is not a stream in one file (.v3s).`);
+    }, signal);
     this.root.addEventListener("click", (event) => {
       this.clicked(event);
     }, { signal });

@@ -11,13 +11,15 @@ export function figures(player: Player): [string, string][] {
   const interval = s.interval.mean(60);
   const { drawn, all } = player.splats;
   const [width, height] = player.drawSize;
+  const where = player.rendererName === "WebGPU" ? " GPU" : "";
   const rows: [string, string][] = [
     ["Frame rate", !player.playing ? `paused (${wanted} fps)` : `${interval === 0 ? "–" : (1000 / interval).toFixed(1)} of ${wanted} fps`],
     ["Dropped", `${count(s.dropped)} of ${plural(s.shown + s.dropped, "frame")}, ${plural(s.stalls, "stall")}`],
     ["Splats", `${count(drawn)} of ${count(all)}`],
     ["Decode", milliseconds(s.decode.mean())],
-    ["Dequantize", milliseconds(s.dequantize.mean())],
-    ["Sort", milliseconds(s.sort.mean())],
+    ["Dequantize", milliseconds(s.dequantize.mean()) + where],
+    ["Sort", milliseconds(s.sort.mean()) + where],
+    ["Prepare", `${milliseconds(s.prepare.mean(4))} per group`],
     ["Upload", milliseconds(s.upload.mean())],
     ["Draw", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
     ["Main thread", `${milliseconds(s.main.mean())} per frame`],

@@ -40,6 +40,7 @@ const HELP: readonly (readonly [string, string])[] = [
   ["Back, forward 1 s", key("J L")],
   ["Previous, next frame", key(", .")],
   ["Slower, faster", key("&lt; &gt;")],
+  ["Sound", key("M")],
   ["Background", key("B")],
   ["Full screen", key("F")],
   ["Statistics", key("I")],

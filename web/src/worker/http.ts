@@ -61,6 +61,37 @@ export class HttpSource implements Source {
     });
   }
 
+  /** A part of a file: its bytes and the size of the whole file. */
+  async readRange(
+    path: string,
+    start: number,
+    count: number,
+    signal: AbortSignal,
+  ): Promise<{ data: Uint8Array<ArrayBuffer>; size: number }> {
+    return this.tryAgain(path, signal, async () => {
+      const out = new Uint8Array(count);
+      let filled = 0;
+      let size = 0;
+      await this.request(path, { Range: `bytes=${start}-${start + count - 1}` }, signal, async (response) => {
+        const range = /^bytes (\d+)-\d+\/(\d+)$/.exec(response.headers.get("Content-Range") ?? "");
+        if (response.status !== 206 || range === null || Number(range[1]) !== start)
+          throw new StreamError(
+            `${path} cannot be read: the server does not answer range requests, which a stream in one file needs.`,
+          );
+        size = Number(range[2]);
+        const began = performance.now();
+        await consume(response, (chunk) => {
+          if (filled + chunk.length > count) throw new StreamError(`${path}: the server sent more than was requested.`);
+          out.set(chunk, filled);
+          filled += chunk.length;
+        });
+        this.received(filled, performance.now() - began);
+      });
+      if (filled !== Math.min(count, size - start)) throw new StreamError(`${path}: the connection ended early`, true);
+      return { data: out.subarray(0, filled), size };
+    });
+  }
+
   private async tryAgain<T>(path: string, signal: AbortSignal, attempt: () => Promise<T>): Promise<T> {
     for (let n = 1; ; n++) {
       try {

@@ -23,7 +23,7 @@ scope.onmessage = ({ data }) => {
     case "open": {
       session?.close();
       const opened = (session = new Session(post, channel, data.path, data.maxTexture, data.loop));
-      opened.open(data.url, data.files).catch((error: unknown) => {
+      opened.open(data.url, data.files, data.archive).catch((error: unknown) => {
         if (session === opened) post({ type: "failed", message: messageOf(error) });
       });
       break;
@@ -36,6 +36,12 @@ scope.onmessage = ({ data }) => {
       break;
     case "loop":
       session?.setLoop(data.loop);
+      break;
+    case "playing":
+      session?.setPlaying(data.playing);
+      break;
+    case "played":
+      session?.played(data.group, data.shown, data.dropped);
       break;
     case "recycle":
       session?.recycle(data.buffers);

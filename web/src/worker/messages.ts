@@ -15,6 +15,8 @@ export type ToWorker =
       readonly url: string;
       /** The stream's files if the page holds them, else null. */
       readonly files: EmbeddedFiles | null;
+      /** A stream in one file (`.v3s`) on this computer, else null. */
+      readonly archive: File | null;
       readonly maxTexture: number;
       readonly path: DecodePath | "auto";
       readonly loop: boolean;
@@ -24,6 +26,9 @@ export type ToWorker =
   /** Sort one of the last two decoded frames along another axis. `request` is returned with the order. */
   | { readonly type: "sort"; readonly request: number; readonly frame: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
+  | { readonly type: "playing"; readonly playing: boolean }
+  /** How many frames of a group were shown, and dropped since decoding was late. */
+  | { readonly type: "played"; readonly group: number; readonly shown: number; readonly dropped: number }
   /** Return buffers that are no longer needed. */
   | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }
   /** Retry groups that could not be fetched. */
@@ -74,6 +79,8 @@ export interface StreamInfo {
   readonly up: Vector | null;
   readonly background: Vector | null;
   readonly title: string | null;
+  /** Whether groups are still being added. */
+  readonly live: boolean;
   readonly hasSound: boolean;
   /** Whether SHA-256 checksums of files are verified; browsers support that only on secure pages. */
   readonly checksums: boolean;
@@ -87,6 +94,8 @@ export interface GroupSetup {
   /** Size of the group's files in this rendition, and how many frames they hold. */
   readonly bytes: number;
   readonly frames: number;
+  /** Milliseconds from the group's files to the first packet and the tables of its splats. */
+  readonly prepare: number;
   readonly profile: "motion" | "planes";
   readonly splats: number;
   readonly shDegree: number;
@@ -136,6 +145,10 @@ export type FromWorker =
       readonly count: number;
       readonly sort: number;
     }
+  /** A live stream has more groups, or is complete. */
+  | { readonly type: "grown"; readonly info: StreamInfo }
+  /** A group was fetched again in a better rendition. */
+  | { readonly type: "improved"; readonly group: number }
   /** A group that cannot be played and is skipped. */
   | { readonly type: "left-out"; readonly group: number; readonly message: string }
   | { readonly type: "fetched"; readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number; readonly cached: number }

@@ -14,11 +14,13 @@ import {
   parseManifest,
   parsePage,
   type VideoEntry,
+  whatChanged,
 } from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
 import { planePositions, planesLayout, planeUnits } from "../stream/planes.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
 import { DepthSorter } from "../stream/sort.ts";
+import { ArchiveSource, rangesOf } from "./archive.ts";
 import { CheckedPictures } from "./checked_pictures.ts";
 import { demux } from "./demux.ts";
 import { type EmbeddedFiles, EmbeddedSource } from "./embedded.ts";
@@ -32,6 +34,20 @@ import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
 const NEEDS_WEBCODECS =
   "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
+const needsWebCodecs = ({ codec }: Manifest): string =>
+  `This stream's ${codec.toUpperCase()} videos need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.`;
+
+/**
+ * Whether a <video> element can stand in for WebCodecs. It gives the luma of H.264 exactly, that of AV1 only nearly, and
+ * splats need it exactly. Streams of version 3 have checksums that tell.
+ */
+function videoMayBeExact({ profile, codec, version }: Manifest): boolean {
+  return profile === "motion" && (codec === "h264" || version >= 3);
+}
+
+/** Seconds between two reads of a live stream's manifest; in between, about the duration of a group. */
+const SHORTEST_PAUSE = 0.5;
+const LONGEST_PAUSE = 5;
 /** Number of groups kept prepared (side file parsed, video demuxed). */
 const PREPARED = 3;
 
@@ -39,6 +55,7 @@ interface Prepared {
   readonly group: Group;
   readonly tables: MotionTables | null;
   readonly pictures: PictureSource;
+  readonly milliseconds: number;
 }
 
 interface Decoded {
@@ -87,13 +104,69 @@ export class Session {
     this.path = path !== "auto" ? path : "VideoDecoder" in self ? "webcodecs" : "video";
   }
 
-  /** Fetches and validates the manifest; `files` are the stream's if the page holds them. */
-  async open(url: string, files: EmbeddedFiles | null): Promise<void> {
+  /**
+   * Fetches and validates the manifest.
+   *
+   * @param files - the stream's, if the page holds them
+   * @param archive - a stream in one file, if it is on this computer
+   */
+  async open(url: string, files: EmbeddedFiles | null, archive: File | null): Promise<void> {
     const address = new URL(url);
-    if (files === null && !address.pathname.endsWith(".json"))
+    const remote = files === null && archive === null;
+    const packed = remote && /\.v3s$/i.test(address.pathname);
+    if (remote && !packed && !address.pathname.endsWith(".json"))
       address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
-    const source = files !== null ? new EmbeddedSource(files) : this.httpSource(address.href);
-    const name = files !== null ? MANIFEST_NAME : address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
+    const last = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
+    const name = remote && !packed ? last : MANIFEST_NAME;
+    let source: Source;
+    if (files !== null) source = new EmbeddedSource(files);
+    else if (archive !== null) source = new ArchiveSource(rangesOf(archive), archive.name);
+    else {
+      const http = this.httpSource(address.href);
+      source = packed ? new ArchiveSource((...range) => http.readRange(last, ...range), last) : http;
+    }
+    const { manifest, checked } = await this.readManifest(source, name);
+    this.checkDevice(manifest);
+    if (this.path === "video") {
+      if (manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
+      if (!videoMayBeExact(manifest)) throw new StreamError(needsWebCodecs(manifest));
+    }
+    this.manifest = manifest;
+    const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
+    const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
+    this.table = table;
+    const choice = {
+      // Files in the page or on this computer need no network: the best rendition, always.
+      rule: rates.length > 1 && remote ? new RateRule(rates) : null,
+      rates,
+      ids: manifest.renditions.map(({ id }) => id),
+      fps: manifest.fps,
+      fits: (group: Group): boolean => Math.max(...pictureSize(group)) <= this.maxTexture,
+    };
+    this.store = new GroupStore(
+      table,
+      choice,
+      source,
+      () => {
+        this.tellFetched();
+      },
+      (group) => {
+        this.improved(group);
+      },
+    );
+    this.source = source;
+    this.url = address.href;
+    this.checked = checked;
+    this.post({ type: "opened", info: this.info(manifest, table) });
+    this.post({ type: "path", path: this.path });
+    if (manifest.live) void this.watch(source, name);
+  }
+
+  private url = "";
+  private checked = false;
+  private table: GroupTable | null = null;
+
+  private async readManifest(source: Source, name: string): Promise<{ manifest: Manifest; checked: boolean }> {
     const data = await source.readAll(name, MAX_MANIFEST_BYTES, this.closing.signal);
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
@@ -101,23 +174,72 @@ export class Session {
     const digest = await sha256(blanked);
     if (digest !== null && digest !== manifest.sha256)
       throw new StreamError("The stream's manifest is damaged: its content does not match its own SHA-256.");
-    this.checkDevice(manifest);
-    if (manifest.profile === "planes" && this.path === "video") throw new StreamError(NEEDS_WEBCODECS);
-    this.manifest = manifest;
-    this.source = source;
-    const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
-    const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
-    const choice = {
-      // Files in the page need no network: the best rendition, always.
-      rule: rates.length > 1 && files === null ? new RateRule(rates) : null,
-      fps: manifest.fps,
-      fits: (group: Group): boolean => Math.max(...pictureSize(group)) <= this.maxTexture,
-    };
-    this.store = new GroupStore(table, choice, source, () => {
-      this.tellFetched();
-    });
-    const info: StreamInfo = {
-      url: address.href,
+    return { manifest, checked: digest !== null };
+  }
+
+  /** Reads the manifest of a live stream again until it is complete. */
+  private async watch(source: Source, name: string): Promise<void> {
+    for (;;) {
+      const { fps, frameCount, spans } = this.manifest!;
+      const pause = Math.min(Math.max(frameCount / fps / spans.length, SHORTEST_PAUSE), LONGEST_PAUSE);
+      await new Promise((resolve) => setTimeout(resolve, 1000 * pause));
+      if (this.closing.signal.aborted) return;
+      let manifest: Manifest;
+      try {
+        ({ manifest } = await this.readManifest(source, name));
+      } catch {
+        continue; // the source has retried, and has told the viewer
+      }
+      const old = this.manifest!;
+      if (manifest.sha256 === old.sha256) continue;
+      const changed = whatChanged(old, manifest);
+      if (changed !== null) {
+        this.post({ type: "trouble", message: `The live stream was replaced by another one (${changed} differ); reload the page.` });
+        return;
+      }
+      this.manifest = manifest;
+      this.table!.grow(manifest);
+      this.post({ type: "grown", info: this.info(manifest, this.table!) });
+      this.store!.follow(this.playing, this.looping);
+      this.prepareNext(this.playing);
+      if (!manifest.live) return;
+    }
+  }
+
+  /** Looping begins when a live stream is complete. */
+  private get looping(): boolean {
+    return this.loop && this.manifest?.live !== true;
+  }
+
+  /** Group of the last requested frame. */
+  private playing = 0;
+
+  private improved(group: number): void {
+    if (group === this.playing && this.moving) {
+      this.outdated.add(group); // in use; the next loop shows it
+      return;
+    }
+    this.drop(group);
+    if (this.setupSent === group) this.setupSent = -1;
+    this.post({ type: "improved", group });
+  }
+
+  private moving = false;
+  /** Prepared groups that were fetched again in a better rendition while they were played. */
+  private readonly outdated = new Set<number>();
+
+  setPlaying(playing: boolean): void {
+    this.moving = playing;
+    this.store?.setPlaying(playing);
+  }
+
+  played(group: number, shown: number, dropped: number): void {
+    this.store?.played(group, shown, dropped);
+  }
+
+  private info(manifest: Manifest, table: GroupTable): StreamInfo {
+    return {
+      url: this.url,
       version: manifest.version,
       profile: manifest.profile,
       codec: manifest.codec,
@@ -137,14 +259,13 @@ export class Session {
       up: manifest.up,
       background: manifest.background,
       title: manifest.title,
+      live: manifest.live,
       hasSound: manifest.audio !== null,
-      checksums: digest !== null,
+      checksums: this.checked,
     };
-    this.post({ type: "opened", info });
-    this.post({ type: "path", path: this.path });
   }
 
-  private httpSource(address: string): Source {
+  private httpSource(address: string): HttpSource {
     return new HttpSource(
       address,
       (bytes, milliseconds) => {
@@ -216,7 +337,12 @@ export class Session {
     const { manifest, store } = this;
     if (manifest === null || store === null || frame < 0 || frame >= manifest.frameCount) return;
     const index = groupOfFrame(manifest.spans, frame);
-    store.follow(index, this.loop);
+    if (index !== this.playing && this.outdated.delete(this.playing)) {
+      this.drop(this.playing);
+      if (this.setupSent === this.playing) this.setupSent = -1;
+    }
+    this.playing = index;
+    store.follow(index, this.looping);
     try {
       const within = frame - manifest.spans[index].firstFrame;
       const work = this.prepare(index).then(async (prepared) => ({
@@ -241,7 +367,11 @@ export class Session {
       this.deliver(done.prepared, frame, within, done.luma.data, done.luma.decode, axis);
       this.prepareNext(index);
     } catch (error) {
-      if (this.closing.signal.aborted || error instanceof Closed) return;
+      if (this.closing.signal.aborted) return;
+      if (error instanceof Closed) {
+        if (store.has(index)) this.wanted ??= { frame, axis, seek: false }; // it was replaced by a better rendition
+        return;
+      }
       this.drop(index);
       if (error instanceof PathFailed && this.changePath()) {
         this.wanted ??= { frame, axis, seek: false };
@@ -326,12 +456,13 @@ export class Session {
     return [order, count, performance.now() - began];
   }
 
-  private setup({ group, tables }: Prepared): GroupSetup {
+  private setup({ group, tables, milliseconds }: Prepared): GroupSetup {
     const common = {
       group: group.index,
       rendition: group.rendition,
       bytes: group.bytes,
       frames: group.frameCount,
+      prepare: milliseconds,
       splats: group.splats,
       shDegree: group.shDegree,
     };
@@ -385,7 +516,7 @@ export class Session {
   /** Prepares the group that plays next in advance. */
   private prepareNext(index: number): void {
     const groups = this.manifest!.spans.length;
-    const next = index + 1 < groups ? index + 1 : this.loop ? 0 : -1;
+    const next = index + 1 < groups ? index + 1 : this.looping ? 0 : -1;
     if (next < 0 || this.prepared.has(next)) return;
     this.prepare(next).then(({ pictures }) => {
       pictures.warm();
@@ -408,13 +539,14 @@ export class Session {
 
   private async read(index: number): Promise<Prepared> {
     const { group, files } = await this.store!.get(index);
+    const began = performance.now();
     if (group.profile === "planes") {
       const pictures = new PlanesPictures(
         group,
         (plane) => this.openVideo(files, group.files[plane] as VideoEntry, [group.side, group.side], group.frameCount),
         this.pool,
       );
-      return { group, tables: null, pictures };
+      return { group, tables: null, pictures, milliseconds: performance.now() - began };
     }
     let tables: MotionTables;
     try {
@@ -423,7 +555,8 @@ export class Session {
     } catch (error) {
       throw new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`);
     }
-    return { group, tables, pictures: await this.openVideo(files, group.video, pictureSize(group), group.frameCount) };
+    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frameCount);
+    return { group, tables, pictures, milliseconds: performance.now() - began };
   }
 
   private async openVideo(
@@ -463,7 +596,7 @@ export class Session {
   private changePath(): boolean {
     if (!this.mayChangePath) return false;
     if (this.path === "webcodecs") this.path = "webcodecs-software";
-    else if (this.path === "webcodecs-software" && this.manifest!.profile === "motion") this.path = "video";
+    else if (this.path === "webcodecs-software" && videoMayBeExact(this.manifest!)) this.path = "video";
     else return false;
     for (const index of [...this.prepared.keys()]) this.drop(index);
     this.post({ type: "path", path: this.path });

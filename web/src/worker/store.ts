@@ -17,6 +17,9 @@ export interface Fetched {
 /** Picks one of a group's renditions; `rule` is null for streams with a single one. */
 export interface Choice {
   readonly rule: RateRule | null;
+  /** Bits per second of each rendition of the stream. */
+  readonly rates: readonly number[];
+  readonly ids: readonly string[];
   readonly fps: number;
   /** Whether this device can draw it. */
   readonly fits: (group: Group) => boolean;
@@ -32,6 +35,9 @@ export class GroupStore {
   private readonly choice: Choice;
   private readonly source: Source;
   private readonly changed: () => void;
+  private readonly improved: (group: number) => void;
+  /** Groups that this device gets no better than they are, with the rendition that was wanted. */
+  private readonly settled = new Map<number, number>();
   private readonly files = new Map<number, Fetched>();
   private readonly fetching = new Map<number, Promise<Fetched>>();
   private readonly failed = new Map<number, StreamError>();
@@ -41,8 +47,20 @@ export class GroupStore {
   private playhead = 0;
   private loop = true;
   private busy = false;
+  private playing = false;
 
-  constructor(groups: GroupTable, choice: Choice, source: Source, changed: () => void) {
+  /**
+   * @param changed - called after a group was fetched
+   * @param improved - called after a group was fetched again in a better rendition
+   */
+  constructor(
+    groups: GroupTable,
+    choice: Choice,
+    source: Source,
+    changed: () => void,
+    improved: (group: number) => void,
+  ) {
+    this.improved = improved;
     this.groups = groups;
     this.choice = choice;
     this.source = source;
@@ -54,6 +72,18 @@ export class GroupStore {
     return [...this.files.keys()];
   }
 
+  /** Whether the playhead moves. */
+  setPlaying(playing: boolean): void {
+    this.playing = playing;
+    void this.fetchAhead();
+  }
+
+  /** Frames of a group were shown, or dropped since decoding was late. */
+  played(group: number, shown: number, dropped: number): void {
+    const rendition = this.choice.ids.indexOf(this.files.get(group)?.group.rendition ?? "");
+    if (rendition >= 0) this.choice.rule?.played(rendition, shown, dropped);
+  }
+
   /** Clears failures, so that these groups are fetched again. */
   forgive(): void {
     this.failed.clear();
@@ -61,6 +91,11 @@ export class GroupStore {
 
   close(): void {
     this.stop.abort();
+  }
+
+  /** Whether a group is in memory. */
+  has(group: number): boolean {
+    return this.files.has(group);
   }
 
   /** Sets the playback position; the groups that follow are fetched unless something more urgent is. */
@@ -94,12 +129,12 @@ export class GroupStore {
   }
 
   /** The rendition to fetch: what the rule chooses, or the best below it that this device can draw. */
-  private async choose(index: number): Promise<Group> {
+  private async choose(index: number, better: number | null): Promise<Group> {
     const renditions = await this.groups.renditions(index);
     const { rule, fps, fits } = this.choice;
     const { spans } = this.groups;
     const ahead = spans[index].firstFrame - spans[this.playhead].firstFrame;
-    const wanted = rule === null ? 0 : rule.choose(Math.max(ahead, 0) / fps);
+    const wanted = better ?? (rule === null ? 0 : rule.choose(Math.max(ahead, 0) / fps));
     const found = fits(renditions[wanted])
       ? renditions[wanted]
       : renditions.filter(fits).sort((a, b) => b.bytes - a.bytes)[0];
@@ -110,27 +145,52 @@ export class GroupStore {
 
   private async fetch(index: number): Promise<Fetched> {
     try {
-      const group = await this.choose(index);
-      const began = performance.now();
-      const files = new Map<string, Uint8Array<ArrayBuffer>>();
-      const contents = await inTurns(group.files, 6, async (file) => {
-        const data = await this.source.read(file.path, file.bytes, this.stop.signal);
-        const digest = await sha256(data);
-        if (digest !== null && digest !== file.sha256)
-          throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);
-        return data;
-      });
-      group.files.forEach((file, i) => files.set(file.path, contents[i]));
-      this.choice.rule?.fetched(group.bytes, (performance.now() - began) / 1000);
-      const fetched = { group, files };
-      this.files.set(index, fetched);
-      this.bytes += group.bytes;
-      this.dropOldest(index);
-      this.changed();
-      return fetched;
+      return await this.fetchAs(index, await this.choose(index, null));
     } catch (error) {
       if (error instanceof StreamError && !this.stop.signal.aborted) this.failed.set(index, error);
       throw error;
+    }
+  }
+
+  private async fetchAs(index: number, group: Group): Promise<Fetched> {
+    const began = performance.now();
+    const files = new Map<string, Uint8Array<ArrayBuffer>>();
+    const contents = await inTurns(group.files, 6, async (file) => {
+      const data = await this.source.read(file.path, file.bytes, this.stop.signal);
+      const digest = await sha256(data);
+      if (digest !== null && digest !== file.sha256)
+        throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);
+      return data;
+    });
+    group.files.forEach((file, i) => files.set(file.path, contents[i]));
+    this.choice.rule?.fetched(group.bytes, (performance.now() - began) / 1000);
+    const fetched = { group, files };
+    this.bytes += group.bytes - (this.files.get(index)?.group.bytes ?? 0);
+    this.files.set(index, fetched);
+    this.dropOldest(index);
+    this.changed();
+    return fetched;
+  }
+
+  /**
+   * Fetches a group again in a better rendition; a failure leaves it as it is.
+   *
+   * @param wanted - position of the rendition
+   */
+  private async improve(index: number, wanted: number): Promise<void> {
+    try {
+      const group = await this.choose(index, wanted);
+      const kept = this.files.get(index)?.group;
+      if (kept === undefined) return;
+      if (group.bytes <= kept.bytes) {
+        this.settled.set(index, wanted);
+        return;
+      }
+      await this.fetchAs(index, group);
+      this.improved(index);
+    } catch (error) {
+      if (!(error instanceof StreamError)) throw error;
+      this.settled.set(index, wanted);
     }
   }
 
@@ -148,9 +208,13 @@ export class GroupStore {
     this.busy = true;
     try {
       for (;;) {
+        if (this.stop.signal.aborted) return;
         const next = this.nextToFetch();
-        if (next === null || this.stop.signal.aborted) return;
-        await this.get(next).catch(() => undefined); // reported when it is due to be played
+        if (next === null) {
+          const better = this.nextToImprove();
+          if (better === null) return;
+          await this.improve(...better);
+        } else await this.get(next).catch(() => undefined); // reported when it is due to be played
       }
     } finally {
       this.busy = false;
@@ -174,6 +238,39 @@ export class GroupStore {
     }
     return null;
   }
+
+  /**
+   * Once enough is fetched: a group that playback began with in a low rendition, and the rendition for it. While paused,
+   * the group on the screen in the best one; in a loop that is in memory as a whole, every group in the best one; else
+   * groups that are not due soon, in what the connection sustains.
+   */
+  private nextToImprove(): readonly [group: number, rendition: number] | null {
+    const { rule, rates, ids, fps } = this.choice;
+    if (rule === null || savesData()) return null;
+    const improvable = (index: number, wanted: number): boolean => {
+      const kept = ids.indexOf(this.files.get(index)?.group.rendition ?? "");
+      return kept >= 0 && rates[kept] < rates[wanted] && this.settled.get(index) !== wanted;
+    };
+    const best = rule.best();
+    if (!this.playing) return improvable(this.playhead, best) ? [this.playhead, best] : null;
+    const whole = this.loop && this.files.size === this.groups.length;
+    const wanted = whole ? best : rule.affordable();
+    let frames = 0;
+    for (let step = 1; step < this.groups.length; step++) {
+      const index = this.playhead + step;
+      if (index >= this.groups.length && !this.loop) return null;
+      const group = index % this.groups.length;
+      if (step > 1 && improvable(group, wanted)) return [group, wanted];
+      frames += this.groups.spans[group].frameCount;
+      if (!whole && frames > rule.target * fps) return null;
+    }
+    return null;
+  }
+}
+
+/** Whether the user asked the browser to save data. */
+function savesData(): boolean {
+  return (navigator as { readonly connection?: { readonly saveData?: boolean } }).connection?.saveData === true;
 }
 
 /** Maps items with an asynchronous function, at most `lanes` at a time; results are in order. */

@@ -1,0 +1,103 @@
+"""Servers that drip bytes in some phase of an answer, and redirects: no read outlasts its deadlines."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from studio.stream.http_source import HttpSource
+from studio.stream.redirects import redirected, same_origin
+from studio.stream.source import SourceUnavailable
+from tests.support.errors import refuses
+
+OK = b"HTTP/1.1 200 OK\r\n"
+CHUNKED = OK + b"Transfer-Encoding: chunked\r\n\r\n"
+DRIPS = {
+    "status line": (b"", b"H"),
+    "headers": (OK + b"X: ", b"x"),
+    "endless headers": (OK, b"X: y\r\n"),
+    "1xx": (b"", b"HTTP/1.1 100 Continue\r\n\r\n"),
+    "chunk size": (CHUNKED, b"0"),
+    "chunk extension": (CHUNKED + b"5;", b"x"),
+    "chunk size, then closed": (OK + b"Connection: close\r\nTransfer-Encoding: chunked\r\n\r\n", b"0"),
+    "trailer": (CHUNKED + b"2\r\n{}\r\n0\r\nX: ", b"x"),
+    "nothing": (b"", b""),
+}
+
+
+@contextmanager
+def dripping(first: bytes, drip: bytes) -> Iterator[int]:
+    """A server that sends `first`, then `drip` again and again."""
+    stop = threading.Event()
+
+    def serve(client: socket.socket) -> None:
+        with client:
+            try:
+                client.recv(10_000)
+                client.sendall(first)
+                while not stop.wait(0.02):
+                    client.sendall(drip)
+            except OSError:
+                pass
+
+    def accept(sock: socket.socket) -> None:
+        while not stop.is_set():
+            try:
+                client, _ = sock.accept()
+            except OSError:
+                return
+            threading.Thread(target=serve, args=(client,), daemon=True).start()
+
+    with socket.create_server(("127.0.0.1", 0)) as sock:
+        threading.Thread(target=accept, args=(sock,), daemon=True).start()
+        try:
+            yield sock.getsockname()[1]
+        finally:
+            stop.set()
+
+
+@pytest.mark.parametrize("phase", DRIPS)
+def test_every_phase_has_a_deadline(phase: str) -> None:
+    with dripping(*DRIPS[phase]) as port:
+        source = HttpSource(f"http://127.0.0.1:{port}/", stall=0.3, patience=0.3, first_patience=0.3)
+        with pytest.raises(SourceUnavailable):
+            source.read("manifest.json", 1000)
+
+
+@pytest.mark.parametrize("phase", ["status line", "chunk size", "nothing"])
+def test_closing_ends_every_phase(phase: str) -> None:
+    with dripping(*DRIPS[phase]) as port:
+        source = HttpSource(f"http://127.0.0.1:{port}/", stall=600, patience=600, first_patience=600)
+        closing = threading.Timer(0.2, source.close)
+        closing.start()
+        with refuses("source.closed"):
+            source.read("manifest.json", 1000)
+
+
+@pytest.mark.parametrize(
+    ("url", "location"),
+    [
+        ("https://93.184.215.14/a", "http://93.184.215.14/b"),
+        ("http://93.184.215.14/a", "http://127.0.0.1/b"),
+        ("http://93.184.215.14/a", "//10.0.0.1/b"),
+        ("http://93.184.215.14/a", "http://[::1]/b"),
+        ("http://93.184.215.14/a", "http://169.254.169.254/latest"),
+        ("http://93.184.215.14/a", "file:///etc/passwd"),
+        ("http://93.184.215.14/a", "http://[broken/"),
+    ],
+)
+def test_redirects_that_are_not_followed(url: str, location: str) -> None:
+    with refuses("source.unsafe_redirect"):
+        redirected(url, location, url)
+
+
+def test_redirects_carry_neither_query_nor_credentials_elsewhere() -> None:
+    assert redirected("http://127.0.0.1/a?key=1", "/b", "") == "http://127.0.0.1/b"
+    assert redirected("http://93.184.215.14/a", "https://93.184.215.15/b", "") == "https://93.184.215.15/b"
+    assert same_origin("http://a/x", "http://a:80/y")
+    for other in ("https://a/", "http://b/", "http://a:8000/"):
+        assert not same_origin("http://a/", other)

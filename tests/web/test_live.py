@@ -1,0 +1,67 @@
+"""Streams of version 3 in the browser: one file, live streams, and better renditions after a slow beginning."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+import support
+
+from studio.stream import StreamReader
+from studio.stream.write_archive import write_archive
+
+pytestmark = pytest.mark.web
+
+
+def test_one_file_by_address_and_dropped(site, baked, open_page):
+    file = site.folder / "clip.v3s"
+    with StreamReader.open(baked(ladder=(16, 34), lengths=(5, 4, 3), paged=True)) as reader:
+        write_archive(reader, file)
+    page = open_page("?src=clip.v3s")
+    page.wait("(seen.looped ?? []).length")
+    assert {path for path, _ in site.requests if "manifest" in path or "files" in path} == set()
+    assert all(wanted for path, wanted in site.requests if path == "/clip.v3s")
+    page.evaluate(
+        """async () => {
+          const data = await (await fetch('clip.v3s')).arrayBuffer();
+          const files = new DataTransfer();
+          files.items.add(new File([data], 'dropped.v3s'));
+          window.seen = {};
+          const stage = document.querySelector('v3-player').shadowRoot.querySelector('.stage');
+          stage.dispatchEvent(new DragEvent('drop', {dataTransfer: files, bubbles: true, cancelable: true}));
+        }"""
+    )
+    page.wait("(seen.looped ?? []).length")
+    assert page.evaluate("() => document.querySelector('v3-player').engine.info.frameCount") == 12
+    assert not page.seen("notice")
+
+
+def test_a_live_stream_is_followed(site, baked, open_page):
+    folder = support.live(baked(ladder=(16,), lengths=(5, 4, 3)), site.stream, 1)
+    page = open_page()
+    page.wait("player.state.frame === 4 && (seen.waiting ?? []).at(-1) === true")
+    assert page.state["live"]
+    support.live(folder, site.stream, 2)
+    page.wait("player.state.frame === 8")
+    assert not page.seen("looped")
+    support.live(folder, site.stream, 3, live=False)
+    page.wait("(seen.looped ?? []).length")
+    frames = [entry["frame"] for entry in page.seen("time")]
+    lap = frames[: next(i for i in range(1, len(frames)) if frames[i] < frames[i - 1])]
+    assert {0, 4, 8} <= set(lap)  # a busy machine drops others
+    assert max(lap) > 8
+    assert not page.state["live"]
+    assert not page.seen("notice")
+
+
+def test_a_paused_page_gets_the_best_rendition(site, baked, open_page):
+    shutil.copytree(baked(ladder=(16, 34), lengths=(5, 4, 3), paged=True), site.stream)
+    manifest = json.loads((site.stream / "manifest.json").read_bytes())
+    videos = [one["video"]["path"] for one in manifest["groups"][0]["renditions"]]
+    site.bytes_per_second = 60_000  # below the rate of the better rendition
+    page = open_page("?t=0.04")
+    first = [path for path, _ in site.requests].index
+    page.wait("(seen.time ?? []).length >= 2")  # drawn again
+    assert first(f"/stream/{videos[1]}") < [path for path, _ in site.requests].index(f"/stream/{videos[0]}")
+    assert page.state["frame"] == 1
