@@ -23,7 +23,7 @@ async function taken(response: Promise<Response | null>): Promise<ArrayBuffer | 
   });
 }
 
-test("its bytes arrive, once, and only for its own address", async () => {
+void test("its bytes arrive, once, and only for its own address", async () => {
   page(Promise.resolve(null));
   assert.equal(takeEarlyManifest(`${PAGE}other/manifest.json`), null);
   const data = await taken(Promise.resolve(new Response("{}")));
@@ -31,7 +31,7 @@ test("its bytes arrive, once, and only for its own address", async () => {
   assert.equal(takeEarlyManifest(`${PAGE}stream/manifest.json`), null);
 });
 
-test("whatever fails is left to the worker", async () => {
+void test("whatever fails is left to the worker", async () => {
   assert.equal(await taken(Promise.resolve(null)), null);
   assert.equal(await taken(Promise.resolve(new Response("busy", { status: 503 }))), null);
   const broken = new ReadableStream({
