@@ -157,7 +157,11 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
             found.append(f"the {name} changed")
         else:
             old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
-            keep = f", now the default; {_short(old)} keeps the stream" if (name, old, new) == NEW_DEFAULT else ""
+            keep = (
+                f", now the default; set it to {_short(old)} to keep the old stream"
+                if (name, old, new) == NEW_DEFAULT
+                else ""
+            )
             found.append(f"{name} changed from {_short(old)} to {_short(new)}{keep}")
     return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
 
