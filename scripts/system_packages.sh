@@ -42,6 +42,7 @@ need libstdc++6 library libstdc++.so.6
 need libgcc-s1 library libgcc_s.so.1
 need libvulkan1 library libvulkan.so.1 # from here on: used by the window for rendering
 need mesa-vulkan-drivers vulkan_driver
+need libportaudio2 library libportaudio.so.2 # plays sound in the window
 if [ "${1:-}" = --tests ]; then
     need xvfb program Xvfb
     need xauth program xauth

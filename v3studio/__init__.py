@@ -10,6 +10,7 @@ contains scripts that use each part.
     training       initialize_points, TrainingView, train_keyframe, train_interframe
     splats         Gaussians, read_splats, write_splats, rasterize
     streams        bake_video, bake_group, write_manifest, BakeSettings, StreamReader, SplatVideo, open_import
+    sharing        share, serve, publish, PageText
     measuring      psnr, ssim
 
 Conventions: quaternions are wxyz; camera axes are OpenCV's (x right, y down, z forward), and `world_to_camera` is 4x4;
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
     from pipelines.events import Event, Metrics, Progress, RunFinished, StageFinished, Warned
     from pipelines.runs.runner import run, status
     from pipelines.runs.staleness import StageStatus
+    from pipelines.share.publishing import publish
+    from pipelines.share.results import PageText, Shared
+    from pipelines.share.serving import Serving, serve
+    from pipelines.share.sharing import share
     from pipelines.takes.take import Take
     from pipelines.takes.videos import trained_video
     from studio.calibration import (
@@ -64,6 +69,7 @@ if TYPE_CHECKING:
     from studio.splat_files import read_splats, write_splats
     from studio.splat_video import SplatVideo
     from studio.stream import BakeSettings, Manifest, StreamReader, bake_group, write_manifest
+    from studio.stream.publish import Published
     from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 
 __version__ = "0.2.0"
@@ -88,10 +94,14 @@ __all__ = [
     "Mesh",
     "Message",
     "Metrics",
+    "PageText",
     "Progress",
+    "Published",
     "Render",
     "Rig",
     "RunFinished",
+    "Serving",
+    "Shared",
     "SplatVideo",
     "StageFinished",
     "StageStatus",
@@ -117,11 +127,14 @@ __all__ = [
     "open_footage",
     "open_import",
     "psnr",
+    "publish",
     "rasterize",
     "read_rig",
     "read_splats",
     "read_tie_points",
     "run",
+    "serve",
+    "share",
     "ssim",
     "status",
     "train_interframe",

@@ -6,7 +6,6 @@ import argparse
 from typing import Any
 
 from pipelines.commands.share import add_page_options, page_text
-from studio.progress import ProgressFn
 
 
 def register(commands: Any) -> None:
@@ -36,18 +35,11 @@ def register(commands: Any) -> None:
 def _publish(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
     from pipelines.commands.working import working
-    from pipelines.share.beside import PAGE_NAME, page_files
-    from pipelines.share.player_files import read_player
-    from pipelines.share.stream_files import stream_to_share
-    from studio.stream.manifest import MANIFEST_NAME
-    from studio.stream.publish import need_version_3, publish
+    from pipelines.share.beside import PAGE_NAME
+    from pipelines.share.publishing import publish
 
-    with stream_to_share(arguments.source) as stream:
-        need_version_3(stream.reader)
-        beside = page_files(stream, stream.text(text), read_player(), MANIFEST_NAME) if arguments.page else {}
-        report: ProgressFn
-        with working("publish", arguments.output if arguments.json else None) as report:
-            done = publish(stream.reader, arguments.target, report, beside)
+    with working("publish", arguments.output if arguments.json else None) as progress:
+        done = publish(arguments.source, arguments.target, text, page=arguments.page, progress=progress)
     if not arguments.json:
         print(f"{arguments.target}: {done.copied} files copied ({done.bytes:,} bytes), {done.present} were there")
         if arguments.page:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from pipelines.share.web_app import Reviews
 
 _SECRET_BYTES = 16  # of the random part of secret links
-_SHUTDOWN_SECONDS = 1  # for pending responses after Ctrl-C
 
 HTTP_NOTE = (
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
@@ -125,29 +124,11 @@ def _serve(arguments: argparse.Namespace) -> int:
     player = _player()
     intro = None if arguments.intro is None else read_intro(arguments.intro)
     with listen(arguments.host, arguments.port) as sock:
-        import uvicorn
+        from pipelines.share.server import BoundedLog, BoundedServer, server_config
 
-        from pipelines.share.server import BoundedLog, BoundedServer
-
-        config = uvicorn.Config(
-            build_app(
-                streams,
-                player,
-                reviews,
-                secret,
-                (*own_names(), *arguments.allow_host),
-                arguments.allow_origin,
-                intro,
-            ),
-            server_header=False,
-            http="h11",
-            log_level="warning",
-            lifespan="off",
-            timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
-        )
-        if certificate is not None:
-            config.load()
-            config.ssl = certificate.context
+        names = (*own_names(), *arguments.allow_host)
+        app = build_app(streams, player, reviews, secret, names, arguments.allow_origin, intro)
+        config = server_config(app, certificate)
         port = sock.getsockname()[1]
         roots = [f"http{'s' * (certificate is not None)}://{host}:{port}" for host in hosts]
         links = Links(streams, roots, secret, reviews, local, certificate)

@@ -277,7 +277,7 @@ def read_line(line: bytes | str) -> tuple[Event | None, str]:
             values, end = json.JSONDecoder().raw_decode(text, start)
             event = _event_of(values)
             text = text[:start] + text[end:]
-        except ValueError:  # truncated, or not an event
+        except (ValueError, RecursionError):  # truncated, nested too deeply, or not an event
             pass
     text = "".join(character if character.isprintable() else " " for character in text[: MAX_TEXT + 1]).strip()
     return event, text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + " ..."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from html import escape
@@ -51,6 +52,8 @@ def player_page(
         values["intro"] = f"#{_INTRO}"
         script = f'<script type="application/json" id="{_INTRO}">{_in_json(text.intro)}</script>\n{script}'
     attributes = [f'{name}="{escape(value)}"' for name, value in values.items() if value]
+    if not stream.startswith("#"):
+        head = [_early_manifest(stream), *head]
     element = f"<v3-player {' '.join(attributes)} page autoplay loop></v3-player>"
     page = built.replace(_TITLE, f"<title>{escape(text.title or 'V3 Player')}</title>")
     page = page.replace(_HEAD, "\n".join([f'<meta name="generator" content="{GENERATOR} {program_version()}">', *head]))
@@ -87,6 +90,16 @@ def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> l
             '<meta name="twitter:card" content="summary_large_image">',
         ]
     return tags
+
+
+def _early_manifest(stream: str) -> str:
+    """Element that fetches the manifest while the player's script is loading; the player takes the response, and the
+    worker fetches the manifest itself where there is none. A preload link would not revalidate what is in the cache."""
+    address = _in_json(json.dumps(stream))
+    return (
+        f"<script>window.v3Manifest = {{ address: {address}, "
+        f'response: fetch({address}, {{ cache: "no-cache" }}).catch(() => null) }};</script>'
+    )
 
 
 def _in_json(text: str) -> str:

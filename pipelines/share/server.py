@@ -16,11 +16,17 @@ import ssl
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp
+
+    from pipelines.share.certificates import Certificate
+
+_SHUTDOWN_SECONDS = 1  # for pending responses at the end
 _REFUSAL = b"The server has as many connections as it can take. Try again in a few seconds.\n"
 _BUSY = (
     b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nRetry-After: 5\r\nContent-Type: text/plain\r\n"
@@ -133,6 +139,29 @@ class _TimedHttp(H11Protocol):
         """`close` waits until everything is sent; a client that does not read would hold the connection for ever."""
         if self._stalled is None:
             self._stalled = self.loop.call_later(self._limits.stall, self.transport.abort)
+
+
+def server_config(app: ASGIApp, certificate: Certificate | None, **options: Any) -> uvicorn.Config:
+    """What uvicorn is to do for a `BoundedServer`.
+
+    Args:
+        app: the web application.
+        certificate: None for http.
+        options: further ones of `uvicorn.Config`.
+    """
+    config = uvicorn.Config(
+        app,
+        server_header=False,
+        http="h11",
+        log_level="warning",
+        lifespan="off",
+        timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
+        **options,
+    )
+    if certificate is not None:
+        config.load()
+        config.ssl = certificate.context
+    return config
 
 
 class BoundedServer(uvicorn.Server):

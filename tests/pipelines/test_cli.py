@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from pipelines.events import RunFinished, StageFailed, parse_event
+from studio.stream import StreamReader
 
 
 def test_help_imports_nothing_heavy():
@@ -172,12 +173,13 @@ def test_bake_to_a_target(cli, finished, tmp_path):
     def baked(*options):
         done = cli("bake", "--take", take, *options)
         assert done.returncode == 0, done.stderr
-        return json.loads((take / "stream" / "manifest.json").read_text())
+        with StreamReader.open(take / "stream") as reader:
+            return reader.manifest.groups
 
     high, low = (baked("--target-psnr", goal) for goal in ("45", "32"))
-    assert sum(group["bytes"] for group in low["groups"]) < sum(group["bytes"] for group in high["groups"])
-    assert [group["video"]["qp"] for group in low["groups"]] > [group["video"]["qp"] for group in high["groups"]]
-    target = high["groups"][0]["bytes"] / high["groups"][0]["frame_count"] / 1000 * 0.9
+    assert sum(group.bytes for group in low) < sum(group.bytes for group in high)
+    assert [group.video.qp for group in low] > [group.video.qp for group in high]
+    target = high[0].bytes / high[0].frame_count / 1000 * 0.9
     small = baked("--target-kb-per-frame", f"{target:.3f}")
-    for group in small["groups"]:
-        assert group["bytes"] <= 1000 * target * group["frame_count"]
+    for group in small:
+        assert group.bytes <= 1000 * target * group.frame_count

@@ -58,7 +58,7 @@ def test_examples_run(script: Path, tmp_path: Path) -> None:
 
 
 def test_examples_use_the_public_face_only() -> None:
-    assert len(EXAMPLES) == 8
+    assert len(EXAMPLES) == 9
     for script in EXAMPLES:
         lines = script.read_text(encoding="utf-8").splitlines()
         assert not [line for line in lines if line.startswith(("import studio", "from studio", "from pipelines"))]

@@ -106,11 +106,22 @@ def head(page: Page) -> tuple[str, str]:
     return found.locator(".title").inner_text(), found.locator(".credits").inner_text()
 
 
+def fetched_once(requests: list[str], manifest: str) -> None:
+    """The page fetches the manifest before its worker starts, and nobody fetches it again."""
+    assert requests.count(manifest) == 1, requests
+    worker = next(number for number, request in enumerate(requests) if request.startswith("blob:"))
+    assert requests.index(manifest) < worker
+    # requests of the worker are listed, too
+    assert any(request.endswith(".mp4") for request in requests[worker:]), requests
+
+
 def test_the_served_page_plays(baked, open_address):
     with serving(baked()) as address:
-        page = open_address(address)
+        requests: list[str] = []
+        page = open_address(address, requests)
         plays_right(page, baked())
         assert head(page) == ("Test figure", "")
+        fetched_once(requests, f"{address}/manifest.json")
         assert page.handle.title() == "Test figure"
 
 
@@ -143,6 +154,7 @@ def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_addr
         assert again.state["frame"] == 6
         assert not again.state["playing"]
     assert all(request.startswith((f"{address}/some/where", "blob:", "data:")) for request in requests), requests
+    fetched_once(requests, f"{address}/some/where%20%C3%A9/stream/manifest.json")
 
 
 def test_a_single_file_plays_from_the_disk(baked, open_address, tmp_path):

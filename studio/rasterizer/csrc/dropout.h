@@ -18,7 +18,7 @@ constexpr double DROPPED_LOGIT = -30, LEAST_OPACITY = 1e-6, MOST_OPACITY = 0.995
 template <typename T>
 static void dropout(const DropoutJob<T>& job, int threads) {
     using V = Vec<T>;
-    const V low = broadcast<T>(T(LEAST_OPACITY)), high = broadcast<T>(T(MOST_OPACITY)), zero{};
+    const V low = broadcast<T>(T(LEAST_OPACITY)), high = broadcast<T>(T(MOST_OPACITY));
     const T raise = T(1 / (1 - job.share));
     const std::uint32_t limit = std::uint32_t(job.share * 16777216.0);
     auto block = [&](int task) {

@@ -107,8 +107,9 @@ def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_
     }
     page = Page(shared.path / "index.html")
     (player,) = page.named("v3-player")
-    (script,) = page.named("script")
+    early, script = page.named("script")
     assert player["src"] == "stream/manifest.json"
+    assert "src" not in early
     assert {player["src"], player["poster"], script["src"]} <= set(files)
     for name in (script["src"], player["poster"]):
         assert name is not None

@@ -47,7 +47,9 @@ def test_a_take_of_version_2_becomes_version_3_and_back(here, take, monkeypatch)
     # as the program wrote it before the setting existed
     config = take / "config.yaml"
     config.write_text(config.read_text().replace("  stream_version: 2\n", ""))
-    assert "bake.stream_version changed from 2 to 3, now the default" in done(here("status", take)).stdout
+    assert "bake.stream_version changed from 2 to 3, now the default" in " ".join(
+        done(here("status", take)).stdout.split()
+    )
 
     def killed(path):
         if path.parent.name == "stream":

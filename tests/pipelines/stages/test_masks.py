@@ -93,8 +93,12 @@ def test_models_run_where_training_does(tmp_path: Path, monkeypatch: pytest.Monk
         ("key_color", "green", "must be auto or three numbers from 0 to 1. Example: [0.2, 0.6, 0.3]"),
         ("key_color", [0.1, 0.2], "must be auto or three numbers"),
         ("mask_model_size", 500, "multiple of 32"),
-        ("mask_model_std", [0.2, 0.0, 0.2], "greater than 0"),
-        ("masks", "greenscreen", "'chroma_key'"),
+        ("mask_model_std", [0.2, 0.0, 0.2], "must be above 0"),
+        (
+            "masks",
+            "greenscreen",
+            "auto, none, alpha, files, clean_plate, median_background, chroma_key, plain or model",
+        ),
     ],
 )
 def test_settings_that_cannot_be(name: str, value: object, words: str) -> None:

@@ -67,7 +67,7 @@ def bake(tmp_path, turning_bodies):
     return write
 
 
-LADDER = (Rung(qp=20), Rung(qp=28), Rung(qp=34, splats=0.5, sh_degree=0))
+LADDER = (Rung(qp=20), Rung(qp=28), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
 
 
 @pytest.mark.parametrize(

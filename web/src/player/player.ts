@@ -11,6 +11,7 @@ import { messageOf, StreamError } from "../stream/errors.ts";
 import { groupOfFrame, type Camera, type Vector } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
 import type { DecodePath, DepthAxis, FromWorker, GroupSetup, Picture, StreamInfo, ToWorker } from "../worker/messages.ts";
+import { takeEarlyManifest } from "./early_manifest.ts";
 import { Resolution } from "./resolution.ts";
 import { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
@@ -284,10 +285,13 @@ export class Player {
     this.fetchedGroups = [];
     this.sound.clear();
     const url = new URL(address, document.baseURI).href;
+    const manifest = files === null && archive === null ? takeEarlyManifest(url) : null;
     const open = (): void => {
       if (this.renderer === null) return; // there is none, which was reported
       const { maxTexture } = this.renderer;
-      this.post({ type: "open", url, files, archive, maxTexture, path: this.options.path ?? "auto", loop: this.loop_ });
+      const path = this.options.path ?? "auto";
+      const sent = manifest === null ? [] : [manifest];
+      this.post({ type: "open", url, files, archive, manifest, maxTexture, path, loop: this.loop_ }, sent);
       this.tellPlaying();
     };
     if (this.renderer === null) this.opening = open;

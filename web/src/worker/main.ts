@@ -23,7 +23,7 @@ scope.onmessage = ({ data }) => {
     case "open": {
       session?.close();
       const opened = (session = new Session(post, channel, data.path, data.maxTexture, data.loop));
-      opened.open(data.url, data.files, data.archive).catch((error: unknown) => {
+      opened.open(data.url, data.files, data.archive, data.manifest).catch((error: unknown) => {
         if (session === opened) post({ type: "failed", message: messageOf(error) });
       });
       break;

@@ -17,6 +17,8 @@ export type ToWorker =
       readonly files: EmbeddedFiles | null;
       /** A stream in one file (`.v3s`) on this computer, else null. */
       readonly archive: File | null;
+      /** Where the manifest's bytes arrive, or null if it cannot be fetched; null if the page does not fetch it. */
+      readonly manifest: MessagePort | null;
       readonly maxTexture: number;
       readonly path: DecodePath | "auto";
       readonly loop: boolean;

@@ -45,6 +45,15 @@ function videoMayBeExact({ profile, codec, version }: Manifest): boolean {
   return profile === "motion" && (codec === "h264" || version >= 3);
 }
 
+function nextMessage(port: MessagePort): Promise<ArrayBuffer | null> {
+  return new Promise((resolve) => {
+    port.onmessage = ({ data }: MessageEvent<ArrayBuffer | null>) => {
+      port.close();
+      resolve(data);
+    };
+  });
+}
+
 /** Seconds between two reads of a live stream's manifest; in between, about the duration of a group. */
 const SHORTEST_PAUSE = 0.5;
 const LONGEST_PAUSE = 5;
@@ -109,8 +118,9 @@ export class Session {
    *
    * @param files - the stream's, if the page holds them
    * @param archive - a stream in one file, if it is on this computer
+   * @param early - where the manifest's bytes arrive, if the page fetches it
    */
-  async open(url: string, files: EmbeddedFiles | null, archive: File | null): Promise<void> {
+  async open(url: string, files: EmbeddedFiles | null, archive: File | null, early: MessagePort | null): Promise<void> {
     const address = new URL(url);
     const remote = files === null && archive === null;
     const packed = remote && /\.v3s$/i.test(address.pathname);
@@ -125,7 +135,7 @@ export class Session {
       const http = this.httpSource(address.href);
       source = packed ? new ArchiveSource((...range) => http.readRange(last, ...range), last) : http;
     }
-    const { manifest, checked } = await this.readManifest(source, name);
+    const { manifest, checked } = await this.readManifest(source, name, early);
     this.checkDevice(manifest);
     if (this.path === "video") {
       if (manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
@@ -166,8 +176,16 @@ export class Session {
   private checked = false;
   private table: GroupTable | null = null;
 
-  private async readManifest(source: Source, name: string): Promise<{ manifest: Manifest; checked: boolean }> {
-    const data = await source.readAll(name, MAX_MANIFEST_BYTES, this.closing.signal);
+  private async readManifest(
+    source: Source,
+    name: string,
+    early: MessagePort | null = null,
+  ): Promise<{ manifest: Manifest; checked: boolean }> {
+    const given = early === null ? null : await nextMessage(early);
+    const { signal } = this.closing;
+    const usable = given !== null && given.byteLength <= MAX_MANIFEST_BYTES;
+    const data = usable ? new Uint8Array(given) : await source.readAll(name, MAX_MANIFEST_BYTES, signal);
+    signal.throwIfAborted();
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
     const blanked = new TextEncoder().encode(text.replaceAll(manifest.sha256, "0".repeat(64)));

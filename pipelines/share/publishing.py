@@ -1,0 +1,53 @@
+"""Publishing a stream, with the page that plays it if wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipelines.share.results import PageText
+from studio.progress import ProgressFn, no_progress
+
+if TYPE_CHECKING:
+    from studio.stream.publish import Published
+
+
+def publish(
+    source: Path | str,
+    target: Path | str,
+    text: PageText | None = None,
+    *,
+    page: bool = False,
+    progress: ProgressFn = no_progress,
+) -> Published:
+    """Copy a stream of version 3 to a folder or an object store: what is missing there, the manifest last.
+
+    Players see the old stream or the new one, never a mixture. Files that the new manifest does not need stay.
+
+    Example:
+        v3studio.publish("my-take", "s3://bucket/my-take", page=True)
+
+    Args:
+        source: folder of a take or a stream, one .v3s file, or a URL.
+        target: folder, or a URL that fsspec knows, such as s3://bucket/folder; needs the extra `publish`.
+        text: of the page; what is None is taken from the stream.
+        page: also put index.html and the player there.
+        progress: called with (files done, files).
+
+    Raises:
+        StudioError: a stream of version 2 (`publish.needs_version_3`), a damaged stream, `share.no_player`, or a target
+            that cannot be written (`publish.missing_package`, `publish.no_credentials`, `publish.no_bucket`,
+            `publish.denied`, `publish.failed`).
+    """
+    from pipelines.share.beside import page_files
+    from pipelines.share.player_files import read_player
+    from pipelines.share.stream_files import stream_to_share
+    from studio.stream.manifest import MANIFEST_NAME
+    from studio.stream.publish import need_version_3
+    from studio.stream.publish import publish as copy
+
+    with stream_to_share(str(source)) as stream:
+        need_version_3(stream.reader)
+        words = stream.text(text or PageText())
+        beside = page_files(stream, words, read_player(), MANIFEST_NAME) if page else {}
+        return copy(stream.reader, str(target), progress, beside)
