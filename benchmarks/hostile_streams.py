@@ -80,6 +80,7 @@ def signed(values: Any, files: Files) -> bytes:
             entries = [
                 one[key] for group in values["groups"] for one in group["renditions"] for key in ("side", "video")
             ]
+            entries += [values["audio"]] if values.get("audio") else []
             groups = sum({entry["path"]: entry["bytes"] for entry in entries}.values())
         else:
             groups = sum(group["bytes"] for group in values["groups"])
