@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -146,8 +146,14 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
 
     A setting that a side lacks has the value that keeps the behavior from before it existed (`ADDED`).
     """
+    everywhere = {name for name in before.keys() | now.keys() if name in ADDED or (name in before and name in now)}
+    # What only one side depends on, such as the footage when a ladder is fine-tuned, follows from another change.
+    return _differences(everywhere, before, now) or _differences(before.keys() | now.keys(), before, now)
+
+
+def _differences(names: Iterable[str], before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
     found = []
-    for name in sorted(before.keys() | now.keys()):
+    for name in sorted(names):
         old, new = before.get(name), now.get(name)
         if digest_of(old) == digest_of(new):
             continue
