@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.gui.conftest import RunningWindow
 from tests.support.waiting import wait_until
 
 
@@ -50,7 +49,7 @@ def test_plays_seeks_turns_and_closes(
 
     # the screen shows the colors of the body, and orbiting changes them
     shot = tmp_path / "before.png"
-    seen = _inside(window, "viewport")
+    seen = window.inside("viewport")
     wait_until("on the screen", lambda: _colored(_pixels(window.screenshot(shot))[seen]) > 5000)
     one = _pixels(shot)[seen]
     window.drag("viewport", (0.4, 0.5), (0.6, 0.4))
@@ -70,15 +69,9 @@ def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path:
     state = window.wait_for("a message", lambda s: "neither a take" in s["message"])
     assert state["shown"] is None
     shot = artifacts / "window_message.png"
-    seen = _inside(window, "viewport")
+    seen = window.inside("viewport")
     wait_until("on the screen", lambda: int((_pixels(window.screenshot(shot))[seen].min(-1) > 150).sum()) > 300)
     assert window.close() == 0, window.stderr.read_text()[-2000:]
-
-
-def _inside(window: RunningWindow, widget: str) -> tuple[slice, slice]:
-    """The rows and columns of a screenshot that a widget covers."""
-    (left, top), (right, bottom) = window.point(widget, 0.0, 0.0), window.point(widget, 1.0, 1.0)
-    return slice(top, bottom), slice(left, right)
 
 
 def _colored(pixels: np.ndarray) -> int:
