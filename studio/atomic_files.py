@@ -56,6 +56,12 @@ def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path
     return sorted(path for path, match in found if match is not None and not _running(int(match["pid"])))
 
 
+def is_being_written(path: Path) -> bool:
+    """Whether a file or folder has the temporary name of another process that runs."""
+    named = re.fullmatch(rf"\..+\.([0-9]{{1,9}})(\.[a-z]+)?{re.escape(PARTIAL)}(\.[^.]*)?", path.name)
+    return named is not None and int(named[1]) != os.getpid() and _running(int(named[1]))
+
+
 def remove_leftovers(folder: Path, of: Path | None = None) -> None:
     """Delete `leftovers`; what cannot be deleted stays."""
     for path in leftovers(folder, of):

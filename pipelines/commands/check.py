@@ -28,7 +28,6 @@ def register(commands: Any) -> None:
 def _check(arguments: argparse.Namespace) -> int:
     from pipelines.commands.working import working
     from pipelines.runs.runner import ALL_STAGES
-    from pipelines.takes.atomic_files import remove
     from pipelines.takes.integrity import check_take
     from pipelines.takes.take import Take
 
@@ -39,15 +38,17 @@ def _check(arguments: argparse.Namespace) -> int:
     if arguments.remove and found.damage:
         with take.locked("v3studio check --remove"):
             for damage in found.damage:
-                if damage.file:
-                    remove(take.file(damage.file))
+                path = take.file(damage.file)
+                # never a folder, and nothing outside of the take, whatever a record says
+                if damage.file and path.is_file() and path.resolve().is_relative_to(take.root.resolve()):
+                    path.unlink()
                 take.forget(damage.stage)
     if arguments.json:
         print(found.model_dump_json(indent=1), file=arguments.output)
         return 1 if found.damage else 0
     for damage in found.damage:
         print(f"{damage.problem}: {damage.file or f'results of the stage {damage.stage}'}")
-    print(f"{found.files} files checked ({found.bytes:,} bytes), {len(found.damage) or 'no'} damaged")
+    print(f"{found.files} files checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
     if found.unchecked:
         print(f"not finished, so only partly checked: {', '.join(found.unchecked)}")
     if found.damage:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -146,8 +146,14 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
 
     A setting that a side lacks has the value that keeps the behavior from before it existed (`ADDED`).
     """
+    everywhere = {name for name in before.keys() | now.keys() if name in ADDED or (name in before and name in now)}
+    # What only one side depends on, such as the footage when a ladder is fine-tuned, follows from another change.
+    return _differences(everywhere, before, now) or _differences(before.keys() | now.keys(), before, now)
+
+
+def _differences(names: Iterable[str], before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
     found = []
-    for name in sorted(before.keys() | now.keys()):
+    for name in sorted(names):
         old, new = before.get(name), now.get(name)
         if digest_of(old) == digest_of(new):
             continue
@@ -157,7 +163,11 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
             found.append(f"the {name} changed")
         else:
             old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
-            keep = f", now the default; {_short(old)} keeps the stream" if (name, old, new) == NEW_DEFAULT else ""
+            keep = (
+                f", now the default; set it to {_short(old)} to keep the old stream"
+                if (name, old, new) == NEW_DEFAULT
+                else ""
+            )
             found.append(f"{name} changed from {_short(old)} to {_short(new)}{keep}")
     return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from pipelines.share.results import PageText
 from pipelines.takes.locate_stream import stream_place
-from studio.stream.manifest import MANIFEST_NAME, Manifest
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry
+from studio.stream.manifest import Manifest
+from studio.stream.manifest_models import FileEntry
 from studio.stream.reader import checked_file
 
 if TYPE_CHECKING:
@@ -84,8 +84,7 @@ def stream_to_share(text: str) -> Iterator[StreamToShare]:
 
     place = stream_place(text)
     with StreamReader.open(place) as reader:
-        data = reader.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
-        yield StreamToShare(reader, data, _name(place))
+        yield StreamToShare(reader, reader.manifest_bytes, _name(place))
 
 
 def name_of(folder: Path) -> str:

@@ -228,7 +228,9 @@ class BakeStage:
         for folder in (self._folder(context), context.take.stream):
             place = folder / group_name(group.index)
             present = {path.name: path.stat().st_size for path in place.iterdir()} if place.is_dir() else {}
-            if present == note.files and all(digest_of_file(place / name) == note.digests[name] for name in present):
+            if present == note.files and all(
+                digest_of_file(place / name) == note.digests.get(name) for name in present
+            ):
                 return place
         return None
 
@@ -236,7 +238,7 @@ class BakeStage:
         """Version 3: an undamaged file of a baked group, in the work folder or in the old stream."""
         for folder in (self._folder(context), context.take.stream):
             file = folder / path
-            if file.is_file() and digest_of_file(file) == note.digests[path]:
+            if file.is_file() and digest_of_file(file) == note.digests.get(path):
                 return file
         return None
 
@@ -329,7 +331,7 @@ class BakeStage:
                         f"the sound {where} {seconds:.2f} s {when}; the rest is silent",
                         file=footage.sound.path,
                         value=seconds,
-                        fix="If it should not, change capture.audio_offset.",
+                        fix="Use a longer file, or move the sound with capture.audio_offset.",
                         fields={"setting": "capture.audio_offset"},
                     )
                 )

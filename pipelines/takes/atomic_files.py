@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipelines.config.renamed import first_path
-from studio.atomic_files import PARTIAL, atomic_path, remove, write_bytes, write_json, write_text
+from studio.atomic_files import PARTIAL, atomic_path, is_being_written, remove, write_bytes, write_json, write_text
 from studio.bounded_text import TextError, parse_json
 from studio.errors import StudioError, reason_of
 from studio.json_types import JsonObject
@@ -98,11 +98,14 @@ def write_model(path: Path, value: BaseModel) -> None:
 
 
 def sweep_partial(folder: Path) -> int:
-    """Delete partially written files and folders that killed runs left under `folder`; returns how many."""
-    leftovers = [path for path in folder.rglob(f".*{PARTIAL}*") if path.name.startswith(".")]
-    for path in leftovers:
+    """Delete partially written files and folders that killed runs left under `folder`; returns how many.
+
+    Those of processes that still run stay: marks are written, and exports made, while a run goes on.
+    """
+    found = [path for path in folder.rglob(f".*{PARTIAL}*") if path.name.startswith(".") and not is_being_written(path)]
+    for path in found:
         remove(path)
-    return len(leftovers)
+    return len(found)
 
 
 def digest_of(value: Any) -> str:

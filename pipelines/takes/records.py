@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field, JsonValue, ValidationError
+from pydantic import Field, JsonValue, ValidationError, model_validator
 
 from pipelines.config.renamed import RECORD_KEYS, REPORT_KEYS, current_name, current_names, current_path
 from pipelines.takes.atomic_files import Result, digest_of_file, digest_of_files, read_json, read_model, write_model
@@ -38,6 +38,18 @@ class StageRecord(Result):
 
     summary: dict[str, JsonValue] = Field(default_factory=dict)
     """The stage's summary, as in the event `stage_finished`."""
+
+    @model_validator(mode="after")
+    def _names_lie_in_the_take(self) -> StageRecord:
+        for name in {*self.files, *self.digests, *self.written}:
+            parts = name.split("/")
+            if not all(part not in ("", ".", "..") and len(part.encode("utf-8", "replace")) < 256 for part in parts):
+                raise ValueError(f"'{name[:80]}' is not the path of a file in the take")
+            if "\0" in name or "\\" in name:
+                raise ValueError("a path has a character that no file of a take has")
+        if self.written.keys() - self.files.keys() or self.digests.keys() - self.files.keys():
+            raise ValueError("a file has a time or a digest, but no size")
+        return self
 
 
 class FailureRecord(Result):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from studio.capture.media import open_media
 from studio.errors import StudioError
 
 SAMPLE_RATE = 48_000
@@ -37,7 +38,7 @@ class SoundFile:
 
         self.path = Path(path)
         try:
-            with av.open(str(self.path)) as container:
+            with open_media(self.path) as container:
                 if not container.streams.audio:
                     raise StudioError(
                         "audio.no_sound",
@@ -74,7 +75,7 @@ class SoundFile:
         layout = "mono" if self.channels == 1 else "stereo"
         position: int | None = None
         try:
-            with av.open(str(self.path)) as container:
+            with open_media(self.path) as container:
                 resampler = av.AudioResampler(format="fltp", layout=layout, rate=SAMPLE_RATE)
                 for frame in _then_none(container.decode(container.streams.audio[0])):
                     if position is None and frame is not None:
@@ -84,6 +85,7 @@ class SoundFile:
                         frame.pts = None  # resample by counting; the time stamps of many files are rounded
                     for piece in resampler.resample(frame):
                         samples = np.ascontiguousarray(piece.to_ndarray().T, dtype=np.float32)
+                        np.nan_to_num(samples, copy=False, posinf=1.0, neginf=-1.0)  # the encoder refuses them
                         if len(samples) and position is not None:
                             yield position, samples
                             position += len(samples)

@@ -273,7 +273,9 @@ class HttpSource:
         _check_answer(response, name, partial)
         partial.tag = response.headers.get("ETag")
         length = response.headers.get("Content-Length", "")
-        expected = len(partial.data) + int(length) if length.isascii() and length.isdigit() else None
+        expected = (
+            len(partial.data) + int(length) if length.isascii() and length.isdigit() and len(length) < 20 else None
+        )
         if expected is not None and expected > limit:
             raise too_long(name, limit, expected)
         partial.validator = _validator(response)

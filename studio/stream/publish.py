@@ -14,7 +14,7 @@ from studio.errors import Cancelled, StudioError, reason_of
 from studio.progress import ProgressFn, no_progress
 from studio.stream.ladder_models import FILES
 from studio.stream.manifest import MANIFEST_NAME
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry
+from studio.stream.manifest_models import FileEntry
 from studio.stream.reader import StreamReader, checked_file
 
 IMMUTABLE = "public, max-age=31536000, immutable"
@@ -91,7 +91,7 @@ def publish(
             except BaseException:
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
-        place.put(MANIFEST_NAME, reader.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES), REVALIDATED)
+        place.put(MANIFEST_NAME, reader.manifest_bytes, REVALIDATED)
         for name, data in (beside or {}).items():
             place.put(name, data, REVALIDATED if name.endswith(".html") else IMMUTABLE)
     return Published(len(missing), sum(file.bytes for file in missing), len(files) - len(missing))
@@ -104,7 +104,7 @@ def need_version_3(reader: StreamReader) -> None:
             "publish.needs_version_3",
             "the stream has version 2, whose files change under their names",
             file=reader.source.name,
-            fix="Bake it with --stream-version 3.",
+            fix="Bake it again: `v3studio bake TAKE --stream-version 3`.",
         )
 
 

@@ -67,6 +67,8 @@ class StreamReader:
         source: where the files come from.
         manifest: of the stream; in version 3, of the chosen rendition.
         index: version 3: all groups in all renditions; None in versions 1 and 2.
+        manifest_bytes: of the manifest that `manifest` and `index` were read from; b"" if the reader was made without.
+            Copies of a stream use them: meanwhile another manifest may have replaced it.
     """
 
     def __init__(self, source: Source, manifest: Manifest, threads: int = 0, index: GroupIndex | None = None) -> None:
@@ -79,6 +81,7 @@ class StreamReader:
         self._decoder: GroupDecoder | None = None
         self._files: tuple[GroupEntry, dict[str, bytes]] | None = None
         self._owns_source = False
+        self.manifest_bytes = b""
 
     @classmethod
     def open(cls, source: Path | str | Source, threads: int = 0, rendition: str | None = None) -> StreamReader:
@@ -109,6 +112,7 @@ class StreamReader:
                 close_source(opened)
             raise
         reader._owns_source = opened is not source
+        reader.manifest_bytes = data
         return reader
 
     @property
@@ -143,7 +147,7 @@ class StreamReader:
         rendition = self.manifest.rendition if isinstance(self.manifest, RenditionManifest) else None
         with self._lock:
             grown = len(index) - len(self.index)
-            self.index, self.manifest = index, index.view(rendition)
+            self.index, self.manifest, self.manifest_bytes = index, index.view(rendition), data
         return grown
 
     @property

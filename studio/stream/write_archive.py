@@ -8,7 +8,7 @@ from pathlib import Path
 
 from studio.progress import ProgressFn, no_progress
 from studio.stream.manifest import MANIFEST_NAME
-from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry
+from studio.stream.manifest_models import FileEntry
 from studio.stream.reader import StreamReader, checked_file
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
@@ -39,7 +39,7 @@ def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_pro
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, data)
 
-        add(MANIFEST_NAME, source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES))
+        add(MANIFEST_NAME, reader.manifest_bytes)
         for number, files in enumerate(_files_by_group(reader)):
             for file in files:
                 if file.path not in written:

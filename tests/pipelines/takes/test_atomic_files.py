@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -40,11 +41,16 @@ def test_other_os_errors_pass(tmp_path):
 
 def test_sweep_takes_leftovers_only(tmp_path):
     write_text(tmp_path / "deep" / "kept.txt", "x")
-    (tmp_path / "deep" / ".kept.99.partial.txt").write_text("half")
+    (tmp_path / "deep" / ".kept.999999999.partial.txt").write_text("half")
+    (tmp_path / f".marks.{os.getppid()}.partial.json").write_text("another process is writing it")
     (tmp_path / ".group_000.partial").mkdir()
     (tmp_path / ".group_000.partial" / "x.mp4").write_text("half")
     assert sweep_partial(tmp_path) == 2
-    assert [path.name for path in sorted(tmp_path.rglob("*"))] == ["deep", "kept.txt"]
+    assert [path.name for path in sorted(tmp_path.rglob("*"))] == [
+        f".marks.{os.getppid()}.partial.json",
+        "deep",
+        "kept.txt",
+    ]
 
 
 def test_digest_does_not_depend_on_the_order_of_keys():

@@ -111,3 +111,33 @@ def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path,
     assert again.returncode == 0, again.stderr
     assert video.read_bytes() == whole
     assert here("check", take.root).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "name", ["../victim/file", ".", "/etc/passwd", "stream/../../victim/file", "a" * 300, "a\0b", ""]
+)
+def test_a_record_names_files_of_its_take_only(take: Take, here: Callable, name: str) -> None:
+    """Takes are exchanged: a record is somebody else's word."""
+    victim = take.root.parent / "victim"
+    victim.mkdir()
+    (victim / "file").write_text("mine")
+    record = json.loads(take.record("bake").read_text())
+    record["files"][name] = 3
+    take.record("bake").write_text(json.dumps(record))
+    here("check", take.root, "--remove")
+    assert (victim / "file").read_text() == "mine"
+    assert (take.root / "take.json").is_file()
+    assert check_take(take, ALL_STAGES).unchecked == ("bake",)
+
+
+def test_what_a_record_names_behind_a_link_is_not_removed(take: Take, here: Callable) -> None:
+    victim = take.root.parent / "victim"
+    victim.mkdir()
+    (victim / "file").write_text("mine")
+    (take.root / "link").symlink_to(victim)
+    record = json.loads(take.record("bake").read_text())
+    record["files"]["link/file"] = 3
+    record["digests"]["link/file"] = "0" * 24
+    take.record("bake").write_text(json.dumps(record))
+    assert here("check", take.root, "--remove").returncode == 1
+    assert (victim / "file").read_text() == "mine"
