@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import re
 import sys
 from typing import TYPE_CHECKING
 
@@ -41,18 +42,18 @@ _STATUS = {
     "review.no_frame": 404,
     "review.no_camera": 404,
 }
+_FRAME = re.compile(r"[0-9]{1,9}")
 _PRIVATE = {"X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
 
 
-def review_routes(review: TakeReview, prefix: str = "") -> list[BaseRoute]:
-    """Routes of a take.
+def review_routes(review: TakeReview) -> list[BaseRoute]:
+    """Routes of a take, relative to `FOLDER` below its stream.
 
     GET `data.json` and `frames/CAMERA/FRAME.jpg`, GET and POST `marks`, as in `pipelines.review.messages`. Refused
     changes are answered with a sentence and all marks as they are: 409 if somebody else changed the mark.
 
     Args:
         review: of the take.
-        prefix: path of its stream, "" or "/NAME".
     """
     from starlette.concurrency import run_in_threadpool
     from starlette.exceptions import HTTPException
@@ -66,21 +67,29 @@ def review_routes(review: TakeReview, prefix: str = "") -> list[BaseRoute]:
         headers = {**_PRIVATE, "Cache-Control": "no-cache", "ETag": f'"{hashlib.sha256(body).hexdigest()[:32]}"'}
         return Response(body, status, headers, "application/json")
 
+    def failed(error: StudioError) -> HTTPException:
+        if error.code not in _STATUS:  # details concern this machine only
+            print(f"warning: {error}", file=sys.stderr, flush=True)
+        return HTTPException(_STATUS.get(error.code, 500))
+
     async def data(request: Request) -> Response:
         async with working:
-            found = await run_in_threadpool(review.data)
+            try:
+                found = await run_in_threadpool(review.data)
+            except StudioError as error:
+                raise failed(error) from None
         headers = {**_PRIVATE, "Cache-Control": "no-cache"}
         return Response(found.model_dump_json(), headers=headers, media_type="application/json")
 
     async def picture(request: Request) -> Response:
         camera, frame = request.path_params["camera"], request.path_params["frame"]
+        if _FRAME.fullmatch(frame) is None:
+            raise HTTPException(404)
         async with working:
             try:
-                found = await run_in_threadpool(review.picture, camera, frame)
+                found = await run_in_threadpool(review.picture, camera, int(frame))
             except StudioError as error:
-                if error.code not in _STATUS:  # details concern this machine only
-                    print(f"warning: {error}", file=sys.stderr, flush=True)
-                raise HTTPException(_STATUS.get(error.code, 500)) from None
+                raise failed(error) from None
         # the address is secret and changes with every run of the server
         headers = {**_PRIVATE, "Cache-Control": "private, max-age=86400, immutable"}
         return Response(found, headers=headers, media_type="image/jpeg")
@@ -99,11 +108,10 @@ def review_routes(review: TakeReview, prefix: str = "") -> list[BaseRoute]:
             return Response(status_code=304, headers={**_PRIVATE, "ETag": found.headers["etag"]})
         return found
 
-    base = f"{prefix}/{FOLDER}"
     return [
-        Route(f"{base}/data.json", data, methods=["GET"]),
-        Route(f"{base}/frames/{{camera}}/{{frame:int}}.jpg", picture, methods=["GET"]),
-        Route(f"{base}/marks", marks, methods=["GET", "POST"]),
+        Route("/data.json", data, methods=["GET"]),
+        Route("/frames/{camera}/{frame}.jpg", picture, methods=["GET"]),
+        Route("/marks", marks, methods=["GET", "POST"]),
     ]
 
 
@@ -119,6 +127,7 @@ def _refused(review: TakeReview, error: StudioError) -> MarkList:
 async def _change(request: Request) -> MarkChange:
     """The body of a request, if it is a change of a mark, small, and there in time; else raises HTTPException."""
     from starlette.exceptions import HTTPException
+    from starlette.requests import ClientDisconnect
 
     # pages of other origins can send this type only after asking, which is not granted
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
@@ -134,6 +143,8 @@ async def _change(request: Request) -> MarkChange:
 
     try:
         return MarkChange.model_validate_json(await asyncio.wait_for(read(), BODY_SECONDS))
+    except ClientDisconnect:  # nobody reads the answer
+        raise HTTPException(400, "The request ended early.") from None
     except TimeoutError:
         raise HTTPException(408, "The request did not arrive in time.") from None
     except ValidationError as error:

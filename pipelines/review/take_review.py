@@ -18,6 +18,7 @@ from pipelines.review.messages import (
 from pipelines.stages.footage import TakeFootage, performer_over
 from pipelines.takes.evaluation import Evaluation, read_evaluation
 from pipelines.takes.marks import Mark, change_mark, read_marks
+from pipelines.takes.records import read_record, result_of
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -62,6 +63,11 @@ class TakeReview:
         except StudioError as error:
             missing = error.code == "take.file_not_found"
             problems.append("The take has not been measured." if missing else "evaluation.json cannot be read.")
+        else:
+            if self._measured_another_stream():
+                problems.append(
+                    "The stream has been baked again since it was measured; the figures are those of the earlier one."
+                )
         footage = self._opened
         if footage is None:
             problems.append("The footage cannot be opened on the server, so there is nothing to compare with.")
@@ -118,6 +124,10 @@ class TakeReview:
             for one in (change.mark, change.replaces)
         )
         return change_mark(self.take.marks, change.frame, new, old)
+
+    def _measured_another_stream(self) -> bool:
+        record = read_record(self.take, "evaluate")
+        return record is not None and record.params.get("result of bake") != result_of(self.take, "bake")
 
     def _count(self) -> int:
         from studio.stream import StreamReader

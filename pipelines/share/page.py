@@ -28,6 +28,7 @@ def player_page(
     text: PageText,
     poster: str | None = None,
     head: Sequence[str] = (),
+    link: str | None = None,
 ) -> str:
     """The built page, filled in.
 
@@ -38,6 +39,7 @@ def player_page(
         text: title, credits, license, description and intro; they are escaped here.
         poster: address of the picture to show until the first frame is drawn.
         head: further elements of the page's head, HTML.
+        link: address relative to the page that links to it begin with; None for its own.
 
     Raises:
         StudioError: `share.unknown_player`, the page is from another version of the player.
@@ -46,8 +48,9 @@ def player_page(
         raise StudioError(
             "share.unknown_player", "the built player is from another version of the program", fix="Run `make web`."
         )
+    text = text.encodable()
     values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
-    values |= {"data-license": text.license, "data-description": text.description}
+    values |= {"data-license": text.license, "data-description": text.description, "data-link": link}
     if text.intro is not None:
         values["intro"] = f"#{_INTRO}"
         script = f'<script type="application/json" id="{_INTRO}">{_in_json(text.intro)}</script>\n{script}'

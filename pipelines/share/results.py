@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -29,6 +29,11 @@ class PageText:
     address: str | None = None
     description: str | None = None
     intro: str | None = None
+
+    def encodable(self) -> PageText:
+        """The same with "?" for lone surrogates, which UTF-8 cannot hold: JSON escapes and file names can."""
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        return replace(self, **{name: value.encode("utf-8", "replace").decode() for name, value in given.items()})
 
 
 @dataclass(frozen=True)

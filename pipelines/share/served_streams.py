@@ -42,6 +42,10 @@ def find_streams(folder: str) -> dict[str, Path]:
     for path in sorted(place.iterdir()):
         stream = path / "stream" if (path / "take.json").is_file() else path
         if not path.name.startswith(".") and (stream / MANIFEST_NAME).is_file():
+            if not _is_unicode(path.name):
+                shown = str(path).encode("utf-8", "backslashreplace").decode()
+                print(f"warning: {shown}: not served, since its name is not UTF-8. Rename it.", file=sys.stderr)
+                continue
             found[f"/{path.name}"] = stream
     if not found:
         raise StudioError(
@@ -51,6 +55,14 @@ def find_streams(folder: str) -> dict[str, Path]:
             fix="Run `v3studio bake`, or specify another folder.",
         )
     return found
+
+
+def _is_unicode(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:

@@ -69,7 +69,7 @@ class StreamToShare:
             credits=own.get("credits") if given.credits is None else given.credits,
             license=own.get("license") if given.license is None else given.license,
             description=own.get("description") if given.description is None else given.description,
-        )
+        ).encodable()
 
 
 @contextmanager

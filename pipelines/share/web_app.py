@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import gzip
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -14,12 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from studio.bounded_text import parse_json
 from studio.stream.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
     from starlette.responses import Response
-    from starlette.routing import BaseRoute
+    from starlette.routing import BaseRoute, Mount
 
     from pipelines.review import TakeReview
     from pipelines.share.player_files import PlayerFiles
@@ -90,12 +90,12 @@ def build_app(
         max_age=86400,
     )
     shared = "cross-origin" if origins else "same-origin"
-    routes = _routes(streams, player, {}, shared, intro)
+    routes = _routes(streams, player, {}, shared, intro, None)
     if secret:
         routes = [Mount(f"/{secret}", routes=routes)]
     if reviews is not None:
         # pages of other origins get no access to reviews
-        review = _routes(streams, player, reviews.takes, "same-origin", intro)
+        review = _routes(streams, player, reviews.takes, "same-origin", intro, f"../{secret}/" if secret else "../")
         routes.insert(0, Mount(f"/{reviews.secret}", routes=review))
     return Starlette(routes=routes, middleware=[Middleware(HostCheck, names=names), *([cors] if origins else [])])
 
@@ -106,8 +106,13 @@ def _routes(
     reviews: Mapping[str, TakeReview],
     shared: str,
     intro: str | None,
+    watching: str | None,
 ) -> list[BaseRoute]:
-    """Routes of the streams, the player and the reviews; `shared` is the Cross-Origin-Resource-Policy."""
+    """Routes of the streams, the player and the reviews; `shared` is the Cross-Origin-Resource-Policy.
+
+    `watching` is where the same is served without reviews, relative to "/": what pages copy when they are asked for a
+    link. None: links are to the pages themselves.
+    """
     from starlette.exceptions import HTTPException
     from starlette.requests import Request
     from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
@@ -134,7 +139,8 @@ def _routes(
 
         async def get_response(self, path: str, scope: Scope) -> Response:
             if player is not None and path == ".":
-                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews, intro)
+                link = None if watching is None else f"../{watching}{quote(self.path.removeprefix('/'))}/"
+                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews, intro, link)
                 return HTMLResponse(page, headers=uncached)
             if not path.endswith(".json") or not _takes_gzip(scope):
                 return await super().get_response(path, scope)
@@ -164,10 +170,11 @@ def _routes(
     async def index(request: Request) -> Response:
         if player is not None and "text/html" in request.headers.get("accept", ""):
             if "/" in streams:
-                page = _page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews, intro)
+                page = _page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews, intro, watching)
                 return HTMLResponse(page, headers=uncached)
             return HTMLResponse(_list_page(streams), headers=uncached)
-        base = str(request.base_url).rstrip("/")
+        own = request.url  # with the secret part, which base_url lacks
+        base = f"{own.scheme}://{own.netloc}{own.path.rpartition('/')[0]}"
         lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST_NAME}" for path in streams]
         return PlainTextResponse("V3 Studio streams:\n" + "\n".join(lines) + "\n", headers=uncached)
 
@@ -182,14 +189,25 @@ def _routes(
         return Response(packed[name], media_type=kind, headers={**headers, "Content-Encoding": "gzip"})
 
     files = Route(f"/{_PLAYER_PATH}/{{name}}", player_file)
-    mounts = [Mount(path.rstrip("/"), StreamFiles(path, folder)) for path, folder in streams.items()]
+    mounts = [_exactly(path.rstrip("/"), Mount("", StreamFiles(path, folder))) for path, folder in streams.items()]
     return [Route("/", index), files, *_review_routes(reviews), *mounts]
 
 
 def _review_routes(reviews: Mapping[str, TakeReview]) -> list[BaseRoute]:
-    from pipelines.review import review_routes
+    from starlette.routing import Mount
 
-    return [route for path, review in reviews.items() for route in review_routes(review, path.rstrip("/"))]
+    from pipelines.review import FOLDER, review_routes
+
+    return [
+        _exactly(f"{path.rstrip('/')}/{FOLDER}", Mount("", routes=review_routes(review)))
+        for path, review in reviews.items()
+    ]
+
+
+def _exactly(path: str, mount: Mount) -> Mount:
+    """Mount at a path as it is: in those that Starlette is given, `{name}` stands for anything."""
+    mount.path_regex = re.compile(f"^{re.escape(path)}/(?P<path>.*)$")
+    return mount
 
 
 def _takes_gzip(scope: Any) -> bool:
@@ -226,7 +244,9 @@ def usable_range(header: bytes) -> bool:
     return True
 
 
-def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, intro: str | None) -> str:
+def _page(
+    player: PlayerFiles, player_path: str, stream: Path, review: bool, intro: str | None, link: str | None
+) -> str:
     """The player's page for a stream beside it, with what a review adds to it."""
     from pipelines.share.page import player_page
     from pipelines.share.results import PageText
@@ -234,13 +254,12 @@ def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, int
 
     title = name_of(stream)
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        own = json.loads((stream / MANIFEST_NAME).read_bytes())["metadata"][
-            "title"
-        ]  # the player reports what is damaged
+        # the player reports what is damaged
+        own = parse_json((stream / MANIFEST_NAME).read_bytes())["metadata"]["title"]
         title = own if isinstance(own, str) and own.strip() else title
     names = [player.script_name, *([player.review_name] if review else [])]
     script = "\n".join(f'<script type="module" src="{player_path}{name}"></script>' for name in names)
-    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title, intro=intro))
+    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title, intro=intro), link=link)
 
 
 def _list_page(streams: dict[str, Path]) -> str:

@@ -183,6 +183,11 @@ class RunningWindow:
             int(geometry["Y"]) + int(top + down * height),
         )
 
+    def inside(self, widget: str) -> tuple[slice, slice]:
+        """Rows and columns of a screenshot that a widget covers."""
+        (left, top), (right, bottom) = self.point(widget, 0.0, 0.0), self.point(widget, 1.0, 1.0)
+        return slice(top, bottom), slice(left, right)
+
     def ticks(self, count: int = 3, seconds: float = 60.0) -> None:
         """Wait for a number of ticks of the window. It polls events in each tick, so pending X events have been handled
         by then, however busy the machine is. A tick takes at least 9.5 ms."""

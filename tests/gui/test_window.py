@@ -49,12 +49,13 @@ def test_plays_seeks_turns_and_closes(
 
     # the screen shows the colors of the body, and orbiting changes them
     shot = tmp_path / "before.png"
-    wait_until("on the screen", lambda: _colored(_pixels(window.screenshot(shot))) > 5000)
-    one = _pixels(shot)
+    seen = window.inside("viewport")
+    wait_until("on the screen", lambda: _colored(_pixels(window.screenshot(shot))[seen]) > 5000)
+    one = _pixels(shot)[seen]
     window.drag("viewport", (0.4, 0.5), (0.6, 0.4))
     turned = window.wait_for("another view", lambda s: s["orbit"] != before["orbit"] and s["settled"])
     assert turned["orbit"][0] != before["orbit"][0]
-    wait_until("on the screen", lambda: np.abs(_pixels(window.screenshot(shot)).astype(int) - one).mean() > 1.0)
+    wait_until("on the screen", lambda: np.abs(_pixels(window.screenshot(shot))[seen].astype(int) - one).mean() > 3.0)
     window.screenshot(artifacts / "window_playing.png")
     window.drag("viewport", (0.5, 0.5), (0.6, 0.5), button=3)
     window.wait_for("a moved target", lambda s: s["orbit"][3:] != turned["orbit"][3:])
@@ -68,11 +69,8 @@ def test_bad_folder_is_a_sentence_in_the_window(open_window: Callable, tmp_path:
     state = window.wait_for("a message", lambda s: "neither a take" in s["message"])
     assert state["shown"] is None
     shot = artifacts / "window_message.png"
-    left, top, right, bottom = *window.point("viewport", 0.0, 0.0), *window.point("viewport", 1.0, 1.0)
-    wait_until(
-        "on the screen",
-        lambda: int((_pixels(window.screenshot(shot))[top:bottom, left:right].min(-1) > 150).sum()) > 300,
-    )
+    seen = window.inside("viewport")
+    wait_until("on the screen", lambda: int((_pixels(window.screenshot(shot))[seen].min(-1) > 150).sum()) > 300)
     assert window.close() == 0, window.stderr.read_text()[-2000:]
 
 

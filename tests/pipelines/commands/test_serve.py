@@ -16,6 +16,7 @@ import urllib.parse
 import urllib.request
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 
@@ -178,6 +179,28 @@ def test_of_several_each_has_its_own_path(stream, tmp_path):
         assert ask(port, "/b/manifest.json")[2] == (stream / "manifest.json").read_bytes()
         assert ask(port, "/secret.txt")[0] == 404
         assert ask(port, "/")[2].decode().count("manifest.json") == 2
+
+
+def test_names_are_taken_as_they_are_or_skipped(tmp_path, capsys):
+    for name in (b"a", b"{a}", b"{b:int}", b"\xff"):
+        folder = tmp_path / os.fsdecode(name)
+        folder.mkdir()
+        (folder / "manifest.json").write_bytes(name)
+    with running(build_app(find_streams(str(tmp_path)), secret="t0ken")) as port:
+        for name in ("a", "{a}", "{b:int}"):
+            assert ask(port, f"/t0ken/{quote(name)}/manifest.json")[2].decode() == name
+        assert ask(port, "/t0ken/c/manifest.json")[0] == 404
+        lines = ask(port, "/t0ken/")[2].decode().splitlines()
+        assert f"http://127.0.0.1:{port}/t0ken/a/manifest.json" in lines
+        assert len(lines) == 4
+    assert "not UTF-8" in capsys.readouterr().err
+
+
+def test_a_title_that_utf_8_cannot_hold(tmp_path):
+    (tmp_path / "manifest.json").write_text(json.dumps({"metadata": {"title": "a\ud800b"}}))
+    with running(build_app(find_streams(str(tmp_path)), PLAYER)) as port:
+        status, _, body = ask(port, "/", Accept=BROWSER)
+        assert (status, "<title>a?b</title>" in body.decode()) == (200, True)
 
 
 PLAYER = PlayerFiles(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import shutil
 import threading
@@ -18,7 +19,9 @@ from pipelines.review import TakeReview
 from pipelines.share.player_files import PlayerFiles
 from pipelines.share.served_streams import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
+from pipelines.takes.atomic_files import write_model
 from pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
+from pipelines.takes.records import StageRecord
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig, write_rig
 from studio.stream import BakeSettings
@@ -120,7 +123,15 @@ def test_pictures_are_the_footage_over_the_background(port: int, take: Take) -> 
 
 
 @pytest.mark.parametrize(
-    "path", ["frames/cam0/3.jpg", "frames/cam4/5.jpg", "frames/cam4/-1.jpg", "frames/../3.jpg", ""]
+    "path",
+    [
+        "frames/cam0/3.jpg",
+        "frames/cam4/5.jpg",
+        "frames/cam4/-1.jpg",
+        f"frames/cam4/{'9' * 5000}.jpg",
+        "frames/../3.jpg",
+        "",
+    ],
 )
 def test_nothing_else(port: int, path: str) -> None:
     """cam0 is a training camera."""
@@ -202,6 +213,25 @@ def test_bad_changes_are_refused(port: int, take: Take, change: Any, status: int
     assert not take.marks.exists()
 
 
+def test_a_client_that_goes_while_it_sends_is_no_error(take: Take) -> None:
+    streams = find_streams(str(take.root))
+    app = build_app(streams, PLAYER, Reviews(SECRET, find_reviews(streams)))
+    headers = [(b"host", b"localhost"), (b"content-type", b"application/json"), (b"content-length", b"100")]
+    scope = {"type": "http", "method": "POST", "path": f"{BASE}/marks", "query_string": b"", "headers": headers}
+    received = iter([{"type": "http.request", "body": b"{", "more_body": True}, {"type": "http.disconnect"}])
+    sent: list[Any] = []
+
+    async def receive() -> Any:
+        return next(received)
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    asyncio.run(app(scope, receive, send))
+    assert sent[0]["status"] == 400
+    assert not take.marks.exists()
+
+
 def test_other_pages_cannot_write(port: int, take: Take) -> None:
     """A page of another origin can send these types without asking first, and no other."""
     for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x"):
@@ -232,6 +262,46 @@ def test_what_is_missing_is_told(take: Take, tmp_path: Path, capsys: pytest.Capt
     assert (data.quality, data.cameras, len(data.problems)) == (None, (), 2)
     assert str(tmp_path) not in " ".join(data.problems)
     assert "/gone" in capsys.readouterr().err, "on this machine only"
+
+
+def test_a_stream_that_is_gone_is_told_on_this_machine(
+    port: int, take: Take, capsys: pytest.CaptureFixture[str]
+) -> None:
+    away = take.stream.rename(take.root / "away")
+    try:
+        status, _, body = ask(port, f"{BASE}/data.json")
+    finally:
+        away.rename(take.stream)
+    assert status == 500
+    assert str(take.root) not in body.decode()
+    assert str(take.stream) in capsys.readouterr().err
+
+
+def test_figures_of_an_earlier_stream_are_told(take: Take) -> None:
+    records = (take.record("bake"), take.record("evaluate"))
+    try:
+        write_model(records[0], StageRecord(stage="bake", params={}, result="first"))
+        write_model(records[1], StageRecord(stage="evaluate", params={"result of bake": "first"}, result="figures"))
+        assert TakeReview(take).data().problems == ()
+        write_model(records[0], StageRecord(stage="bake", params={}, result="second"))
+        assert len(TakeReview(take).data().problems) == 1
+    finally:
+        for record in records:
+            record.unlink(missing_ok=True)
+
+
+def test_a_review_hands_out_the_plain_link(take: Take, tmp_path: Path) -> None:
+    (tmp_path / "a b").symlink_to(take.root)
+    for folder, page, link in (
+        (take.root, f"/{SECRET}/", "../t0ken/"),
+        (tmp_path, f"/{SECRET}/a%20b/", "../../t0ken/a%20b/"),
+    ):
+        streams = find_streams(str(folder))
+        with running(build_app(streams, PLAYER, Reviews(SECRET, find_reviews(streams)), "t0ken")) as port:
+            assert f'data-link="{link}"' in ask(port, page, Accept="text/html")[2].decode()
+            plain = page.replace(SECRET, "t0ken")
+            assert "data-link" not in ask(port, plain, Accept="text/html")[2].decode()
+            assert f"/{SECRET}{plain.removeprefix('/t0ken')}manifest.json" in ask(port, f"/{SECRET}/")[2].decode()
 
 
 def test_a_stream_alone_cannot_be_reviewed(take: Take, tmp_path: Path) -> None:

@@ -149,9 +149,9 @@ def test_without_text_the_streams_own_is_used_and_its_folders_name(stream, tmp_p
     (player,) = Page(site / "index.html").named("v3-player")
     assert (player["data-title"], player["data-credits"], player["data-license"]) == ("Own title", "Own credits", "MIT")
     assert player["poster"] is not None, "a stream that suggests no camera is drawn from the front"
-    site = share_folder(str(named), tmp_path / "other", PageText(title="Given", credits="")).path
+    site = share_folder(str(named), tmp_path / "other", PageText(title="Giv\udcffn", credits="")).path
     (player,) = Page(site / "index.html").named("v3-player")
-    assert (player["data-title"], player.get("data-credits")) == ("Given", None)
+    assert (player["data-title"], player.get("data-credits")) == ("Giv?n", None)
     take = tmp_path / "my take"
     shutil.copytree(stream, take / "stream")
     (take / "take.json").write_text(json.dumps({"format": 1}))

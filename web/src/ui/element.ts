@@ -646,10 +646,13 @@ export class V3PlayerElement extends HTMLElement {
   private async copyLink(): Promise<void> {
     const { player } = this;
     if (!player?.info) return;
-    const address = linkTo(location.href, player.seconds, player.view);
-    let shown = true;
+    // a review's own address would let others change its marks
+    const other = this.getAttribute("data-link");
+    const base = other === null ? location.href : new URL(other, document.baseURI).href;
+    const address = linkTo(base, player.seconds, player.view);
+    let shown = other === null;
     try {
-      history.replaceState(null, "", address);
+      if (shown) history.replaceState(null, "", address);
     } catch {
       shown = false; // some browsers forbid it on pages that were opened from the disk
     }
@@ -661,7 +664,9 @@ export class V3PlayerElement extends HTMLElement {
       this.notice(
         shown
           ? "Copy the link to this time and view from the address bar."
-          : `This page may not copy to the clipboard. Add to its address: ${new URL(address).search}`,
+          : other === null
+            ? `This page may not copy to the clipboard. Add to its address: ${new URL(address).search}`
+            : `This page may not copy to the clipboard. The link: ${address}`,
       );
     }
   }
