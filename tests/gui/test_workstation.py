@@ -59,7 +59,7 @@ def test_from_footage_to_a_wipe(open_window: Callable, footage_project: Path, tm
     window.wait_for("the decoded stream", lambda s: s["stage"] == "review" and s["what"] == "decoded")
     window.key("Home")
     window.key("w")
-    window.wait_for("a reason, or a wipe", lambda s: s["compare"] == "wipe")
+    window.wait_for("a reason, or a wipe", lambda s: s["compare"] == "wipe" and s["settled"])
     window.key("c")
     before = window.wait_for("a camera", lambda s: s["camera"] == "cam4" and s["settled"] and s["shown"] == 0)
     window.drag("viewport", (before["wipe"], 0.6), (0.3, 0.6))
