@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -12,7 +12,15 @@ from pydantic import JsonValue
 from pipelines.config.renamed import ADDED
 from pipelines.stages.base import Context, Stage
 from pipelines.stages.params import Params
-from pipelines.takes.atomic_files import Result, digest_of, digest_of_file, digest_of_files, remove, write_model
+from pipelines.takes.atomic_files import (
+    Result,
+    digest_of,
+    digest_of_digests,
+    digest_of_files,
+    digests_of_files,
+    remove,
+    write_model,
+)
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
 from studio.errors import StudioError
 from studio.json_types import JsonData
@@ -68,11 +76,12 @@ def write_record(stage: Stage, context: Context, seconds: float, summary: Result
     """
     files = stage.results(context)
     root = context.take.root
+    digests = digests_of_files(root, files)
     record = StageRecord(
         stage=stage.name,
         params=cast(dict[str, JsonValue], current_params(stage, context)),  # the same values in pydantic's words
-        result=digest_of_files(root, files),
-        digests={path.relative_to(root).as_posix(): digest_of_file(path) for path in files},
+        result=digest_of_digests(digests),
+        digests=digests,
         files={path.relative_to(root).as_posix(): path.stat().st_size for path in files},
         written={path.relative_to(root).as_posix(): path.stat().st_mtime_ns for path in files},
         seconds=round(seconds, 3),
@@ -146,30 +155,23 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
 
     A setting that a side lacks has the value that keeps the behavior from before it existed (`ADDED`).
     """
-    everywhere = {name for name in before.keys() | now.keys() if name in ADDED or (name in before and name in now)}
+    names = sorted(before.keys() | now.keys())
+    changed = [name for name in names if digest_of(before.get(name)) != digest_of(now.get(name))]
     # What only one side depends on, such as the footage when a ladder is fine-tuned, follows from another change.
-    return _differences(everywhere, before, now) or _differences(before.keys() | now.keys(), before, now)
-
-
-def _differences(names: Iterable[str], before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
-    found = []
-    for name in sorted(names):
-        old, new = before.get(name), now.get(name)
-        if digest_of(old) == digest_of(new):
-            continue
-        if name.startswith("result of "):
-            found.append(f"the result of {name.removeprefix('result of ')} changed")
-        elif name in ("footage", "camera file"):
-            found.append(f"the {name} changed")
-        else:
-            old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
-            keep = (
-                f", now the default; set it to {_short(old)} to keep the old stream"
-                if (name, old, new) == NEW_DEFAULT
-                else ""
-            )
-            found.append(f"{name} changed from {_short(old)} to {_short(new)}{keep}")
+    own = [name for name in changed if name in ADDED or (name in before and name in now)]
+    found = [_difference(name, before, now) for name in own or changed]
     return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
+
+
+def _difference(name: str, before: Mapping[str, object], now: Mapping[str, object]) -> str:
+    if name.startswith("result of "):
+        return f"the result of {name.removeprefix('result of ')} changed"
+    if name in ("footage", "camera file"):
+        return f"the {name} changed"
+    old, new = (side.get(name, ADDED.get(name)) for side in (before, now))
+    is_new_default = (name, old, new) == NEW_DEFAULT
+    keep = f", now the default; set it to {_short(old)} to keep the old stream" if is_new_default else ""
+    return f"{name} changed from {_short(old)} to {_short(new)}{keep}"
 
 
 def _short(value: object) -> str:

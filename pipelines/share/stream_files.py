@@ -25,18 +25,21 @@ class StreamToShare:
 
     Attributes:
         reader: of its frames; in version 3, in the best rendition.
-        manifest_bytes: as they are stored; a copy must not change them.
         name: of the take or the stream, the title of last resort.
     """
 
     reader: StreamReader
-    manifest_bytes: bytes
     name: str
 
     @property
     def manifest(self) -> Manifest:
         """Of the stream; in version 3, of its best rendition."""
         return self.reader.manifest
+
+    @property
+    def manifest_bytes(self) -> bytes:
+        """As they are stored; a copy must not change them."""
+        return self.reader.manifest_bytes
 
     @cached_property
     def files(self) -> tuple[FileEntry, ...]:
@@ -84,7 +87,7 @@ def stream_to_share(text: str) -> Iterator[StreamToShare]:
 
     place = stream_place(text)
     with StreamReader.open(place) as reader:
-        yield StreamToShare(reader, reader.manifest_bytes, _name(place))
+        yield StreamToShare(reader, _name(place))
 
 
 def name_of(folder: Path) -> str:

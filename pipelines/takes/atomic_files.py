@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,8 +25,10 @@ __all__ = [
     "Result",
     "atomic_path",
     "digest_of",
+    "digest_of_digests",
     "digest_of_file",
     "digest_of_files",
+    "digests_of_files",
     "disk_errors",
     "link_or_copy",
     "read_json",
@@ -122,7 +124,17 @@ def digest_of_file(path: Path) -> str:
 
 def digest_of_files(folder: Path, files: Iterable[Path]) -> str:
     """24 hex digits for files' names and contents. Names are relative to `folder`, as in take format 1."""
-    return digest_of({first_path(path.relative_to(folder).as_posix()): digest_of_file(path) for path in files})
+    return digest_of_digests(digests_of_files(folder, files))
+
+
+def digests_of_files(folder: Path, files: Iterable[Path]) -> dict[str, str]:
+    """`digest_of_file` by path relative to `folder`."""
+    return {path.relative_to(folder).as_posix(): digest_of_file(path) for path in files}
+
+
+def digest_of_digests(digests: Mapping[str, str]) -> str:
+    """What `digest_of_files` gives for files of these digests by path; paths may be of any take format."""
+    return digest_of({first_path(name): digest for name, digest in digests.items()})
 
 
 def link_or_copy(source: str, target: str) -> None:

@@ -131,12 +131,8 @@ def _load(path: Path) -> dict[str, Tensor]:
 
     data = path.read_bytes()
     tensors = load(data)
-    try:
-        header = json.loads(data[_HEADER : _HEADER + _header_bytes(data)])
-        about = FrameMetadata.model_validate_json(header.get("__metadata__", {}).get(_ENTRY, "{}"))
-    except ValueError:  # pydantic's ValidationError is one
-        about = FrameMetadata()
-    if about.digest and about.digest != _digest(data):
+    about = read_about(path)
+    if about is not None and about.digest and about.digest != _digest(data):
         raise SafetensorError("checksum differs")
     return tensors
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field, JsonValue, ValidationError, model_validator
 
 from pipelines.config.renamed import RECORD_KEYS, REPORT_KEYS, current_name, current_names, current_path
-from pipelines.takes.atomic_files import Result, digest_of_file, digest_of_files, read_json, read_model, write_model
+from pipelines.takes.atomic_files import Result, digest_of_digests, digest_of_file, read_json, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
 from studio.json_types import JsonObject
@@ -103,9 +103,10 @@ def note_rewritten(take: Take, stage: str) -> None:
     if record is None:
         return
     stats = {current_path(name): take.file(name).stat() for name in record.files}
+    digests = {current_path(name): digest_of_file(take.file(name)) for name in record.files}
     update = {
-        "result": digest_of_files(take.root, [take.file(name) for name in record.files]),
-        "digests": {current_path(name): digest_of_file(take.file(name)) for name in record.files},
+        "result": digest_of_digests(digests),
+        "digests": digests,
         "files": {name: stat.st_size for name, stat in stats.items()},
         "written": {name: stat.st_mtime_ns for name, stat in stats.items()},
     }

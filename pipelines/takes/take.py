@@ -34,6 +34,7 @@ from pydantic import ValidationError
 from pipelines.config.renamed import first_name, first_path
 from pipelines.takes.atomic_files import Result, read_json, remove, sweep_partial, write_model
 from pipelines.version import program_version
+from studio.bounded_text import parse_json
 from studio.errors import StudioError
 from studio.paths import need_utf8
 
@@ -306,7 +307,7 @@ class Take:
                     fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
                 except BlockingIOError:
                     try:
-                        holder = json.load(file)
+                        holder = parse_json(file.read())
                     except ValueError:  # the holder is still writing it
                         holder = {}
                     return dict(holder)

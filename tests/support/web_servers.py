@@ -11,6 +11,16 @@ import uvicorn
 from starlette.applications import Starlette
 
 from pipelines.share.listening import listen
+from pipelines.share.player_files import PlayerFiles
+
+PLAYER = PlayerFiles(
+    "<title>V3 Player</title><!-- v3:head --><!-- v3:player -->old<!-- /v3:player -->"
+    '<script type="module" src="v3-player.js"></script>',
+    b"export {};",
+    b"review();",
+    b"licenses",
+)
+"""A player of a few bytes, with the places that a page fills in."""
 
 
 @contextmanager

@@ -20,14 +20,13 @@ from urllib.parse import quote
 
 import pytest
 
-from pipelines.share.player_files import PlayerFiles
 from pipelines.share.served_streams import find_streams
 from pipelines.share.web_app import build_app
 from studio.playback import play_headless
 from studio.stream import BakeSettings
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, group_files
-from tests.support.web_servers import ask, running
+from tests.support.web_servers import PLAYER, ask, running
 
 LENGTHS = (5,) * 8
 
@@ -203,13 +202,6 @@ def test_a_title_that_utf_8_cannot_hold(tmp_path):
         assert (status, "<title>a?b</title>" in body.decode()) == (200, True)
 
 
-PLAYER = PlayerFiles(
-    "<title>V3 Player</title><!-- v3:head --><!-- v3:player -->old<!-- /v3:player -->"
-    '<script type="module" src="v3-player.js"></script>',
-    b"export {};",
-    b"review();",
-    b"licenses",
-)
 BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
 
 

@@ -16,7 +16,6 @@ import pytest
 
 from pipelines.config import dump_config, load_config
 from pipelines.review import TakeReview
-from pipelines.share.player_files import PlayerFiles
 from pipelines.share.served_streams import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
 from pipelines.takes.atomic_files import write_model
@@ -28,15 +27,8 @@ from studio.stream import BakeSettings
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered
 from tests.support.tiny_capture import FRAMES, SETTINGS, write_capture
-from tests.support.web_servers import ask, running
+from tests.support.web_servers import PLAYER, ask, running
 
-PLAYER = PlayerFiles(
-    "<title>V3 Player</title><!-- v3:head --><!-- v3:player -->old<!-- /v3:player -->"
-    '<script type="module" src="v3-player.js"></script>',
-    b"export {};",
-    b"review();",
-    b"licenses",
-)
 SECRET = "k3y"
 BASE = f"/{SECRET}/.review"
 
