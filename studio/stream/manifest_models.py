@@ -321,7 +321,7 @@ class MotionGroup(GroupEntry):
         if span > MAX_BLOCK_SPAN * self.blocks.radius:
             raise InconsistentError(
                 "block_radius",
-                f"the blocks' radius is {self.blocks.radius:g}, less than a millionth of the positions' extent, {span:g}",
+                f"the blocks' radius is {self.blocks.radius:g}; a millionth of the positions' extent is {span / 1e6:g}",
             )
         self.check_bytes()
         return self

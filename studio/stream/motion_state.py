@@ -132,9 +132,8 @@ def _from_time_differences(values: np.ndarray, shape: tuple[int, ...]) -> np.nda
 
 def _check_values(channels: Sequence[ChannelEntry], channel: np.ndarray, code: np.ndarray) -> None:
     """Raises ValueError for an escape whose value is out of the bounds of its channel, which cannot be drawn."""
-    offset, step, high = (
-        np.array(values)[channel] for values in zip(*((c.offset, c.step, largest(c.name)) for c in channels), strict=True)
-    )
+    bounds = np.array([(entry.offset, entry.step, largest(entry.name)) for entry in channels])
+    offset, step, high = bounds[channel].T
     values = offset + (code - 128) * step
     wrong = np.flatnonzero((values < -MAX_VALUE) | (values > high))
     if len(wrong):

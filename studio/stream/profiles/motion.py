@@ -27,7 +27,7 @@ LUMA_STEP = 0.0069
 CHROMA_STEP = 0.0072
 
 _TAIL = 1e-4  # fraction of values at either end that may become escapes instead of widening the range
-_OUTLIERS = 4  # splats at either end that may do so if they would at least double the step, however few splats there are
+_OUTLIERS = 4  # splats at either end that may do so if they would at least double the step, in channels of any size
 _MAX_CODE = float(1 << 30)  # of an escape; the side file has 32 bits
 
 Values = TypeVar("Values", np.ndarray, Tensor)

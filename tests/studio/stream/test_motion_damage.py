@@ -5,7 +5,6 @@ import time
 import zlib
 
 import pytest
-import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 

@@ -694,6 +694,8 @@ export function whatChanged(old: Manifest, now: Manifest): string | null {
   const ids = (manifest: Manifest): string => manifest.renditions.map(({ id }) => id).join();
   if (ids(old) !== ids(now)) return "renditions";
   if (!old.spans.every(({ frameCount }, i) => frameCount === now.spans[i]?.frameCount)) return "groups";
+  const paths = (renditions: readonly Group[]): string => renditions.flatMap(({ files }) => files.map(({ path }) => path)).join();
+  if (old.groups.some((group, i) => i < now.groups.length && paths(group) !== paths(now.groups[i]))) return "groups";
   return null;
 }
 
