@@ -31,7 +31,7 @@ STAGE_HELP = {
     "evaluate": "measure the quality on held-out cameras and write the report",
 }
 GROUPS = {
-    "Make a stream from footage": ("run", "status", "config"),
+    "Make a stream from footage": ("run", "status", "queue", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
@@ -130,7 +130,7 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, check, export, import_splats, play, publish, serve, share, work
+    from pipelines.commands import ablate, check, export, import_splats, play, publish, queue, serve, share, work
     from pipelines.version import program_version
 
     parser = _Parser(
@@ -171,6 +171,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     status.add_argument("--json", action="store_true", help="print JSON")
     status.set_defaults(command=_status)
 
+    queue.register(commands)
     work.register(commands)
     check.register(commands)
     play.register(commands)
