@@ -132,7 +132,7 @@ class PlainMatteSource:
         if color is None:
             raise StudioError(
                 "matte.not_plain",
-                f"Camera '{camera}': its first image has neither a border of one plain color nor the color of most others",
+                f"Camera '{camera}': its first image has neither a border of one plain color nor that of most others",
                 fix="Choose another source of masks in capture.masks.",
                 camera=camera,
                 setting="capture.masks",
