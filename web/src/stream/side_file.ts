@@ -202,7 +202,7 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   if (exceeds(motions, MAX_MOVE / group.blocks.step))
     throw new StreamError(`a block moves farther than ${MAX_MOVE}`);
   const turns = integrate(cursor.numbers(moved * 3 * blocks, 4), moved, 3 * blocks);
-  if (turns.some((value) => Math.abs(value) * group.blocks.rotationStep > MAX_MOVE))
+  if (exceeds(turns, MAX_MOVE / group.blocks.rotationStep))
     throw new StreamError(`the rotation of a block exceeds ${MAX_MOVE}`);
   const count = cursor.numbers(1, 4)[0];
   if (count < 0 || count > cursor.left) throw new StreamError(`the number of escapes is ${count}`);
