@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 from dataclasses import asdict
 
 from pipelines.config import Config
@@ -25,7 +26,8 @@ def print_status(take: Take, config: Config) -> None:
     screen.print(table)
     holder = take.running()
     if holder is not None:
-        screen.print(f"run in progress: process {holder.get('pid')}, {holder.get('command')}", markup=False)
+        where = f" on {holder['host']}" if holder.get("host") not in (None, socket.gethostname()) else ""
+        screen.print(f"run in progress: process {holder.get('pid')}{where}, {holder.get('command')}", markup=False)
 
 
 def status_json(take: Take, config: Config) -> str:
