@@ -23,8 +23,9 @@ SETTINGS: Mapping[str, str] = {
 _PROGRAM = """
 import sys
 from ray.cluster_utils import Cluster
-cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-second = cluster.add_node(num_cpus=1)
+cpus = int(sys.argv[1])
+cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": cpus, "include_dashboard": False})
+second = cluster.add_node(num_cpus=cpus)
 print("ready", cluster.address, flush=True)
 for line in sys.stdin:
     if line.strip() == "kill":
@@ -72,10 +73,10 @@ class TwoNodes:
 
 
 @contextmanager
-def two_nodes() -> Iterator[TwoNodes]:
-    """Start a cluster with one CPU on each of its two nodes."""
+def two_nodes(cpus: int = 1) -> Iterator[TwoNodes]:
+    """Start a cluster with `cpus` CPUs on each of its two nodes."""
     process = subprocess.Popen(
-        [sys.executable, "-c", _PROGRAM],
+        [sys.executable, "-c", _PROGRAM, str(cpus)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
