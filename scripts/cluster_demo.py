@@ -1,5 +1,5 @@
-"""Runs the sample capture on a Ray cluster of two nodes on this machine, kills one of them in the middle of training, and
-compares the result with that of a local run.
+"""Runs the sample capture on a Ray cluster of two nodes on this machine, kills one of them in the middle of training,
+and compares the result with that of a local run.
 
     python scripts/cluster_demo.py TAKE --compare DEMO_TAKE [settings]
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 from pipelines.config import Config
+from pipelines.runs.launch import launch
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 _ERRORS = "background.log"
-_ROOT = Path(__file__).resolve().parents[2]
 
 
 def start_background(take: Take, config: Config, arguments: Sequence[str]) -> str:
@@ -67,17 +63,3 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> st
         (lines or ["the run ended at once"])[-1].removeprefix("error: "),
         code_of_process=process.returncode,
     )
-
-
-def launch(words: Sequence[str], errors: Path) -> subprocess.Popen[bytes]:
-    """Start `v3studio WORDS` in a session of its own; standard error goes to a file."""
-    path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH")]))
-    with errors.open("wb") as file:
-        return subprocess.Popen(
-            [sys.executable, "-m", "pipelines.cli", *words],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=file,
-            start_new_session=True,
-            env={**os.environ, "PYTHONPATH": path},
-        )

@@ -14,7 +14,9 @@ _ORDER = ("failed", "running", "retried", "queued", "done")
 _COLORS: dict[str, RGB] = {"failed": BAD, "running": ACCENT, "retried": FAIR, "queued": DIM, "done": GOOD}
 
 
-def draw_lanes(canvas: Canvas, area: tuple[float, float, float, float], lanes: Collection[GroupState], em: int) -> None:
+def draw_lanes(
+    canvas: Canvas, area: tuple[float, float, float, float], lanes: Collection[GroupState], em: float
+) -> None:
     """Draw one row per group, those that fit; the last row counts the others.
 
     Args:
@@ -40,7 +42,7 @@ def draw_lanes(canvas: Canvas, area: tuple[float, float, float, float], lanes: C
         canvas.text(x, y, f"and {len(ordered) - len(shown)} more", small, DIM, width=width)
 
 
-def _lane(canvas: Canvas, x: float, y: float, width: float, lane: GroupState, em: int, small: int) -> None:
+def _lane(canvas: Canvas, x: float, y: float, width: float, lane: GroupState, em: float, small: int) -> None:
     color = _COLORS.get(lane.state, DIM)
     columns = [0.0, 0.16, 0.30, 0.52, 0.72, 0.86, 1.0]
     at = [x + share * width for share in columns]

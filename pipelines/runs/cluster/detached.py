@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipelines.runs.cluster.connection import connected
+from pipelines.runs.launch import launch
 from studio.errors import StudioError
 
 
@@ -18,8 +19,6 @@ class Starter:
     def start(self, words: Sequence[str], errors: str) -> str:
         """Start `v3studio WORDS`; returns where, for people. Raises OSError."""
         import ray
-
-        from pipelines.runs.background import launch
 
         address = ray.get_runtime_context().gcs_address
         process = launch([*words, "--run.address", address], Path(errors))
