@@ -14,7 +14,7 @@ from typing import Any
 
 from pipelines.events import Metrics, Preview, Progress, Warned, parse_event
 from pipelines.runs.cluster.lanes import Lanes
-from pipelines.runs.cluster.nodes import Nodes
+from pipelines.runs.cluster.nodes import Nodes, Wanted
 from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
 from pipelines.runs.work import cpus_of_group
 from pipelines.stages.base import Context, GroupStage, StageReporter
@@ -157,9 +157,17 @@ class _Run:
     def _submit(self) -> None:
         while self._queue:
             job = self._queue[0]
-            options = self._options(job)
-            if len(self._running) >= self._nodes.fitting(options) + _AHEAD:
+            wanted = self._wanted(job)
+            if len(self._running) >= self._nodes.fitting(wanted) + _AHEAD:
                 return
+            options: dict[str, Any] = {
+                "num_cpus": wanted.cpus,
+                "num_gpus": wanted.gpus,
+                "memory": wanted.memory,
+                "max_retries": 0,
+            }
+            if self._nodes.excluded:
+                options["label_selector"] = {"ray.io/node-id": f"!in({','.join(sorted(self._nodes.excluded))})"}
             self._queue.popleft()
             task = GroupTask(
                 take=str(self._context.take.root),
@@ -185,7 +193,7 @@ class _Run:
             ("run.preview_seconds", context.config.run.preview_seconds),
         )
 
-    def _options(self, job: _Job) -> dict[str, Any]:
+    def _wanted(self, job: _Job) -> Wanted:
         settings = self._context.config.run
         memory = (settings.memory_per_group or 0.0) * 1e9
         if not memory:
@@ -194,16 +202,12 @@ class _Run:
                 memory += memory_of_group(self._context)
         gpus = settings.gpus_per_group
         if gpus is None:
-            gpus = 1 if settings.device != "cpu" and self._nodes.most("GPU") > 0 else 0
-        options: dict[str, Any] = {
-            "num_cpus": min(job.cpus, max(1, int(self._nodes.most("CPU")))),
-            "num_gpus": 0 if self._stage.name == "initialize" else gpus,
-            "memory": int(min(max(memory, self._executor.memory_floor), self._nodes.most("memory") or memory)),
-            "max_retries": 0,
-        }
-        if self._nodes.excluded:
-            options["label_selector"] = {"ray.io/node-id": f"!in({','.join(sorted(self._nodes.excluded))})"}
-        return options
+            gpus = 1.0 if settings.device != "cpu" and self._nodes.most("GPU") > 0 else 0.0
+        return Wanted(
+            cpus=min(job.cpus, max(1, int(self._nodes.most("CPU")))),
+            gpus=0.0 if self._stage.name == "initialize" else gpus,
+            memory=int(min(max(memory, self._executor.memory_floor), self._nodes.most("memory") or memory)),
+        )
 
     def _read_mail(self) -> None:
         for kind, group, attempt, content in self._ray.get(self._executor.mailbox.take.remote()):
@@ -284,7 +288,7 @@ class _Run:
     def _refused(self, job: _Job, message: Message) -> None:
         if message.code == NOT_VISIBLE and job.node:
             self._nodes.excluded.add(job.node)
-            if self._nodes.usable:
+            if self._nodes.usable():
                 self._warn(message)
                 self._again(job, message.problem)
                 return
@@ -312,7 +316,7 @@ class _Run:
     def _out_of_memory(self, job: _Job) -> None:
         beside = sum(one.node == job.node for one in self._running.values()) + 1
         share = self._nodes.memory(job.node) / max(1, beside // 2)
-        self._executor.memory_floor = max(2 * self._options(job)["memory"], share)
+        self._executor.memory_floor = max(2 * self._wanted(job).memory, share)
         if beside == 1:
             self._lost(job, "out of memory")
             return
