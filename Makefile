@@ -8,11 +8,12 @@ PY := .venv/bin/python
 DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=
 FRESH_ARGS ?=
+MUTATION_ARGS ?=
 ATTACK_ARGS ?=
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo examples gui web web-lint web-test test attack fresh-test tsan lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test mutation tsan lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -28,6 +29,10 @@ setup-tests: system-tests ## the same, plus requirements of tests and linters
 demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take folder)
 	@.venv/bin/v3studio run sample_configs/quickstart.yaml --take "$(DEMO_TAKE)"
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
+
+cluster-demo: demo ## the same on a Ray cluster of two nodes, one of which is killed, and compare the bytes
+	@$(INSTALL) --dev
+	@$(PY) scripts/cluster_demo.py "$(DEMO_TAKE)-cluster" --compare "$(DEMO_TAKE)"
 
 examples: setup ## run the scripts of examples/
 	@for script in examples/[0-9]*.py; do echo "== $$script"; $(PY) "$$script"; done
@@ -45,6 +50,9 @@ attack: setup-tests ## kill, fill the disk, mutate files, slow down peers (ATTAC
 
 fresh-test: ## set up and run in a newly created minimal Debian (root only; FRESH_SUITE=trixie: another release)
 	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
+
+mutation: setup-tests ## change the code at random places and count the changes that no test notices (MUTATION_ARGS=...)
+	@OMP_NUM_THREADS=1 $(PY) scripts/mutation.py $(MUTATION_ARGS)
 
 tsan: system ## check the C++ kernels for data races (ThreadSanitizer)
 	@$(INSTALL) --dev

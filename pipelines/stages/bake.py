@@ -146,6 +146,7 @@ class BakeStage:
         return BakeSummary(
             groups=len(groups),
             frames=manifest.frame_count,
+            renditions=max(1, len(settings.ladder)),
             bytes=total,
             bytes_per_frame=round(manifest.bytes_per_frame),
         )

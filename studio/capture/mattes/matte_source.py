@@ -19,7 +19,9 @@ from studio.capture.mattes.median_background import Background, median_plate
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.per_camera_cache import PerCameraCache
 from studio.capture.settings import DifferenceSettings
-from studio.errors import StudioError
+from studio.errors import Message, StudioError
+
+_MOST_LABELS = 24  # more than any labeling of body parts, and invisible as a matte
 
 
 class MatteSource(Protocol):
@@ -67,6 +69,31 @@ class FullMatteSource:
         return []
 
 
+class MissingMatteSource:
+    """A `MatteSource` for captures in which no source of mattes was found: what needs mattes stops there.
+
+    Args:
+        reasons: what is missing, as a clause.
+    """
+
+    def __init__(self, reasons: str) -> None:
+        self.message = Message(
+            "matte.no_source",
+            f"capture.masks is auto, but the capture has no mattes that could be used: {reasons}",
+            fix="Set capture.masks to chroma_key, plain or model, add masks or clean plates, or set it to none if the "
+            "pictures show nothing but the performer.",
+            fields={"setting": "capture.masks"},
+        )
+
+    def matte(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        """See `MatteSource`. Raises StudioError `matte.no_source`."""
+        raise StudioError(self.message.code, self.message.problem, fix=self.message.fix, **self.message.fields)
+
+    def files(self) -> list[Path]:
+        """See `MatteSource`."""
+        return []
+
+
 class AlphaMatteSource:
     """A `MatteSource` that uses the alpha channel of the images."""
 
@@ -91,6 +118,7 @@ class AlphaMatteSource:
 class FileMatteSource:
     """A `MatteSource` that reads mask images, one per camera and frame, or mask videos; white is foreground.
 
+    In a PNG file whose values are all small, they are labels: 0 is the background, any other the performer.
     If a file has an alpha channel and all its pixels have the same color, the alpha channel is used. Masks that differ
     in size from the images are resized if the aspect ratio is the same.
 
@@ -125,6 +153,9 @@ class FileMatteSource:
             matte = mask[:, :, 3]
         else:
             matte = mask[:, :, :3].max(axis=2)
+            # labels of body parts instead of white, as in ZJU-MoCap
+            if 0 < matte.max() <= _MOST_LABELS and all(path.suffix == ".png" for path in source.files([frame])):
+                matte = np.where(matte > 0, 255, 0).astype(np.uint8)
         height, width = image.shape[:2]
         if matte.shape != (height, width):
             if abs(matte.shape[1] * height - matte.shape[0] * width) > max(height, width):
