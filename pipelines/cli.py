@@ -19,7 +19,7 @@ from typing import Any, TextIO
 
 from pipelines.commands.board import add_board_command, add_sync_command
 from pipelines.events.cancellation import EXIT_CANCELLED
-from studio.environment import passive_openmp
+from studio.environment import keep_freed_memory, passive_openmp
 from studio.errors import Cancelled, StudioError
 from studio.standard_output import as_utf8, claim_stdout, discard
 
@@ -31,7 +31,7 @@ STAGE_HELP = {
     "evaluate": "measure the quality on held-out cameras and write the report",
 }
 GROUPS = {
-    "Make a stream from footage": ("run", "status", "config"),
+    "Make a stream from footage": ("estimate", "run", "status", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
@@ -61,6 +61,7 @@ def main() -> int:
     Only the command's own output goes to stdout; that of native libraries, here or in child processes, goes to stderr.
     """
     passive_openmp()
+    keep_freed_memory()
     claim_stdout()
     code = execute(sys.argv[1:])
     if "--json" in sys.argv:
@@ -129,7 +130,7 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, check, export, import_splats, play, publish, serve, share
+    from pipelines.commands import ablate, check, estimate, export, import_splats, play, publish, serve, share
     from pipelines.version import program_version
 
     parser = _Parser(
@@ -170,6 +171,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     status.add_argument("--json", action="store_true", help="print JSON")
     status.set_defaults(command=_status)
 
+    estimate.register(commands)
     check.register(commands)
     play.register(commands)
     serve.register(commands)

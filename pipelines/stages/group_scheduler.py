@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 _MOST = 8
 """More threads than this contend for the GIL."""
 
-_BYTES_A_PIXEL = 16
+BYTES_A_PIXEL = 16
 """Of a training view: 8 channels of bytes, for this frame and the next."""
 
-_BYTES_A_SMALL_PIXEL = 80
+BYTES_A_SMALL_PIXEL = 80
 """Of a small view, which is also cached as floats."""
 
-_BYTES_A_DRAWN_PIXEL = 200
+BYTES_A_DRAWN_PIXEL = 200
 """Of the view being rendered: float32 images, targets and gradients."""
 
 
@@ -39,8 +39,8 @@ def groups_at_once(context: Context) -> int:
 
     footage = context.footage.calibrated
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
-    each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
-    each += _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
+    each = sum(max(BYTES_A_PIXEL * one, BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
+    each += BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
     memory = psutil.virtual_memory().total // 2
     return max(1, min(groups, context.threads, _MOST, memory // each))
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import psutil
 
+from pipelines.events.cancellation import Cancellation
 from pipelines.stages import grouping
 from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.group_scheduler import run_groups, threads_by_group
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.stages.summaries import InitializeSummary
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
@@ -19,6 +24,11 @@ from pipelines.takes.point_files import write_mesh, write_points
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import InitialPointsReport
 from studio.errors import Message
+from studio.json_types import JsonData
+from studio.progress import ProgressFn
+
+BYTES_A_MASK_PIXEL, BYTES_A_VOXEL = 6, 64
+"""Memory of a visual hull, by the pixels of all masks and the voxels of its grid."""
 
 if TYPE_CHECKING:
     from studio.capture import Footage, FootageView
@@ -76,16 +86,20 @@ class InitializeStage:
         first = 0.0 if grouping.is_known(context.footage) else 0.3
         grouping.find_groups(context.footage, reporter.part("finding groups", 0.0, first))
         groups = context.groups
-        counts = []
-        for position, group in enumerate(groups):
-            start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
-            if not self._is_done(context, group):
-                self._make(context, group, reporter, start, stop, f"group {group.index}")
-            report = read_model(context.take.initialize_group(group.index) / "report.json", InitialPointsReport)
-            counts.append(report.faces)
+        missing = [group for group in groups if not self._is_done(context, group)]
+        progress = _SharedProgress(reporter, first, len(missing))
+        jobs = {group.index: partial(self._make, context, group, reporter, progress) for group in missing}
+        at_once = min(len(groups), context.threads, _fitting_memory(context))
+        run_groups(jobs, at_once, threads_by_group(len(groups), at_once, context.threads), progress.stop)
+        reports = [
+            read_model(context.take.initialize_group(group.index) / "report.json", InitialPointsReport)
+            for group in groups
+        ]
         self._drop_leftovers(context, groups)
         return InitializeSummary(
-            groups=len(groups), points_per_group=context.config.initialize.points, faces=tuple(counts)
+            groups=len(groups),
+            points_per_group=context.config.initialize.points,
+            faces=tuple(report.faces for report in reports),
         )
 
     def _key(self, context: Context, group: Group) -> str:
@@ -104,16 +118,14 @@ class InitializeStage:
             (folder / name).is_file() and digest_of_file(folder / name) == value for name, value in report.files.items()
         )
 
-    def _make(
-        self, context: Context, group: Group, reporter: StageReporter, start: float, stop: float, label: str
-    ) -> None:
+    def _make(self, context: Context, group: Group, reporter: StageReporter, progress: _SharedProgress) -> None:
         from studio.meshing import initialize_points
 
         found = initialize_points(
             TrainingViews(context.footage.calibrated, group.keyframe),
             context.config.initialize,
             seed=derived_seed(context.config.run.seed, self.name, group.index),
-            progress=reporter.part(f"{label}: visual hull", start, stop),
+            progress=progress.of(group.index),
         )
         for warning in found.warnings:
             reporter.warn(_in_group(warning, group.index))
@@ -142,6 +154,45 @@ class InitializeStage:
         for folder in context.take.folder("initialize").glob("group_*"):
             if folder not in wanted:
                 remove(folder)
+
+
+class _SharedProgress:
+    """The progress of groups that are made in parallel.
+
+    Args:
+        reporter: of the stage.
+        start: fraction of the stage at which they begin.
+        groups: their number.
+
+    Attributes:
+        stop: set it to cancel all; they raise Cancelled.
+    """
+
+    def __init__(self, reporter: StageReporter, start: float, groups: int) -> None:
+        self.stop = Cancellation()
+        self._reporter, self._start, self._groups = reporter, start, groups
+        self._lock = threading.Lock()
+        self._done: dict[int, float] = {}
+
+    def of(self, group: int) -> ProgressFn:
+        """The progress callback of one group."""
+
+        def report(done: int, total: int, **figures: JsonData) -> None:
+            self.stop.check()
+            with self._lock:
+                self._done[group] = done / total if total else 0.0
+                fraction = self._start + (1 - self._start) * sum(self._done.values()) / self._groups
+            self._reporter.progress(fraction, f"group {group}: visual hull", **figures)
+
+        return report
+
+
+def _fitting_memory(context: Context) -> int:
+    """Number of groups whose masks and fields fit into half of the memory, at least 1."""
+    footage = context.footage.calibrated
+    pixels = sum(footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras)
+    each = BYTES_A_MASK_PIXEL * pixels + BYTES_A_VOXEL * context.config.initialize.resolution**3
+    return max(1, int(psutil.virtual_memory().total // 2 // each))
 
 
 def _in_group(warning: Message | str, group: int) -> Message:

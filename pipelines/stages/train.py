@@ -5,9 +5,9 @@ from __future__ import annotations
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from pipelines.stages.base import Context, StageReporter, leftover
+from pipelines.stages.footage_check import footage_check
 from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
 from pipelines.stages.live_bake import LiveBake
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
@@ -68,14 +68,13 @@ class TrainStage:
                 setting="capture.held_out",
             )
         finished = {group.index: self._finished(context, group) for group in groups}
-        if context.config.train.check_footage:
-            self._check_footage(context, reporter, groups, finished)
         reporter.start_clock()
         at_once = groups_at_once(context)
         threads = threads_by_group(len(groups), at_once, context.threads)
         with LiveBake(context, reporter, finished) if context.config.bake.live else nullcontext() as live:
             clock = TrainClock(groups, finished, context.config.train)
-            work = GroupWork(context, reporter, clock, *(() if live is None else (live.written,)))
+            readers = max(1, context.threads // at_once)
+            work = GroupWork(context, reporter, clock, readers, *(() if live is None else (live.written,)))
             jobs = {}
             for group in groups:
                 if finished[group.index] < len(group.frames):
@@ -84,7 +83,9 @@ class TrainStage:
                         "trained"
                     )
                     jobs[group.index] = partial(work.train, group, finished[group.index], self._keys(context, group))
-            run_groups(jobs, at_once, threads, work.stop)
+            missing = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
+            with footage_check(context, missing, work.stop) if context.config.train.check_footage else nullcontext():
+                run_groups(jobs, at_once, threads, work.stop)
         splats = []
         for group in groups:
             self._drop_leftovers(context, group)
@@ -94,26 +95,6 @@ class TrainStage:
         ):
             remove(folder)
         return TrainSummary(groups=len(groups), frames=len(footage.frames), splats=tuple(splats))
-
-    def _check_footage(
-        self, context: Context, reporter: StageReporter, groups: tuple[Group, ...], finished: dict[int, int]
-    ) -> None:
-        """Raises StudioError if a frame that is not trained yet cannot be read or has an empty matte."""
-        frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
-
-        def report(done: int, total: int, **figures: Any) -> None:
-            reporter.progress(0.0, f"checking footage: image {done} of {total}")
-
-        from studio.capture import check_footage
-
-        problems = check_footage(context.footage.calibrated, report, frames=frames)
-        if problems:
-            first = problems[0]
-            raise StudioError(
-                first.code,
-                "\n".join(str(problem) for problem in problems),
-                **{**first.fields, "count": len(problems), "codes": [problem.code for problem in problems]},
-            )
 
     def _recipe(self, context: Context) -> Params:
         """Settings and inputs of all frames."""

@@ -163,17 +163,22 @@ def extract_surface(
 
 def _large_components(mesh: Mesh, min_component: float) -> Mesh:
     """The mesh without components whose area is below the fraction `min_component` of the largest one's."""
-    o3d = open3d()
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
 
-    converted = mesh.to_open3d()
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        label, _, area = converted.cluster_connected_triangles()
-    label, area = np.asarray(label), np.asarray(area)
-    if len(area) <= 1:
+    # of vertices; Open3D's clustering of triangles takes 40 times as long
+    faces, count = mesh.faces, len(mesh.vertices)
+    edges = (np.concatenate([faces[:, 0], faces[:, 1]]), np.concatenate([faces[:, 1], faces[:, 2]]))
+    graph = coo_matrix((np.ones(len(edges[0]), np.int8), edges), (count, count))
+    components, of_vertex = connected_components(graph, directed=False)
+    label = of_vertex[faces[:, 0]]
+    area = np.bincount(label, mesh.areas, components)
+    faces = faces[area[label] >= min_component * area.max()]
+    if len(faces) == len(mesh.faces):
         return mesh
-    converted.remove_triangles_by_mask(area[label] < min_component * area.max())
-    converted.remove_unreferenced_vertices()
-    return Mesh.from_open3d(converted)
+    used = np.zeros(count, bool)
+    used[faces] = True
+    return Mesh(mesh.vertices[used], (np.cumsum(used) - 1).astype(np.int32)[faces])
 
 
 def _refined(mesh: Mesh, taubin: int, max_faces: int) -> Mesh:
