@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 
 from pipelines.estimate.rehearsal import Measured
 from pipelines.estimate.work import Work
-from pipelines.stages.group_scheduler import BYTES_A_DRAWN_PIXEL, BYTES_A_PIXEL, BYTES_A_SMALL_PIXEL
 from pipelines.stages.initialize import BYTES_A_MASK_PIXEL, BYTES_A_VOXEL
 from studio.json_types import JsonObject
 
@@ -113,7 +112,7 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
             StageEstimate(
                 "train",
                 work.waves({count: _group(work, measured, count) for count in set(work.groups)}) + reading,
-                measured.memory + work.at_once * _training_bytes(work),
+                measured.memory + work.at_once * work.memory_of_group,
                 frames * splats * 4 * (11 + sh),
                 "assumes that keyframes keep as many splats as they start with, before pruning",
             ),
@@ -150,12 +149,3 @@ def _group(work: Work, measured: Measured, frames: int) -> float:
         seconds += measured.frame + measured.motion_step * train.motion_steps(position == 1)
         seconds += measured.finetune_step * train.finetune_iterations
     return seconds
-
-
-def _training_bytes(work: Work) -> int:
-    """Images of this frame and the next, and the render of one view."""
-    from studio.training.views import CACHED_PIXELS
-
-    each = work.pixels // max(1, work.train_cameras)
-    per_pixel = BYTES_A_PIXEL if each > CACHED_PIXELS else BYTES_A_SMALL_PIXEL
-    return per_pixel * work.pixels + BYTES_A_DRAWN_PIXEL * each

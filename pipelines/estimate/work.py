@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pipelines.stages.base import Context
-from pipelines.stages.group_scheduler import groups_at_once, threads_by_group
+from pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_by_group
 from studio.training.settings import TrainSettings
 
 
@@ -21,8 +21,8 @@ class Work:
         threads: CPU threads of the run.
         points: initial splats of a keyframe.
         resolution: voxels along the longest side of the hull.
+        memory_of_group: bytes that training one group takes.
         train: settings of training.
-        checked: whether all footage is read beside training.
     """
 
     train_cameras: int
@@ -33,8 +33,8 @@ class Work:
     threads: int
     points: int
     resolution: int
+    memory_of_group: int
     train: TrainSettings
-    checked: bool = True
 
     @classmethod
     def of(cls, context: Context) -> Work:
@@ -50,8 +50,8 @@ class Work:
             threads=context.threads,
             points=config.initialize.points,
             resolution=config.initialize.resolution,
+            memory_of_group=memory_of_group(context),
             train=config.train,
-            checked=config.train.check_footage,
         )
 
     @property

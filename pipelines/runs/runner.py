@@ -24,6 +24,7 @@ from pipelines.events import (
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from pipelines.events.work_clock import counting_pauses
 from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, write_record
+from pipelines.runs.work import limit_threads
 from pipelines.stages import STAGES, stage_named
 from pipelines.stages.base import Context, Stage, StageReporter
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
@@ -143,7 +144,7 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
         _ = context.device  # report a missing GPU before hours of work
     if "evaluate" in todo:
         _ = context.lpips  # likewise LPIPS weights that cannot be loaded
-    _limit_threads(context.threads)
+    limit_threads(context.threads)
     weights = {name: stage_named(name).weight for name in todo}
     reporter: StageReporter | None = None
     for position, name in enumerate(todo):
@@ -218,9 +219,3 @@ def _try_to_note_failure(context: Context, stage: str, message: Message) -> None
     # on a full disk the record cannot be written either; the event and the exit code report the failure
     with contextlib.suppress(OSError):
         write_failure(context.take, stage, message)
-
-
-def _limit_threads(threads: int) -> None:
-    import torch
-
-    torch.set_num_threads(threads)

@@ -42,6 +42,7 @@ class Context:
         emit: receives events.
         cancellation: flag that cancels the run.
         clock: work time in seconds; does not advance while the run is paused.
+        executor: runs groups elsewhere; None: stages run them in this process.
     """
 
     take: Take
@@ -49,6 +50,7 @@ class Context:
     emit: Emit = lambda event: None
     cancellation: Cancellation = field(default_factory=Cancellation)
     clock: Callable[[], float] = time.monotonic
+    executor: Executor | None = None
 
     @cached_property
     def footage(self) -> TakeFootage:
@@ -238,6 +240,57 @@ class Stage(Protocol):
 
         Raises:
             StudioError: bad input.
+            Cancelled: the run was cancelled.
+        """
+        ...
+
+
+class GroupStage(Stage, Protocol):
+    """A stage whose groups need nothing of each other, so that each can run in another process or on another machine.
+
+    `run` then finds all groups finished and only puts the results together.
+    """
+
+    def group_key(self, context: Context, group: Group) -> str:
+        """Digest of everything that the group's results are made from."""
+        ...
+
+    def group_done(self, context: Context, group: Group) -> bool:
+        """Whether the group's results are there and up to date."""
+        ...
+
+    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
+        """Make the group's results; goes on from the last finished frame or checkpoint.
+
+        Raises:
+            StudioError: bad input.
+            Cancelled: the run was cancelled.
+        """
+        ...
+
+
+class Executor(Protocol):
+    """Runs groups of a stage somewhere else."""
+
+    def run(
+        self,
+        stage: GroupStage,
+        context: Context,
+        groups: Sequence[Group],
+        reporter: StageReporter,
+        finished: Callable[[Group], None] = lambda group: None,
+    ) -> None:
+        """Run these groups; returns when the results of all are in the take.
+
+        Args:
+            stage: their stage.
+            context: of the run.
+            groups: those that are not up to date.
+            reporter: gets progress, figures, previews and warnings as in a local run.
+            finished: called after each group, in this thread.
+
+        Raises:
+            StudioError: a group failed; the others are cancelled.
             Cancelled: the run was cancelled.
         """
         ...

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 _MOST = 8
 """More threads than this contend for the GIL."""
 
-BYTES_A_PIXEL = 16
+_BYTES_A_PIXEL = 16
 """Of a training view: 8 channels of bytes, for this frame and the next."""
 
-BYTES_A_SMALL_PIXEL = 80
+_BYTES_A_SMALL_PIXEL = 80
 """Of a small view, which is also cached as floats."""
 
-BYTES_A_DRAWN_PIXEL = 200
+_BYTES_A_DRAWN_PIXEL = 200
 """Of the view being rendered: float32 images, targets and gradients."""
 
 
@@ -35,14 +35,18 @@ def groups_at_once(context: Context) -> int:
         return min(asked, groups)
     if context.device != "cpu":
         return 1
+    memory = psutil.virtual_memory().total // 2
+    return max(1, min(groups, context.threads, _MOST, memory // memory_of_group(context)))
+
+
+def memory_of_group(context: Context) -> int:
+    """Estimated bytes that training one group takes on a CPU, beyond the program itself."""
     from studio.training.views import CACHED_PIXELS
 
     footage = context.footage.calibrated
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
-    each = sum(max(BYTES_A_PIXEL * one, BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
-    each += BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
-    memory = psutil.virtual_memory().total // 2
-    return max(1, min(groups, context.threads, _MOST, memory // each))
+    each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
+    return each + _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
 
 
 def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
@@ -59,6 +63,11 @@ def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
     full = groups - groups % at_once
     last = max(1, threads // (groups % at_once)) if groups % at_once else 0
     return [max(1, threads // at_once) if index < full else last for index in range(groups)]
+
+
+def threads_of_groups(context: Context) -> list[int]:
+    """CPU threads that training uses for each group of the take, by index."""
+    return threads_by_group(len(context.groups), groups_at_once(context), context.threads)
 
 
 def run_groups(

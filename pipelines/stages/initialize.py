@@ -79,18 +79,18 @@ class InitializeStage:
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Groups with valid points."""
         groups = context.groups
-        return sum(self._is_done(context, group) for group in groups), len(groups), "groups"
+        return sum(self.group_done(context, group) for group in groups), len(groups), "groups"
 
     def run(self, context: Context, reporter: StageReporter) -> InitializeSummary:
         """Find groups, and sample points for groups that have none."""
         first = 0.0 if grouping.is_known(context.footage) else 0.3
         grouping.find_groups(context.footage, reporter.part("finding groups", 0.0, first))
         groups = context.groups
-        missing = [group for group in groups if not self._is_done(context, group)]
-        progress = _SharedProgress(reporter, first, len(missing))
-        jobs = {group.index: partial(self._make, context, group, reporter, progress) for group in missing}
-        at_once = min(len(groups), context.threads, _fitting_memory(context))
-        run_groups(jobs, at_once, threads_by_group(len(groups), at_once, context.threads), progress.stop)
+        todo = [group for group in groups if not self.group_done(context, group)]
+        if context.executor is None:
+            self._make_here(context, todo, reporter, first)
+        elif todo:
+            context.executor.run(self, context, todo, reporter)
         reports = [
             read_model(context.take.initialize_group(group.index) / "report.json", InitialPointsReport)
             for group in groups
@@ -102,17 +102,35 @@ class InitializeStage:
             faces=tuple(report.faces for report in reports),
         )
 
-    def _key(self, context: Context, group: Group) -> str:
+    def _make_here(self, context: Context, todo: Sequence[Group], reporter: StageReporter, start: float) -> None:
+        """Make groups in this process, several at once; `start`: progress of the stage when it begins."""
+        progress, count = _SharedProgress(reporter, start, len(todo)), len(context.groups)
+
+        def make(group: Group) -> None:
+            with context.take.group_locked(self.name, group.index, progress.check):
+                if not self.group_done(context, group):
+                    self._make(context, group, reporter, progress)
+
+        at_once = min(count, context.threads, _fitting_memory(context))
+        jobs = {group.index: partial(make, group) for group in todo}
+        run_groups(jobs, at_once, threads_by_group(count, at_once, context.threads), progress.stop)
+
+    def group_key(self, context: Context, group: Group) -> str:
+        """See `GroupStage`."""
         parts = {**context.footage.seen_by_training(), **settings_affecting(context.config, "initial_points")}
         return key_of(self.name, self.version, parts, result_of(context.take, "calibrate"), group.index, group.keyframe)
 
-    def _is_done(self, context: Context, group: Group) -> bool:
+    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
+        """See `GroupStage`."""
+        self._make(context, group, reporter, _SharedProgress(reporter, 0.0, 1))
+
+    def group_done(self, context: Context, group: Group) -> bool:
         """The report has the current key, and the files have the digests in it."""
         folder = context.take.initialize_group(group.index)
         if not (folder / "report.json").is_file():
             return False
         report = read_model(folder / "report.json", InitialPointsReport)
-        if report.key != self._key(context, group):
+        if report.key != self.group_key(context, group):
             return False
         return all(
             (folder / name).is_file() and digest_of_file(folder / name) == value for name, value in report.files.items()
@@ -137,7 +155,7 @@ class InitializeStage:
         with atomic_path(folder / "points.ply") as temporary:
             write_points(temporary, found.points, found.normals, np.round(found.colors * 255))
         report = InitialPointsReport(
-            key=self._key(context, group),
+            key=self.group_key(context, group),
             keyframe=int(group.keyframe),
             points=len(found.points),
             vertices=len(found.mesh.vertices),
@@ -173,6 +191,11 @@ class _SharedProgress:
         self._reporter, self._start, self._groups = reporter, start, groups
         self._lock = threading.Lock()
         self._done: dict[int, float] = {}
+
+    def check(self) -> None:
+        """Raise Cancelled if the run was cancelled or another group failed."""
+        self.stop.check()
+        self._reporter.context.cancellation.check()
 
     def of(self, group: int) -> ProgressFn:
         """The progress callback of one group."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
 from pipelines.stages.base import Context, StageReporter, leftover
 from pipelines.stages.footage_check import footage_check
-from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
+from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_of_groups
 from pipelines.stages.live_bake import LiveBake
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
 from pipelines.stages.summaries import TrainSummary
@@ -68,24 +69,16 @@ class TrainStage:
                 setting="capture.held_out",
             )
         finished = {group.index: self._finished(context, group) for group in groups}
+        todo = [group for group in groups if finished[group.index] < len(group.frames)]
         reporter.start_clock()
-        at_once = groups_at_once(context)
-        threads = threads_by_group(len(groups), at_once, context.threads)
         with LiveBake(context, reporter, finished) if context.config.bake.live else nullcontext() as live:
-            clock = TrainClock(groups, finished, context.config.train)
-            readers = max(1, context.threads // at_once)
-            work = GroupWork(context, reporter, clock, readers, *(() if live is None else (live.written,)))
-            jobs = {}
-            for group in groups:
-                if finished[group.index] < len(group.frames):
-                    reporter.log(
-                        f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already "
-                        "trained"
-                    )
-                    jobs[group.index] = partial(work.train, group, finished[group.index], self._keys(context, group))
-            missing = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
-            with footage_check(context, missing, work.stop) if context.config.train.check_footage else nullcontext():
-                run_groups(jobs, at_once, threads, work.stop)
+            written = (lambda group, frames: None) if live is None else live.written
+            if context.executor is None:
+                self._train_here(context, reporter, groups, finished, written)
+            elif todo:
+                context.executor.run(
+                    self, context, todo, reporter, lambda group: written(group.index, len(group.frames))
+                )
         splats = []
         for group in groups:
             self._drop_leftovers(context, group)
@@ -95,6 +88,61 @@ class TrainStage:
         ):
             remove(folder)
         return TrainSummary(groups=len(groups), frames=len(footage.frames), splats=tuple(splats))
+
+    def _train_here(
+        self,
+        context: Context,
+        reporter: StageReporter,
+        groups: Sequence[Group],
+        finished: Mapping[int, int],
+        written: Callable[[int, int], None],
+    ) -> None:
+        """Train the groups of `groups` that are not finished, several at once."""
+        at_once = groups_at_once(context)
+        clock = TrainClock(groups, finished, context.config.train)
+        work = GroupWork(context, reporter, clock, max(1, context.threads // at_once), written)
+        jobs = {}
+        for group in groups:
+            if finished[group.index] < len(group.frames):
+                reporter.log(
+                    f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already trained"
+                )
+                jobs[group.index] = partial(self._train, context, work, group)
+        with self._checked(context, groups, finished, work):
+            run_groups(jobs, at_once, threads_of_groups(context), work.stop)
+
+    def _train(self, context: Context, work: GroupWork, group: Group) -> None:
+        with context.take.group_locked(self.name, group.index, work.check):
+            finished = self._finished(context, group)
+            if finished < len(group.frames):
+                work.train(group, finished, self._keys(context, group))
+
+    def group_key(self, context: Context, group: Group) -> str:
+        """See `GroupStage`: the key of the last frame covers those before it."""
+        return self._keys(context, group)[-1]
+
+    def group_done(self, context: Context, group: Group) -> bool:
+        """See `GroupStage`."""
+        return self._finished(context, group) == len(group.frames)
+
+    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
+        """See `GroupStage`."""
+        finished = self._finished(context, group)
+        reporter.log(f"group {group.index}: {finished} of {len(group.frames)} frames are already trained")
+        clock = TrainClock((group,), {group.index: finished}, context.config.train)
+        work = GroupWork(context, reporter, clock, context.threads)
+        job = partial(work.train, group, finished, self._keys(context, group))
+        with self._checked(context, (group,), {group.index: finished}, work):
+            run_groups({group.index: job}, 1, threads_of_groups(context), work.stop)
+
+    def _checked(
+        self, context: Context, groups: Sequence[Group], finished: Mapping[int, int], work: GroupWork
+    ) -> AbstractContextManager[None]:
+        """Checks the frames that are not trained yet while the block trains them."""
+        if not context.config.train.check_footage:
+            return nullcontext()
+        frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
+        return footage_check(context, frames, work.stop)
 
     def _recipe(self, context: Context) -> Params:
         """Settings and inputs of all frames."""

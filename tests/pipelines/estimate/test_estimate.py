@@ -31,6 +31,7 @@ WORK = Work(
     threads=2,
     points=10_000,
     resolution=100,
+    memory_of_group=1_000_000,
     train=SETTINGS,
 )
 
