@@ -44,8 +44,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pipelines.config import load_config
+from studio.camera_files import read_rig
 from studio.capture import Footage, open_footage
-from studio.capture.settings import CaptureSettings
 from studio.gaussians import Gaussians
 from studio.meshing import initialize_points
 from studio.metrics import psnr
@@ -312,9 +312,8 @@ def busy() -> Iterator[Callable[[], Report]]:
 
 def sample(scale: float) -> Footage:
     """The sample capture with its clean plates."""
-    config = load_config(ROOT / "sample_configs" / "quickstart.yaml")
-    footage = open_footage(CaptureSettings.model_validate({**config.capture.model_dump(), "scale": scale}))
-    return footage
+    capture = load_config(ROOT / "sample_configs" / "quickstart.yaml").capture.replace(scale=scale)
+    return open_footage(capture, read_rig(capture.root / "cameras.json"))
 
 
 def quality(footage: Footage, frame: int, splats: Sequence[Gaussians]) -> float:

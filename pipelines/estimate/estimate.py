@@ -7,11 +7,13 @@ from dataclasses import asdict, dataclass
 
 from pipelines.estimate.rehearsal import Measured
 from pipelines.estimate.work import Work
-from pipelines.stages.initialize import BYTES_A_MASK_PIXEL, BYTES_A_VOXEL
 from studio.json_types import JsonObject
 
 UNCERTAINTY = 0.25
 """Of the time: about one run in ten is further off, most often because splats become more or fewer than assumed."""
+
+_BYTES_A_MASK_PIXEL, _BYTES_A_VOXEL = 6, 16
+"""Of the visual hull; the longest side of a performer's box is about twice the others, so a quarter of the voxels."""
 
 _BYTES_A_SPLAT = 0.96
 """Of a stream of version 3 per splat and frame at QP 24: measured on the sample capture, groups of 15 frames."""
@@ -98,15 +100,13 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     reading = measured.view * cameras * frames / work.threads
     opening = measured.camera * (cameras + work.held_out_cameras) / work.threads
     hull = measured.hull_fixed * cameras / min(cameras, 12) + measured.hull_square * work.resolution**2
-    hulls = math.ceil(len(work.groups) / work.at_once) * hull
+    hulls = len(work.groups) * hull
     return Estimate(
         (
             StageEstimate(
                 "initialize",
                 hulls + opening + measured.view * cameras * len(work.groups) / work.threads,
-                measured.memory
-                + min(work.at_once, len(work.groups))
-                * (BYTES_A_MASK_PIXEL * work.pixels + BYTES_A_VOXEL * work.resolution**3),
+                measured.memory + _BYTES_A_MASK_PIXEL * work.pixels + _BYTES_A_VOXEL * work.resolution**3,
                 len(work.groups) * (work.points * 27 + 100_000 * 19),
             ),
             StageEstimate(

@@ -29,14 +29,16 @@ from studio.progress import ProgressFn, no_progress
 if TYPE_CHECKING:
     from studio.capture import FootageView
     from studio.gaussians import Gaussians
+    from studio.meshing import InitResult
     from studio.training import TrainingView, TrainSettings
 
 SECONDS = 12.0
 """Of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning."""
 _CAMERAS = 12
 """Most cameras that are read; more would take minutes for large rigs."""
-_RESOLUTIONS = (96, 144)
-"""Of the hulls that are made; a hull's time is a constant plus one that grows with the square of its resolution."""
+_RESOLUTIONS = (32, 96, 144)
+"""Of the hulls that are made; the first only loads the libraries. A hull's time is a constant plus one that grows with
+the square of its resolution, as the number of its triangles does."""
 _UNSTEADY = 0.25
 """The first part of the steps of each kind, which is not measured."""
 
@@ -110,20 +112,22 @@ def rehearse(context: Context, work: Work, progress: ProgressFn = no_progress) -
         StudioError: the footage cannot be read, or the masks do not fit together.
         Cancelled: raised by `progress`.
     """
-    found, parts = Measured(), 5 + work.at_once
-    started, processor = time.perf_counter(), time.process_time()
+    found, parts = Measured(), 4 + work.at_once
     progress(0, parts)
     views, training = _read(context, work, found)
     progress(1, parts)
+    points = _hulls(context, views, found)
+    progress(2, parts)
     results: list[_Training] = []
+    started, processor = time.perf_counter(), time.process_time()
     lock, stop = threading.Lock(), Cancellation()
 
     def train(index: int) -> None:
-        one = _Training(context, work, views, training, stop)
+        one = _Training(context, work, points, training, stop)
         one.run()
         with lock:
             results.append(one)
-            progress(1 + len(results), parts)
+            progress(2 + len(results), parts)
 
     run_groups(
         {index: partial(train, index) for index in range(work.at_once)},
@@ -131,14 +135,14 @@ def rehearse(context: Context, work: Work, progress: ProgressFn = no_progress) -
         [work.threads_per_group] * work.at_once,
         stop,
     )
-    for name in ("hull_fixed", "hull_square", "keyframe_step", "motion_step", "finetune_step", "frame"):
+    for name in ("keyframe_step", "motion_step", "finetune_step", "frame"):
         setattr(found, name, fmean(getattr(one.found, name) for one in results))
     spent = time.process_time() - processor
     found.processor = min(1.0, spent / ((time.perf_counter() - started) * work.at_once * work.threads_per_group))
     splats = results[0].splats
-    progress(1 + work.at_once, parts)
-    found.evaluated_view = _evaluate(context, views[0], splats)
     progress(2 + work.at_once, parts)
+    found.evaluated_view = _evaluate(context, views[0], splats)
+    progress(3 + work.at_once, parts)
     found.baked_frame = _bake(context, splats)
     found.memory = psutil.Process().memory_info().rss
     progress(parts, parts)
@@ -173,57 +177,57 @@ def _read(context: Context, work: Work, found: Measured) -> tuple[list[FootageVi
     return views, training
 
 
+def _hulls(context: Context, views: list[FootageView], found: Measured) -> InitResult:
+    """Initial points, on a coarse hull."""
+    from studio.meshing import initialize_points
+
+    settings, seconds = context.config.initialize, []
+    for resolution in _RESOLUTIONS:
+        faces = max(4, round(settings.max_faces * (resolution / settings.resolution) ** 2))
+        coarse = settings.replace(resolution=resolution, max_faces=faces)
+        begun = time.perf_counter()
+        made = initialize_points(views, coarse, progress=lambda done, total, **_: context.cancellation.check())
+        seconds.append(time.perf_counter() - begun)
+    _, low, high = _RESOLUTIONS
+    found.hull_square = max(0.0, seconds[2] - seconds[1]) / (high**2 - low**2)
+    found.hull_fixed = max(0.0, seconds[1] - found.hull_square * low**2)
+    return made
+
+
 class _Training:
-    """The rehearsal of one group: two coarse hulls, and steps of each kind."""
+    """The rehearsal of one group: steps of each kind."""
 
     def __init__(
-        self,
-        context: Context,
-        work: Work,
-        views: list[FootageView],
-        training: list[TrainingView],
-        stop: Cancellation,
+        self, context: Context, work: Work, points: InitResult, training: list[TrainingView], stop: Cancellation
     ) -> None:
-        self._context, self._work, self._views, self._training, self._stop = context, work, views, training, stop
+        self._context, self._work, self._points, self._training, self._stop = context, work, points, training, stop
         self.found = Measured()
         self.splats: Gaussians
 
     def run(self) -> None:
         """Measure."""
-        points, colors = self._hulls()
-        self._keyframe(points, colors)
+        self._keyframe()
         self._later_frame()
 
     def _check(self) -> None:
         self._stop.check()
         self._context.cancellation.check()
 
-    def _hulls(self) -> tuple[Any, Any]:
-        import torch
-
-        from studio.meshing import initialize_points
-
-        seconds = []
-        for resolution in _RESOLUTIONS:
-            settings = self._context.config.initialize.replace(resolution=resolution)
-            begun = time.perf_counter()
-            made = initialize_points(self._views, settings, progress=lambda done, total, **_: self._check())
-            seconds.append(time.perf_counter() - begun)
-        low, high = _RESOLUTIONS
-        self.found.hull_square = max(0.0, seconds[1] - seconds[0]) / (high**2 - low**2)
-        self.found.hull_fixed = max(0.0, seconds[0] - self.found.hull_square * low**2)
-        keep = self._work.splats_before_pruning
-        device = self._context.device
-        return torch.from_numpy(made.points[:keep]).to(device), torch.from_numpy(made.colors[:keep]).to(device)
-
     def _settings(self, **changes: Any) -> TrainSettings:
         settings = self._context.config.train
         changes = {"densify_from": settings.keyframe_iterations, "motion_first_iterations": None, **changes}
         return settings.replace(**changes)
 
-    def _keyframe(self, points: Any, colors: Any) -> None:
+    def _keyframe(self) -> None:
+        import torch
+
         from studio.training import train_keyframe
 
+        keep_points = self._work.splats_before_pruning
+        points, colors = (
+            torch.from_numpy(array[:keep_points]).to(self._context.device)
+            for array in (self._points.points, self._points.colors)
+        )
         latest: list[Gaussians] = []
         steps = _Steps(SECONDS / 2, self._check)
         settings = self._settings()

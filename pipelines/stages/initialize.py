@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import psutil
 
-from pipelines.events.cancellation import Cancellation
 from pipelines.stages import grouping
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.group_scheduler import run_groups, threads_by_group
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.stages.summaries import InitializeSummary
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
@@ -24,11 +19,6 @@ from pipelines.takes.point_files import write_mesh, write_points
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import InitialPointsReport
 from studio.errors import Message
-from studio.json_types import JsonData
-from studio.progress import ProgressFn
-
-BYTES_A_MASK_PIXEL, BYTES_A_VOXEL = 6, 64
-"""Memory of a visual hull, by the pixels of all masks and the voxels of its grid."""
 
 if TYPE_CHECKING:
     from studio.capture import Footage, FootageView
@@ -87,33 +77,21 @@ class InitializeStage:
         grouping.find_groups(context.footage, reporter.part("finding groups", 0.0, first))
         groups = context.groups
         todo = [group for group in groups if not self.group_done(context, group)]
-        if context.executor is None:
-            self._make_here(context, todo, reporter, first)
-        elif todo:
+        if context.executor is not None and todo:
             context.executor.run(self, context, todo, reporter)
-        reports = [
-            read_model(context.take.initialize_group(group.index) / "report.json", InitialPointsReport)
-            for group in groups
-        ]
+        counts = []
+        for position, group in enumerate(groups):
+            start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
+            if group in todo and context.executor is None:
+                with context.take.group_locked(self.name, group.index, context.cancellation.check):
+                    if not self.group_done(context, group):
+                        self._make(context, group, reporter, start, stop, f"group {group.index}")
+            report = read_model(context.take.initialize_group(group.index) / "report.json", InitialPointsReport)
+            counts.append(report.faces)
         self._drop_leftovers(context, groups)
         return InitializeSummary(
-            groups=len(groups),
-            points_per_group=context.config.initialize.points,
-            faces=tuple(report.faces for report in reports),
+            groups=len(groups), points_per_group=context.config.initialize.points, faces=tuple(counts)
         )
-
-    def _make_here(self, context: Context, todo: Sequence[Group], reporter: StageReporter, start: float) -> None:
-        """Make groups in this process, several at once; `start`: progress of the stage when it begins."""
-        progress, count = _SharedProgress(reporter, start, len(todo)), len(context.groups)
-
-        def make(group: Group) -> None:
-            with context.take.group_locked(self.name, group.index, progress.check):
-                if not self.group_done(context, group):
-                    self._make(context, group, reporter, progress)
-
-        at_once = min(count, context.threads, _fitting_memory(context))
-        jobs = {group.index: partial(make, group) for group in todo}
-        run_groups(jobs, at_once, threads_by_group(count, at_once, context.threads), progress.stop)
 
     def group_key(self, context: Context, group: Group) -> str:
         """See `GroupStage`."""
@@ -122,7 +100,7 @@ class InitializeStage:
 
     def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
         """See `GroupStage`."""
-        self._make(context, group, reporter, _SharedProgress(reporter, 0.0, 1))
+        self._make(context, group, reporter, 0.0, 1.0, f"group {group.index}")
 
     def group_done(self, context: Context, group: Group) -> bool:
         """The report has the current key, and the files have the digests in it."""
@@ -136,14 +114,16 @@ class InitializeStage:
             (folder / name).is_file() and digest_of_file(folder / name) == value for name, value in report.files.items()
         )
 
-    def _make(self, context: Context, group: Group, reporter: StageReporter, progress: _SharedProgress) -> None:
+    def _make(
+        self, context: Context, group: Group, reporter: StageReporter, start: float, stop: float, label: str
+    ) -> None:
         from studio.meshing import initialize_points
 
         found = initialize_points(
             TrainingViews(context.footage.calibrated, group.keyframe),
             context.config.initialize,
             seed=derived_seed(context.config.run.seed, self.name, group.index),
-            progress=progress.of(group.index),
+            progress=reporter.part(f"{label}: visual hull", start, stop),
         )
         for warning in found.warnings:
             reporter.warn(_in_group(warning, group.index))
@@ -172,50 +152,6 @@ class InitializeStage:
         for folder in context.take.folder("initialize").glob("group_*"):
             if folder not in wanted:
                 remove(folder)
-
-
-class _SharedProgress:
-    """The progress of groups that are made in parallel.
-
-    Args:
-        reporter: of the stage.
-        start: fraction of the stage at which they begin.
-        groups: their number.
-
-    Attributes:
-        stop: set it to cancel all; they raise Cancelled.
-    """
-
-    def __init__(self, reporter: StageReporter, start: float, groups: int) -> None:
-        self.stop = Cancellation()
-        self._reporter, self._start, self._groups = reporter, start, groups
-        self._lock = threading.Lock()
-        self._done: dict[int, float] = {}
-
-    def check(self) -> None:
-        """Raise Cancelled if the run was cancelled or another group failed."""
-        self.stop.check()
-        self._reporter.context.cancellation.check()
-
-    def of(self, group: int) -> ProgressFn:
-        """The progress callback of one group."""
-
-        def report(done: int, total: int, **figures: JsonData) -> None:
-            self.stop.check()
-            with self._lock:
-                self._done[group] = done / total if total else 0.0
-                fraction = self._start + (1 - self._start) * sum(self._done.values()) / self._groups
-            self._reporter.progress(fraction, f"group {group}: visual hull", **figures)
-
-        return report
-
-
-def _fitting_memory(context: Context) -> int:
-    """Number of groups whose masks and fields fit into half of the memory, at least 1."""
-    footage = context.footage.calibrated
-    pixels = sum(footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras)
-    each = BYTES_A_MASK_PIXEL * pixels + BYTES_A_VOXEL * context.config.initialize.resolution**3
-    return max(1, int(psutil.virtual_memory().total // 2 // each))
 
 
 def _in_group(warning: Message | str, group: int) -> Message:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from studio.atomic_files import atomic_path
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.meshing.hull import Hull
+
+_FILTERS = threading.Lock()
 
 
 def open3d() -> Any:
@@ -182,21 +185,25 @@ def _large_components(mesh: Mesh, min_component: float) -> Mesh:
 
 
 def _refined(mesh: Mesh, taubin: int, max_faces: int) -> Mesh:
-    """The mesh, smoothed, decimated to `max_faces` and made manifold with PyMeshLab's filters."""
+    """The mesh, smoothed, decimated to `max_faces` and made manifold with PyMeshLab's filters.
+
+    One thread at a time: the filters share state, and two at once damaged the heap.
+    """
     import pymeshlab
 
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
-    if taubin:
-        meshes.apply_coord_taubin_smoothing(stepsmoothnum=taubin)
-    if len(mesh.faces) > max_faces:
-        meshes.meshing_decimation_quadric_edge_collapse(
-            targetfacenum=max_faces, preservenormal=True, preservetopology=True
-        )
-    meshes.meshing_repair_non_manifold_edges()
-    meshes.meshing_remove_unreferenced_vertices()
-    refined = meshes.current_mesh()
-    return Mesh(refined.vertex_matrix(), refined.face_matrix().astype(np.int32))
+    with _FILTERS:
+        meshes = pymeshlab.MeshSet()
+        meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
+        if taubin:
+            meshes.apply_coord_taubin_smoothing(stepsmoothnum=taubin)
+        if len(mesh.faces) > max_faces:
+            meshes.meshing_decimation_quadric_edge_collapse(
+                targetfacenum=max_faces, preservenormal=True, preservetopology=True
+            )
+        meshes.meshing_repair_non_manifold_edges()
+        meshes.meshing_remove_unreferenced_vertices()
+        refined = meshes.current_mesh()
+        return Mesh(refined.vertex_matrix(), refined.face_matrix().astype(np.int32))
 
 
 class MeshViews:

@@ -69,7 +69,7 @@ def test_each_kind_of_step_is_paid_for() -> None:
 
 def test_a_hull_at_another_resolution() -> None:
     stage = estimate(WORK, Measured(hull_fixed=1.0, hull_square=1e-4), None).stages[0]
-    assert stage.seconds == pytest.approx(2 * (1.0 + 1.0))  # two rounds of groups
+    assert stage.seconds == pytest.approx(3 * (1.0 + 1.0))
 
 
 def test_sizes() -> None:
@@ -81,7 +81,7 @@ def test_sizes() -> None:
 
 def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(rehearsal, "SECONDS", 0.2)
-    monkeypatch.setattr(rehearsal, "_RESOLUTIONS", (16, 24))
+    monkeypatch.setattr(rehearsal, "_RESOLUTIONS", (12, 16, 24))
     before = sorted(project.rglob("*"))
     assert cli.execute(["estimate", str(project / "ball.yaml"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
