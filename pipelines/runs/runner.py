@@ -27,6 +27,7 @@ from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, writ
 from pipelines.runs.work import limit_threads
 from pipelines.stages import STAGES, stage_named
 from pipelines.stages.base import Context, Stage, StageReporter
+from pipelines.stages.time_left import Countdown
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.migration import migrate
@@ -147,6 +148,7 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
     limit_threads(context.threads)
     weights = {name: stage_named(name).weight for name in todo}
     reporter: StageReporter | None = None
+    countdown, earlier = Countdown(), 0.0
     for position, name in enumerate(todo):
         stage = stage_named(name)
         # earlier stages have run: if their results did not change, this one may be up to date after all
@@ -155,8 +157,10 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
             continue
         reached = reporter.total_fraction if reporter else 0.0
         later = sum(weights[after] for after in todo[position + 1 :])
-        reporter = StageReporter(name, context, weights[name], later, context.clock() - run_started, reached)
+        before = context.clock() - run_started
+        reporter = StageReporter(name, context, weights[name], later, before, reached, earlier, countdown)
         _run_stage(stage, context, reporter, "forced" if force and now.state == DONE else now.reason, force)
+        earlier += weights[name]
     if "evaluate" in names and "evaluate" not in todo:
         _update_marks(context)
 

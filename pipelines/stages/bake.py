@@ -22,6 +22,7 @@ from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
+from studio.atomic_files import exchange
 from studio.capture.digest import digest_files
 from studio.errors import Message
 
@@ -145,6 +146,7 @@ class BakeStage:
         return BakeSummary(
             groups=len(groups),
             frames=manifest.frame_count,
+            renditions=max(1, len(settings.ladder)),
             bytes=total,
             bytes_per_frame=round(manifest.bytes_per_frame),
         )
@@ -379,11 +381,15 @@ class BakeStage:
         return StreamMetadata(camera, context.config.capture.background, (x, y, z))
 
     def _put_in_place(self, context: Context, new: Path) -> None:
-        """Swap folders. If killed between the renames, the complete new stream is still in the work folder."""
+        """Swap folders, in one step where the system can. If killed between the two renames that it takes elsewhere,
+        the complete new stream is still in the work folder."""
         stream = context.take.stream
         old = context.take.work(self.name) / "old"
         remove(old)
         if stream.exists():
+            if exchange(new, stream):
+                remove(new)
+                return
             os.rename(stream, old)
         os.rename(new, stream)
         remove(old)

@@ -18,6 +18,7 @@ from pipelines.stages.device import choose_device
 from pipelines.stages.footage import TakeFootage
 from pipelines.stages.grouping import groups_of
 from pipelines.stages.params import Params
+from pipelines.stages.time_left import Countdown
 from pipelines.takes.atomic_files import Result
 from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
@@ -100,6 +101,8 @@ class StageReporter:
         own, later: expected weight of this stage and of all later ones in the run.
         before: seconds that the run took before this stage.
         total_fraction: progress of the run, 0 to 1; never decreases.
+        earlier: expected weight of the stages that took `before`.
+        run: time left of the run, handed from stage to stage.
     """
 
     stage: str
@@ -108,11 +111,14 @@ class StageReporter:
     later: float = 0.0
     before: float = 0.0
     total_fraction: float = 0.0
+    earlier: float = 0.0
+    run: Countdown = field(default_factory=Countdown)
 
     def __post_init__(self) -> None:
         self._began = self._clock = self.context.clock()
         self._last = -_LEAST_PAUSE
         self._fraction = 0.0
+        self._left = Countdown()
         self._lock = threading.Lock()
 
     def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:
@@ -131,18 +137,23 @@ class StageReporter:
             self._progress(fraction, label, figures)
 
     def _progress(self, fraction: float, label: str, figures: Mapping[str, JsonData]) -> None:
+        now = self.context.clock()
+        raw = _seconds_left(now - self._clock, fraction)
         # estimates of the time left may grow, but progress never decreases
         fraction = self._fraction = max(self._fraction, fraction)
-        now = self.context.clock()
         if now - self._last < _LEAST_PAUSE and fraction < 1:
             return
         self._last = now
-        left = _seconds_left(now - self._clock, fraction)
-        total_left = None
-        if left is not None:
-            total_left = left + (now - self._clock) / fraction * self.later / self.own
+        left = total_left = None
+        if raw is None:
+            total_left = self.run.at(now)
+        else:
+            left = self._left.estimate(now, raw) if fraction < 1 else 0.0
             spent = self.before + now - self._began
-            self.total_fraction = max(self.total_fraction, min(1.0, spent / (spent + total_left)))
+            # seconds per weight, of all stages so far and this one
+            pace = (spent + raw) / (self.earlier + self.own)
+            total_left = self.run.estimate(now, raw + self.later * pace) if fraction < 1 or self.later else 0.0
+            self.total_fraction = max(self.total_fraction, min(1.0, spent / max(spent + total_left, 1e-9)))
         self.context.emit(
             Progress(
                 stage=self.stage,
