@@ -183,7 +183,7 @@ def _hulls(context: Context, views: list[FootageView], found: Measured) -> InitR
 
     settings, seconds = context.config.initialize, []
     for resolution in _RESOLUTIONS:
-        faces = max(4, round(settings.max_faces * (resolution / settings.resolution) ** 2))
+        faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))
         coarse = settings.replace(resolution=resolution, max_faces=faces)
         begun = time.perf_counter()
         made = initialize_points(views, coarse, progress=lambda done, total, **_: context.cancellation.check())

@@ -81,7 +81,7 @@ def test_sizes() -> None:
 
 def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(rehearsal, "SECONDS", 0.2)
-    monkeypatch.setattr(rehearsal, "_RESOLUTIONS", (12, 16, 24))
+    monkeypatch.setattr(rehearsal, "_RESOLUTIONS", (16, 20, 28))
     before = sorted(project.rglob("*"))
     assert cli.execute(["estimate", str(project / "ball.yaml"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
