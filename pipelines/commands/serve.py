@@ -29,7 +29,7 @@ _SECRET_BYTES = 16  # of the random part of secret links
 
 HTTP_NOTE = (
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
-    "--https gives them WebCodecs, checksums, the clipboard and gamepads."
+    "--https gives them WebCodecs, checksums and gamepads."
 )
 """What https would bring, where it is not used."""
 
