@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 
-from studio.environment import keep_freed_memory, passive_openmp
+from studio.environment import passive_openmp
 from studio.errors import StudioError
 
 MOST_FAILURES = 5
@@ -22,7 +22,6 @@ MOST_FAILURES = 5
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. Returns the exit status: 0, 1 if the window failed, or 2 if it cannot be opened."""
     passive_openmp()
-    keep_freed_memory()
     parser = argparse.ArgumentParser(
         prog="v3studio-gui",
         description="From footage to a reviewed Gaussian video: run the stages of a take, play and compare.",

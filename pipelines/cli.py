@@ -67,7 +67,6 @@ def main() -> int:
     Only the command's own output goes to stdout; that of native libraries, here or in child processes, goes to stderr.
     """
     passive_openmp()
-    keep_freed_memory()
     claim_stdout()
     code = execute(sys.argv[1:])
     if "--json" in sys.argv:
@@ -418,6 +417,7 @@ def _overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    keep_freed_memory()
     from pipelines.config import load_config
     from pipelines.takes.atomic_files import disk_errors
     from pipelines.takes.take import Take

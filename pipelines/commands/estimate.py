@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from studio.environment import keep_freed_memory
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def register(commands: Any) -> None:
 
 
 def _estimate(arguments: argparse.Namespace) -> int:
+    keep_freed_memory()  # as a run does
     import json
 
     from pipelines.commands.working import working
