@@ -128,5 +128,8 @@ def _print(found: Estimate, threads: int, now: float | None) -> None:
 
 
 def _size(count: int) -> str:
-    """Bytes as "12 MB" or "1.4 GB" (decimal)."""
-    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
+    """Bytes as "450 kB", "12 MB" or "1.4 GB" (decimal)."""
+    for unit, name in ((1e9, "GB"), (1e6, "MB")):
+        if count >= unit:
+            return f"{count / unit:.1f} {name}" if count < 10 * unit else f"{count / unit:.0f} {name}"
+    return f"{count / 1e3:.0f} kB"
