@@ -36,7 +36,7 @@ STAGE_HELP = {
     "evaluate": "measure the quality on held-out cameras and write the report",
 }
 GROUPS = {
-    "Make a stream from footage": ("estimate", "run", "status", "attach", "config"),
+    "Make a stream from footage": ("estimate", "run", "status", "attach", "queue", "config"),
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
@@ -144,6 +144,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
         import_splats,
         play,
         publish,
+        queue,
         serve,
         share,
         work,
@@ -192,6 +193,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
 
     estimate.register(commands)
     attach.register(commands)
+    queue.register(commands)
     work.register(commands)
     check.register(commands)
     play.register(commands)
