@@ -88,6 +88,7 @@ PIPELINES = (
     "commands",
     "ablation",
     "estimate",
+    "batch",
     "share",
     "review",
     "runs",
