@@ -91,6 +91,7 @@ PIPELINES = (
     "batch",
     "share",
     "review",
+    "batch",
     "runs",
     "stages",
     "reports",
