@@ -88,7 +88,6 @@ PIPELINES = (
     "commands",
     "ablation",
     "estimate",
-    "batch",
     "share",
     "review",
     "batch",
