@@ -35,7 +35,10 @@ def training_views(
         reading(number, len(footage.train_cameras))
         view = footage.view(camera, frame)
         if (view.matte > 127).any():
-            views.append(TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates))
+            chroma = None if settings.chroma_siting == "none" else footage.chroma(camera)
+            views.append(
+                TrainingView.from_view(view, context.device, settings.crop_margin, settings.use_plates, chroma)
+            )
         else:
             reporter.warn(
                 Message(
