@@ -8,10 +8,11 @@ PY := .venv/bin/python
 DEMO_TAKE ?= demo-take
 PYTEST_ARGS ?=
 FRESH_ARGS ?=
+MUTATION_ARGS ?=
 WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/package-lock.json
 INSTALL = python=$$(bash scripts/find_python.sh) && "$$python" scripts/install.py
 
-.PHONY: help setup setup-tests system system-tests demo examples gui web web-lint web-test test fresh-test tsan lint format lock wheel clean
+.PHONY: help setup setup-tests system system-tests demo examples gui web web-lint web-test test fresh-test mutation tsan lint format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -41,6 +42,9 @@ test: setup-tests web web-test ## install missing requirements and run all tests
 
 fresh-test: ## set up and run in a newly created minimal Debian (root only; FRESH_SUITE=trixie: another release)
 	@"$$(bash scripts/find_python.sh)" scripts/fresh_test.py $(FRESH_ARGS)
+
+mutation: setup-tests ## change the code at random places and count the changes that no test notices (MUTATION_ARGS=...)
+	@OMP_NUM_THREADS=1 $(PY) scripts/mutation.py $(MUTATION_ARGS)
 
 tsan: system ## check the C++ kernels for data races (ThreadSanitizer)
 	@$(INSTALL) --dev

@@ -4,8 +4,8 @@
 
 The mutations are those of `hostile_streams.py`, which plays them in a browser, and others of the sound file if the
 stream has one: sizes and checksums fit, as a malicious writer would make them. Prints what happened, the slowest
-mutation and the largest memory of the process; exit code 1 if anything but a StudioError was raised. Mutation N is
-always the same.
+mutation and the largest memory of the process; exit code 1 if anything but a StudioError was raised, or if a frame has
+a number that is not finite. Mutation N is always the same.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from pathlib import Path
 from hostile_streams import MANIFEST, Files, _changed_bytes, mutate, read_stream, signed
 
 from studio.errors import StudioError
+from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 
 SOUND_SHARE = 8
@@ -59,6 +60,14 @@ def mutated_sound(files: Files, number: int) -> Files:
     return {**changed, MANIFEST: signed(values, changed)}
 
 
+def check_drawable(splats: Gaussians) -> None:
+    """Raises ValueError unless all that a renderer derives from the splats is finite."""
+    scales = splats.log_scales.exp()
+    for name, values in (*splats.items(), ("scales", scales), ("covariances", scales.square())):
+        if not bool(values.isfinite().all()):
+            raise ValueError(f"{name} are not finite")
+
+
 def read_all(files: Files) -> str:
     """Decode the first frame of each group, its last one, and the sound; "read" or "refused CODE"."""
     outcome = "read"
@@ -66,7 +75,7 @@ def read_all(files: Files) -> str:
         with StreamReader.open(Memory(files), threads=1) as reader:
             for group in reader.manifest.groups[:20]:
                 for frame in (group.first_frame, group.first_frame + min(group.frame_count, 50) - 1):
-                    reader.gaussians(frame)
+                    check_drawable(reader.gaussians(frame))
             with contextlib.ExitStack() as stack:
                 sound = reader.sound()
                 if sound is not None:

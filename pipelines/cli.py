@@ -35,6 +35,7 @@ GROUPS = {
     "Stages": tuple(STAGE_HELP),
     "Prepare a capture": ("board", "sync"),
     "Use streams and takes": ("play", "serve", "share", "publish", "export", "import"),
+    "Use other machines": ("work",),
     "Keep takes": ("check",),
     "Research": ("ablate",),
 }
@@ -129,7 +130,7 @@ def _json_output() -> Iterator[TextIO]:
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import ablate, check, export, import_splats, play, publish, serve, share
+    from pipelines.commands import ablate, check, export, import_splats, play, publish, serve, share, work
     from pipelines.version import program_version
 
     parser = _Parser(
@@ -170,6 +171,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     status.add_argument("--json", action="store_true", help="print JSON")
     status.set_defaults(command=_status)
 
+    work.register(commands)
     check.register(commands)
     play.register(commands)
     serve.register(commands)

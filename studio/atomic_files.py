@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import json
 import os
 import re
@@ -13,6 +15,9 @@ from typing import Any
 
 PARTIAL = ".partial"
 """Part of every temporary name. Remaining files with this name are leftovers of killed processes and may be deleted."""
+
+_HERE = -100  # AT_FDCWD: relative paths are from the working folder
+_EXCHANGE = 2  # RENAME_EXCHANGE
 
 
 @contextmanager
@@ -77,6 +82,26 @@ def _running(pid: int) -> bool:
     except (PermissionError, OverflowError):
         return True
     return True
+
+
+def exchange(first: Path, second: Path) -> bool:
+    """Swap two files or folders of one file system in a single step: others see either state, never neither.
+
+    Returns:
+        False, with nothing changed, where the system cannot (renameat2 is Linux's; some network file systems lack it).
+
+    Raises:
+        OSError: one does not exist, or may not be renamed.
+    """
+    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if renameat2 is None:
+        return False
+    if renameat2(_HERE, os.fsencode(first), _HERE, os.fsencode(second), _EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+        return False
+    raise OSError(number, os.strerror(number), str(first), None, str(second))
 
 
 def write_bytes(path: Path, data: bytes) -> None:

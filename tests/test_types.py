@@ -21,8 +21,10 @@ READERS_AND_WRITERS = {
     "pipelines/takes/records.py",
     "studio/bounded_text.py",  # any TOML
     "studio/calibration/manual/file.py",
+    "studio/camera_files/annots_npy.py",
     "studio/camera_files/common.py",
     "studio/camera_files/rig_json.py",
+    "studio/camera_files/thuman.py",
     "studio/camera_files/toml_rigs.py",
     "studio/camera_files/transforms_json.py",
     "studio/cameras.py",  # a camera of rig.json

@@ -18,11 +18,11 @@ SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
 
 VOLUMES = {"sound off": 0.0, "sound 25%": 0.25, "sound 50%": 0.5, "sound 100%": 1.0}
 SOUND = "Volume of the stream's sound (V: off or on). It plays at speed 1x only."
-NO_SOUND = "What is open has no sound"
 
 
 class ControlsPanel:
-    """Buttons: start, back, play, forward, end; loop, speed, sound, capture camera, background, reset.
+    """Buttons: start, back, play, forward, end; loop, speed, sound, capture camera, background, reset. Sound and
+    cameras are shown if what is open has them.
 
     Args:
         player: what the buttons act on.
@@ -67,6 +67,8 @@ class ControlsPanel:
         self._camera.set_on_selection_changed(lambda name, _: self._did(lambda: self._look_through(name)))
         self._add("camera", self._camera, right=True)
         self._cameras: list[str] = []
+        for widget in (self._volume, self._camera):
+            widget.visible = False  # until there is something to choose
         self._button("Background", "Next background: dark, black, white (B)", player.next_background)
         self._button("Reset view", "Reset the view (R)", reset)
 
@@ -104,7 +106,7 @@ class ControlsPanel:
 
     def _update_volume(self) -> bool:
         audio = self._player.audio
-        tooltip = NO_SOUND if audio is None else audio.message or SOUND
+        tooltip = SOUND if audio is None else audio.message or SOUND
         volume = 0.0 if audio is None else audio.volume
         name = min(VOLUMES, key=lambda one: abs(VOLUMES[one] - volume))
         changed = self._volume.selected_text != name or self._volume.tooltip != tooltip
@@ -140,9 +142,13 @@ class ControlsPanel:
             changed = True
         enabled = self._player.opened is not None
         changed |= self._update_volume()
+        # what cannot be used takes no room: in a narrow window it would cost a line
+        for widget, there in ((self._volume, self._player.audio is not None), (self._camera, bool(names))):
+            if widget.visible != there:
+                widget.visible = there
+                changed = layout = True
         for widget in self.buttons.values():
-            usable = enabled and (widget is not self._volume or self._player.audio is not None)
-            if widget.enabled != usable:
-                widget.enabled = usable
+            if widget.enabled != enabled:
+                widget.enabled = enabled
                 changed = True
         return changed, layout

@@ -6,7 +6,7 @@ from open3d.visualization import gui
 
 
 class Flow:
-    """See the module. Open3D's rows clip what does not fit.
+    """See the module. Open3D's rows clip what does not fit. Hidden widgets take no room.
 
     Args:
         gap: pixels between widgets, and between lines.
@@ -45,7 +45,7 @@ class Flow:
         self.widget.frame = gui.Rect(int(x), int(y), int(width), int(room))
         for number, line in enumerate(lines):
             top = y + number * (self._line + self._gap)
-            spare = width - (line[-1][1] + line[-1][2])
+            spare = width - (line[-1][1] + line[-1][2]) if line else 0.0
             for widget, left, wide, right in line:
                 shift = spare if right and not number else 0.0
                 widget.frame = gui.Rect(int(x + left + shift), int(top), int(wide), int(self._line))
@@ -55,6 +55,8 @@ class Flow:
         lines: list[list[tuple[gui.Widget, float, float, bool]]] = [[]]
         x, right = 0.0, False
         for widget, before, at_right in self._items:
+            if not widget.visible:
+                continue
             right |= at_right
             wide = min(widget.calc_preferred_size(context, gui.Widget.Constraints()).width, width)
             left = x + (before if lines[-1] else 0.0)

@@ -1,12 +1,15 @@
-"""`v3studio check`: finds files of a take that were damaged on disk."""
+"""`v3studio check`: finds damaged files of a take or a stream."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from studio.errors import StudioError
 from studio.progress import ProgressFn
 
 
@@ -14,24 +17,38 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     command = commands.add_parser(
         "check",
-        help="find files of a take that were damaged on disk",
-        description="Read all results of a take and compare them with the checksums that were recorded when they were "
-        "written. Exit code 1 if a file is damaged, changed or missing.",
+        help="find damaged files of a take or a stream",
+        description="Read all results of a take, or all files of a stream, and compare them with the checksums that "
+        "were recorded when they were written. Exit code 1 if a file is damaged, changed or missing.",
         allow_abbrev=False,
     )
-    command.add_argument("take", type=Path, metavar="DIR", help="folder of the take")
-    command.add_argument("--remove", action="store_true", help="delete damaged files, so that the next run makes them")
+    command.add_argument(
+        "place", metavar="PLACE", help="folder of a take or a stream, a .v3s file, or the URL of a stream"
+    )
+    command.add_argument(
+        "--remove", action="store_true", help="delete damaged files of a take, so that the next run makes them"
+    )
     command.add_argument("--json", action="store_true", help="print JSON")
     command.set_defaults(command=_check)
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    place = Path(arguments.place).expanduser()
+    if place.name == "take.json" and place.is_file():
+        place = place.parent
+    # an address is a stream, and so is a folder with a manifest; of other folders, `Take.open` says what they lack
+    if "://" not in arguments.place and place.is_dir() and not (place / "manifest.json").is_file():
+        return _check_take(arguments, place)
+    return _check_stream(arguments)
+
+
+def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
     from pipelines.commands.working import working
     from pipelines.runs.runner import ALL_STAGES
     from pipelines.takes.integrity import check_take
     from pipelines.takes.take import Take
 
-    take = Take.open(arguments.take)
+    take = Take.open(folder)
     report: ProgressFn
     with working("check", None) as report:
         found = check_take(take, ALL_STAGES, report)
@@ -52,7 +69,35 @@ def _check(arguments: argparse.Namespace) -> int:
     if found.unchecked:
         print(f"not finished, so only partly checked: {', '.join(found.unchecked)}")
     if found.damage:
-        name = shlex.quote(str(arguments.take))
+        name = shlex.quote(str(folder))
         first = "" if arguments.remove else f"v3studio check {name} --remove && "
         print(f"To make them again: {first}v3studio run {name}")
+    return 1 if found.damage else 0
+
+
+def _check_stream(arguments: argparse.Namespace) -> int:
+    from pipelines.commands.working import working
+    from pipelines.takes.locate_stream import stream_place
+    from studio.stream import StreamReader, check_stream
+
+    if arguments.remove:
+        raise StudioError(
+            "command.invalid_option",
+            "--remove is for takes, whose files can be made again; this is a stream",
+            value=arguments.place,
+            fix="Leave it out, or name the folder of the take.",
+            option="--remove",
+        )
+    with working("check", None) as report, StreamReader.open(stream_place(arguments.place)) as reader:
+        found = check_stream(reader, report)
+    if arguments.json:
+        print(json.dumps(asdict(found), indent=1), file=arguments.output)
+        return 1 if found.damage else 0
+    for damage in found.damage:
+        numbers = ", ".join(map(str, damage.groups))
+        where = f" (group{'s' * (len(damage.groups) > 1)} {numbers})" if numbers else ""
+        print(f"{damage.file}{where}: {damage.problem}")
+    print(f"{found.files} files checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
+    if found.damage:
+        print("To repair it: copy the stream again, or bake it again (v3studio bake TAKE --force).")
     return 1 if found.damage else 0

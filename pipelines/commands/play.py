@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -22,11 +23,12 @@ def register(commands: Any) -> None:
         "play",
         help="decode a stream and measure the time and size of each frame",
         description="Decode a stream from a folder or a web server and measure the time and size of each frame. "
-        "Damaged groups are skipped and reported, with exit code 1.",
+        "Damaged groups are skipped and reported, with exit code 1. To watch a stream, use v3studio-gui or `v3studio "
+        "serve`.",
         allow_abbrev=False,
     )
     play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
-    play.add_argument("--headless", action="store_true", help="play without a window (required)")
+    play.add_argument("--headless", action="store_true", help="no effect: this command never opens a window")
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
     play.add_argument("--draw", action="store_true", help="also render each frame from the stream's suggested camera")
     play.add_argument("--frames", type=int, metavar="N", help="stop after N frames")
@@ -35,13 +37,6 @@ def register(commands: Any) -> None:
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    if not arguments.headless:
-        raise StudioError(
-            "command.no_window",
-            "this command has no window",
-            fix="Add --headless, or use v3studio-gui.",
-            option="--headless",
-        )
     from pipelines.reports.tables import print_playback
     from pipelines.takes.locate_stream import stream_place
     from studio.playback import play_headless
@@ -56,6 +51,7 @@ def _play(arguments: argparse.Namespace) -> int:
         print(json.dumps(report.to_dict(), indent=1), file=arguments.output)
     else:
         print_playback(report)
+        print(f"To watch it: v3studio-gui {shlex.quote(arguments.stream)}")
     for group in report.skipped:
         print(f"warning: {group}", file=sys.stderr)
     return 1 if report.skipped else 0

@@ -29,7 +29,7 @@ _SECRET_BYTES = 16  # of the random part of secret links
 
 HTTP_NOTE = (
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
-    "--https gives them WebCodecs, checksums, the clipboard and gamepads."
+    "--https gives them WebCodecs, checksums and gamepads."
 )
 """What https would bring, where it is not used."""
 
@@ -63,6 +63,9 @@ def register(commands: Any) -> None:
         "--qr",
         action=argparse.BooleanOptionalAction,
         help="print the address as a QR code (default: in a terminal, if other machines can reach the server)",
+    )
+    serve.add_argument(
+        "--title", metavar="TEXT", help="title of the page (default: the stream's, else its name); for one stream"
     )
     serve.add_argument(
         "--intro",
@@ -116,6 +119,14 @@ def _serve(arguments: argparse.Namespace) -> int:
 
     wait_for_first_group(arguments.folder)
     streams = find_streams(arguments.folder)
+    if arguments.title is not None and len(streams) > 1:
+        raise StudioError(
+            "command.invalid_option",
+            f"--title is for one stream, but {arguments.folder} has {len(streams)}",
+            value=arguments.title,
+            fix="Serve one of them, or leave the option out.",
+            option="--title",
+        )
     reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if arguments.review else None
     local = is_local(arguments.host)
     secret = secrets.token_urlsafe(_SECRET_BYTES) if (not local if arguments.token is None else arguments.token) else ""
@@ -127,7 +138,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         from pipelines.share.server import BoundedLog, BoundedServer, server_config
 
         names = (*own_names(), *arguments.allow_host)
-        app = build_app(streams, player, reviews, secret, names, arguments.allow_origin, intro)
+        app = build_app(streams, player, reviews, secret, names, arguments.allow_origin, intro, arguments.title)
         config = server_config(app, certificate)
         port = sock.getsockname()[1]
         roots = [f"http{'s' * (certificate is not None)}://{host}:{port}" for host in hosts]
@@ -232,7 +243,7 @@ def _print(links: Links, player: bool, qr: bool | None) -> None:
     lines = [f"Serving {links.streams[path]} at {address}" for path, address in links.to_play.items()]
     first = next(iter(links.to_play.values()))
     browser = "open the address in a browser, or run " if player else ""
-    lines.append(f"To play: {browser}v3studio play --headless {first}    To stop: Ctrl-C")
+    lines.append(f"To play: {browser}v3studio play {first}    To stop: Ctrl-C")
     for path, address in links.to_review.items():
         lines.append(f"To review {links.streams[path].parent.name}: {address}")
     if links.reviews is not None:

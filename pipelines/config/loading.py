@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ValidationError
 
@@ -26,6 +27,8 @@ COMMAND_LINE = "command line"
 def parse_override(text: str) -> tuple[str, Any]:
     """`train.max-splats=20000` to ("train.max_splats", 20000); the value is parsed as YAML.
 
+    The value of a setting that is text needs no quotes: `capture.images={camera}/video.avi`.
+
     Raises:
         StudioError: no '=', no section, or the value is not YAML (`settings.override_syntax`).
     """
@@ -38,9 +41,13 @@ def parse_override(text: str) -> tuple[str, Any]:
             value=text,
             fix="Example: train.max_splats=20000.",
         )
+    text_only = _is_text(renamed_override(name, None)[0])
     try:
-        return name, parse_yaml(value)
+        parsed = parse_yaml(value)
+        return name, parsed if not text_only or parsed is None or isinstance(parsed, str) else value.strip()
     except YamlError:
+        if text_only:
+            return name, value.strip()
         raise StudioError(
             "settings.override_syntax",
             f"the value of {name}, '{value}', is not valid YAML",
@@ -48,6 +55,18 @@ def parse_override(text: str) -> tuple[str, Any]:
             fix="Quote it if it is text.",
             setting=name,
         ) from None
+
+
+def _is_text(name: str) -> bool:
+    """Whether a setting can only be text (or null)."""
+    field, model = None, Config
+    for part in name.split("."):
+        field = model.model_fields.get(part) if model is not None else None
+        if field is None:
+            return False
+        model = submodel(field)  # type: ignore[assignment]
+    annotation = field.annotation if field is not None else None
+    return annotation in (str, Path) or set(get_args(annotation)) == {str, type(None)}
 
 
 def load_config(path: Path | None, overrides: Iterable[tuple[str, Any]] = ()) -> Config:
@@ -114,7 +133,9 @@ def read_yaml(path: Path) -> JsonObject:
     try:
         values = parse_yaml(text)
     except YamlError as error:
-        raise StudioError("settings.not_yaml", str(error), file=path, fix="Fix the file.", line=error.line) from None
+        raise StudioError(
+            "settings.not_yaml", str(error), file=path, fix=_quotes(text, error.line), line=error.line
+        ) from None
     if values is None:
         return {}
     if not isinstance(values, dict):
@@ -126,6 +147,18 @@ def read_yaml(path: Path) -> JsonObject:
         )
     # "train:" with everything under it commented out is an empty section
     return {name: {} if value is None else value for name, value in values.items()}
+
+
+def _quotes(text: str, line: int | None) -> str:
+    """What to do about a YAML error: a pattern that begins with a brace needs quotes."""
+    lines = text.splitlines()
+    for number in (line or 0, (line or 0) - 1):  # YAML may notice at the next line
+        found = (
+            re.match(r"\s*(\w+):\s*(\{(?:camera|frame)[^#]*)", lines[number - 1]) if 0 < number <= len(lines) else None
+        )
+        if found:
+            return f"Put the value in quotes: {found[1]}: '{found[2].strip()}'."
+    return "Fix the file."
 
 
 def dump_config(config: Config) -> str:

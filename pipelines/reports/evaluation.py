@@ -140,7 +140,7 @@ class _Pictures:
 def _pictures(sample: Sample, width: int) -> _Pictures:
     difference = np.clip(np.abs(sample.decoded - sample.truth) * DIFFERENCE_GAIN, 0, 1)
     images = (
-        ("ground truth", sample.truth),
+        ("footage", sample.truth),
         ("trained", sample.trained),
         ("decoded", sample.decoded),
         (f"difference x{DIFFERENCE_GAIN:g}", difference),

@@ -27,13 +27,15 @@ def print_evaluation(take: Take) -> None:
         mark = "*" if row.keyframe else ""
         table.add_row(f"{row.frame}{mark}", str(row.group), str(row.splats), *_quality(row), f"{row.bytes / 1000:.1f}")
     table.add_section()
-    table.add_row("mean", "", "", *_quality(summary), f"{summary.bytes_per_frame / 1000:.1f}")
+    mean = sum(row.bytes for row in evaluation.frames) / max(1, len(evaluation.frames))
+    table.add_row("mean", "", "", *_quality(summary), f"{mean / 1000:.1f}")
     screen.print(table)
     which = "held-out cameras" if protocol.held_out else "TRAINING cameras (none held out):"
     screen.print(
         f"{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
-        f"{protocol.background}; {protocol.total_bytes:,} bytes in total. * keyframe"
-        + (f"\nLPIPS: {protocol.lpips}" if lpips else ""),
+        f"{protocol.background}. * keyframe. KB: the group's files, divided by its frames.\n"
+        f"To play it all: {protocol.total_bytes:,} bytes with manifest and sound, "
+        f"{summary.bytes_per_frame / 1000:.1f} KB per frame." + (f"\nLPIPS: {protocol.lpips}" if lpips else ""),
         style="dim",
         markup=False,
     )

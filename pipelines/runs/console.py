@@ -17,6 +17,7 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
+from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import console, duration
 from studio.standard_output import NativeLines, discard
 
@@ -107,7 +108,7 @@ class Bars:
         elif isinstance(event, Warned):
             self._say(f"[yellow]warning:[/yellow] {_plain(event.message)}")
         elif isinstance(event, StageFinished):
-            figures = ", ".join(f"{name} {_short(value)}" for name, value in event.summary.items())
+            figures = summary_words(event.stage, event.summary)
             self._say(f"[bold]{event.stage}[/bold]: done in {duration(event.seconds)}. {_plain(figures)}")
             self._drop_stage_bar()
         elif isinstance(event, StageFailed):
@@ -171,17 +172,10 @@ def _note(event: Progress) -> str:
     figures = event.figures
     parts = [event.label]
     if isinstance(figures.get("psnr"), float):
-        parts.append(f"PSNR {figures['psnr']:.1f}")
+        parts.append(f"PSNR {figures['psnr']:.1f} dB")
     if isinstance(figures.get("splats"), int):
-        parts.append(f"{figures['splats']} splats")
+        parts.append(f"{figures['splats']:,} splats")
     return ", ".join(part for part in parts if part)
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}" if abs(value) < 1000 else f"{value:,.0f}"
-    text = str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _plain(text: str) -> str:

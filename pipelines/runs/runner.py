@@ -24,8 +24,10 @@ from pipelines.events import (
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from pipelines.events.work_clock import counting_pauses
 from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, write_record
+from pipelines.runs.work import limit_threads
 from pipelines.stages import STAGES, stage_named
 from pipelines.stages.base import Context, Stage, StageReporter
+from pipelines.stages.time_left import Countdown
 from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.migration import migrate
@@ -143,9 +145,10 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
         _ = context.device  # report a missing GPU before hours of work
     if "evaluate" in todo:
         _ = context.lpips  # likewise LPIPS weights that cannot be loaded
-    _limit_threads(context.threads)
+    limit_threads(context.threads)
     weights = {name: stage_named(name).weight for name in todo}
     reporter: StageReporter | None = None
+    countdown, earlier = Countdown(), 0.0
     for position, name in enumerate(todo):
         stage = stage_named(name)
         # earlier stages have run: if their results did not change, this one may be up to date after all
@@ -154,8 +157,10 @@ def _run_locked(context: Context, names: list[str], force: bool, run_started: fl
             continue
         reached = reporter.total_fraction if reporter else 0.0
         later = sum(weights[after] for after in todo[position + 1 :])
-        reporter = StageReporter(name, context, weights[name], later, context.clock() - run_started, reached)
+        before = context.clock() - run_started
+        reporter = StageReporter(name, context, weights[name], later, before, reached, earlier, countdown)
         _run_stage(stage, context, reporter, "forced" if force and now.state == DONE else now.reason, force)
+        earlier += weights[name]
     if "evaluate" in names and "evaluate" not in todo:
         _update_marks(context)
 
@@ -218,9 +223,3 @@ def _try_to_note_failure(context: Context, stage: str, message: Message) -> None
     # on a full disk the record cannot be written either; the event and the exit code report the failure
     with contextlib.suppress(OSError):
         write_failure(context.take, stage, message)
-
-
-def _limit_threads(threads: int) -> None:
-    import torch
-
-    torch.set_num_threads(threads)

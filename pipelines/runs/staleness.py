@@ -39,7 +39,8 @@ class StageStatus:
         stage: its name.
         state: done, partial (some units are finished and valid), stale (settings or inputs have changed), failed (the
             last attempt), missing (never run).
-        reason: why it is not done ("never run", "bake.qp changed from 22 to 30", "last attempt: ..."); "" if done.
+        reason: why it is not done ("never run", "not finished", "bake.qp changed from 22 to 30", "last attempt: ...");
+            "" if done.
         units_done, units, unit: finished units, all units, and their name ("frames"); 0, 0, "" if it has none.
         seconds: duration of the finished run.
         summary: main figures of the finished run.
@@ -131,7 +132,10 @@ def assess_all(stages: tuple[Stage, ...], context: Context) -> dict[str, StageSt
 
 def _why_not_done(stage: Stage, context: Context, record: StageRecord | None, waiting: list[str]) -> str:
     if record is None:
-        return "never run" if not waiting else f"waiting for {', '.join(waiting)}"
+        if waiting:
+            return f"waiting for {', '.join(waiting)}"
+        begun = context.take.work(stage.name).exists() or any(path.exists() for path in stage.results(context))
+        return "not finished" if begun else "never run"
     if waiting:
         return f"{', '.join(waiting)} must run first"
     changed = differences(record.params, current_params(stage, context))

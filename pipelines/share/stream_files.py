@@ -13,7 +13,6 @@ from pipelines.share.results import PageText
 from pipelines.takes.locate_stream import stream_place
 from studio.stream.manifest import Manifest
 from studio.stream.manifest_models import FileEntry
-from studio.stream.reader import checked_file
 
 if TYPE_CHECKING:
     from studio.stream import StreamReader
@@ -57,7 +56,7 @@ class StreamToShare:
         Raises:
             StudioError: it is missing, has another size (`stream.wrong_size`) or SHA-256 (`stream.wrong_checksum`).
         """
-        return checked_file(self.reader.source, file)
+        return self.reader.checked(file)
 
     def text(self, given: PageText) -> PageText:
         """`given`, completed by what the stream says of itself, and the name for a missing title."""

@@ -7,12 +7,13 @@ import gzip
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from pipelines.share.results import PageText
 from studio.bounded_text import parse_json
 from studio.stream.manifest import MANIFEST_NAME
 
@@ -57,6 +58,7 @@ def build_app(
     names: Sequence[str] = (),
     origins: Sequence[str] = (),
     intro: str | None = None,
+    title: str | None = None,
 ) -> Starlette:
     """The web application: GET and HEAD of stream files, with ranges and revalidation, and the player.
 
@@ -73,6 +75,7 @@ def build_app(
         names: of this server, besides addresses and localhost; requests to others are refused.
         origins: pages of these may read ("https://example.org", or "*").
         intro: a camera path from `read_intro`, with which the pages begin; None for none.
+        title: of the pages; None for each stream's own, else its name.
     """
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
@@ -90,12 +93,13 @@ def build_app(
         max_age=86400,
     )
     shared = "cross-origin" if origins else "same-origin"
-    routes = _routes(streams, player, {}, shared, intro, None)
+    text = PageText(title=title, intro=intro)
+    routes = _routes(streams, player, {}, shared, text, None)
     if secret:
         routes = [Mount(f"/{secret}", routes=routes)]
     if reviews is not None:
         # pages of other origins get no access to reviews
-        review = _routes(streams, player, reviews.takes, "same-origin", intro, f"../{secret}/" if secret else "../")
+        review = _routes(streams, player, reviews.takes, "same-origin", text, f"../{secret}/" if secret else "../")
         routes.insert(0, Mount(f"/{reviews.secret}", routes=review))
     return Starlette(routes=routes, middleware=[Middleware(HostCheck, names=names), *([cors] if origins else [])])
 
@@ -105,7 +109,7 @@ def _routes(
     player: PlayerFiles | None,
     reviews: Mapping[str, TakeReview],
     shared: str,
-    intro: str | None,
+    text: PageText,
     watching: str | None,
 ) -> list[BaseRoute]:
     """Routes of the streams, the player and the reviews; `shared` is the Cross-Origin-Resource-Policy.
@@ -140,7 +144,7 @@ def _routes(
         async def get_response(self, path: str, scope: Scope) -> Response:
             if player is not None and path == ".":
                 link = None if watching is None else f"../{watching}{quote(self.path.removeprefix('/'))}/"
-                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews, intro, link)
+                page = _page(player, f"../{_PLAYER_PATH}/", self.folder, self.path in reviews, text, link)
                 return HTMLResponse(page, headers=uncached)
             if not path.endswith(".json") or not _takes_gzip(scope):
                 return await super().get_response(path, scope)
@@ -170,7 +174,7 @@ def _routes(
     async def index(request: Request) -> Response:
         if player is not None and "text/html" in request.headers.get("accept", ""):
             if "/" in streams:
-                page = _page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews, intro, watching)
+                page = _page(player, f"{_PLAYER_PATH}/", streams["/"], "/" in reviews, text, watching)
                 return HTMLResponse(page, headers=uncached)
             return HTMLResponse(_list_page(streams), headers=uncached)
         own = request.url  # with the secret part, which base_url lacks
@@ -244,22 +248,19 @@ def usable_range(header: bytes) -> bool:
     return True
 
 
-def _page(
-    player: PlayerFiles, player_path: str, stream: Path, review: bool, intro: str | None, link: str | None
-) -> str:
+def _page(player: PlayerFiles, player_path: str, stream: Path, review: bool, text: PageText, link: str | None) -> str:
     """The player's page for a stream beside it, with what a review adds to it."""
     from pipelines.share.page import player_page
-    from pipelines.share.results import PageText
     from pipelines.share.stream_files import name_of
 
-    title = name_of(stream)
+    title = text.title or name_of(stream)
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         # the player reports what is damaged
         own = parse_json((stream / MANIFEST_NAME).read_bytes())["metadata"]["title"]
-        title = own if isinstance(own, str) and own.strip() else title
+        title = own if text.title is None and isinstance(own, str) and own.strip() else title
     names = [player.script_name, *([player.review_name] if review else [])]
     script = "\n".join(f'<script type="module" src="{player_path}{name}"></script>' for name in names)
-    return player_page(player.page, script, MANIFEST_NAME, PageText(title=title, intro=intro), link=link)
+    return player_page(player.page, script, MANIFEST_NAME, replace(text, title=title), link=link)
 
 
 def _list_page(streams: dict[str, Path]) -> str:

@@ -1,13 +1,16 @@
 """The stages in the order in which they run. Each reads the take, calls `studio`, and writes to the take."""
 
 from pipelines.stages.bake import BakeStage
-from pipelines.stages.base import Stage
+from pipelines.stages.base import GroupStage, Stage
 from pipelines.stages.calibrate import CalibrateStage
 from pipelines.stages.evaluate import EvaluateStage
 from pipelines.stages.initialize import InitializeStage
 from pipelines.stages.train import TrainStage
 
-STAGES: tuple[Stage, ...] = (CalibrateStage(), InitializeStage(), TrainStage(), BakeStage(), EvaluateStage())
+GROUP_STAGES: tuple[GroupStage, ...] = (InitializeStage(), TrainStage(), BakeStage(), EvaluateStage())
+"""Those whose groups can be run elsewhere, in order."""
+
+STAGES: tuple[Stage, ...] = (CalibrateStage(), *GROUP_STAGES)
 
 
 def stage_named(name: str) -> Stage:
@@ -15,4 +18,4 @@ def stage_named(name: str) -> Stage:
     return next(stage for stage in STAGES if stage.name == name)
 
 
-__all__ = ["STAGES", "Stage", "stage_named"]
+__all__ = ["GROUP_STAGES", "STAGES", "GroupStage", "Stage", "stage_named"]

@@ -22,6 +22,7 @@ from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
+from studio.atomic_files import exchange
 from studio.capture.digest import digest_files
 from studio.errors import Message
 
@@ -102,6 +103,10 @@ class BakeStage:
         from studio.stream import baked_group, write_manifest
 
         groups = self.parts(context)
+        if context.executor is not None:
+            todo = [group for group in context.groups if not self.group_done(context, group)]
+            if todo:
+                context.executor.run(self, context, todo, reporter)
         new = self._folder(context)
         new.mkdir(parents=True, exist_ok=True)
         settings = context.config.bake
@@ -110,7 +115,7 @@ class BakeStage:
             start, stop = position / len(groups), (position + 1) / len(groups)
             place = self._place(context, group)
             if place is None:
-                self._bake(context, group, reporter, start, stop)
+                self._bake_once(context, group, reporter, start, stop)
             elif settings.stream_version == 3:
                 self._link(context, group, new)
             elif place != new / group_name(group.index):
@@ -141,6 +146,7 @@ class BakeStage:
         return BakeSummary(
             groups=len(groups),
             frames=manifest.frame_count,
+            renditions=max(1, len(settings.ladder)),
             bytes=total,
             bytes_per_frame=round(manifest.bytes_per_frame),
         )
@@ -148,6 +154,24 @@ class BakeStage:
     def parts(self, context: Context) -> tuple[Part, ...]:
         """The stream's groups, in order."""
         return parts_of(context.groups, context.config.bake.first_group_size)
+
+    def group_key(self, context: Context, group: Group) -> str:
+        """See `GroupStage`."""
+        return key_of(self.name, self.version, [self._key(context, part) for part in self._parts_of(context, group)])
+
+    def group_done(self, context: Context, group: Group) -> bool:
+        """See `GroupStage`."""
+        return all(self._place(context, part) is not None for part in self._parts_of(context, group))
+
+    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
+        """See `GroupStage`."""
+        parts = self._parts_of(context, group)
+        for position, part in enumerate(parts):
+            if self._place(context, part) is None:
+                self._bake(context, part, reporter, position / len(parts), (position + 1) / len(parts))
+
+    def _parts_of(self, context: Context, group: Group) -> list[Part]:
+        return [part for part in self.parts(context) if part.trained.index == group.index]
 
     def bake_part(self, context: Context, group: Part, reporter: StageReporter) -> BakedGroup:
         """A valid baked group, baked now if there is none; for version 3.
@@ -158,8 +182,7 @@ class BakeStage:
         """
         from studio.stream import baked_group
 
-        if self._place(context, group) is None:
-            self._bake(context, group, reporter, 0.0, 1.0)
+        self._bake_once(context, group, reporter, 0.0, 1.0)
         return baked_group(read_model(self._note(context, group), BakedGroupNote).entry)
 
     def publish(self, context: Context, entries: Sequence[BakedGroup], live: bool, reporter: StageReporter) -> None:
@@ -251,6 +274,12 @@ class BakeStage:
                 (new / path).parent.mkdir(parents=True, exist_ok=True)
                 remove(new / path)
                 link_or_copy(str(file), str(new / path))
+
+    def _bake_once(self, context: Context, group: Part, reporter: StageReporter, start: float, stop: float) -> None:
+        """Bake a group, unless another process has done it meanwhile."""
+        with context.take.group_locked(self.name, group.trained.index, lambda: reporter.progress(start)):
+            if self._place(context, group) is None:
+                self._bake(context, group, reporter, start, stop)
 
     def _bake(self, context: Context, group: Part, reporter: StageReporter, start: float, stop: float) -> None:
         from studio.stream import bake_group
@@ -352,11 +381,15 @@ class BakeStage:
         return StreamMetadata(camera, context.config.capture.background, (x, y, z))
 
     def _put_in_place(self, context: Context, new: Path) -> None:
-        """Swap folders. If killed between the renames, the complete new stream is still in the work folder."""
+        """Swap folders, in one step where the system can. If killed between the two renames that it takes elsewhere,
+        the complete new stream is still in the work folder."""
         stream = context.take.stream
         old = context.take.work(self.name) / "old"
         remove(old)
         if stream.exists():
+            if exchange(new, stream):
+                remove(new)
+                return
             os.rename(stream, old)
         os.rename(new, stream)
         remove(old)

@@ -18,6 +18,7 @@ from pipelines.stages.device import choose_device
 from pipelines.stages.footage import TakeFootage
 from pipelines.stages.grouping import groups_of
 from pipelines.stages.params import Params
+from pipelines.stages.time_left import Countdown
 from pipelines.takes.atomic_files import Result
 from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
@@ -42,6 +43,7 @@ class Context:
         emit: receives events.
         cancellation: flag that cancels the run.
         clock: work time in seconds; does not advance while the run is paused.
+        executor: runs groups elsewhere; None: stages run them in this process.
     """
 
     take: Take
@@ -49,6 +51,7 @@ class Context:
     emit: Emit = lambda event: None
     cancellation: Cancellation = field(default_factory=Cancellation)
     clock: Callable[[], float] = time.monotonic
+    executor: Executor | None = None
 
     @cached_property
     def footage(self) -> TakeFootage:
@@ -98,6 +101,8 @@ class StageReporter:
         own, later: expected weight of this stage and of all later ones in the run.
         before: seconds that the run took before this stage.
         total_fraction: progress of the run, 0 to 1; never decreases.
+        earlier: expected weight of the stages that took `before`.
+        run: time left of the run, handed from stage to stage.
     """
 
     stage: str
@@ -106,11 +111,14 @@ class StageReporter:
     later: float = 0.0
     before: float = 0.0
     total_fraction: float = 0.0
+    earlier: float = 0.0
+    run: Countdown = field(default_factory=Countdown)
 
     def __post_init__(self) -> None:
         self._began = self._clock = self.context.clock()
         self._last = -_LEAST_PAUSE
         self._fraction = 0.0
+        self._left = Countdown()
         self._lock = threading.Lock()
 
     def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:
@@ -129,18 +137,23 @@ class StageReporter:
             self._progress(fraction, label, figures)
 
     def _progress(self, fraction: float, label: str, figures: Mapping[str, JsonData]) -> None:
+        now = self.context.clock()
+        raw = _seconds_left(now - self._clock, fraction)
         # estimates of the time left may grow, but progress never decreases
         fraction = self._fraction = max(self._fraction, fraction)
-        now = self.context.clock()
         if now - self._last < _LEAST_PAUSE and fraction < 1:
             return
         self._last = now
-        left = _seconds_left(now - self._clock, fraction)
-        total_left = None
-        if left is not None:
-            total_left = left + (now - self._clock) / fraction * self.later / self.own
+        left = total_left = None
+        if raw is None:
+            total_left = self.run.at(now)
+        else:
+            left = self._left.estimate(now, raw) if fraction < 1 else 0.0
             spent = self.before + now - self._began
-            self.total_fraction = max(self.total_fraction, min(1.0, spent / (spent + total_left)))
+            # seconds per weight, of all stages so far and this one
+            pace = (spent + raw) / (self.earlier + self.own)
+            total_left = self.run.estimate(now, raw + self.later * pace) if fraction < 1 or self.later else 0.0
+            self.total_fraction = max(self.total_fraction, min(1.0, spent / max(spent + total_left, 1e-9)))
         self.context.emit(
             Progress(
                 stage=self.stage,
@@ -238,6 +251,57 @@ class Stage(Protocol):
 
         Raises:
             StudioError: bad input.
+            Cancelled: the run was cancelled.
+        """
+        ...
+
+
+class GroupStage(Stage, Protocol):
+    """A stage whose groups need nothing of each other, so that each can run in another process or on another machine.
+
+    `run` then finds all groups finished and only puts the results together.
+    """
+
+    def group_key(self, context: Context, group: Group) -> str:
+        """Digest of everything that the group's results are made from."""
+        ...
+
+    def group_done(self, context: Context, group: Group) -> bool:
+        """Whether the group's results are there and up to date."""
+        ...
+
+    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
+        """Make the group's results; goes on from the last finished frame or checkpoint.
+
+        Raises:
+            StudioError: bad input.
+            Cancelled: the run was cancelled.
+        """
+        ...
+
+
+class Executor(Protocol):
+    """Runs groups of a stage somewhere else."""
+
+    def run(
+        self,
+        stage: GroupStage,
+        context: Context,
+        groups: Sequence[Group],
+        reporter: StageReporter,
+        finished: Callable[[Group], None] = lambda group: None,
+    ) -> None:
+        """Run these groups; returns when the results of all are in the take.
+
+        Args:
+            stage: their stage.
+            context: of the run.
+            groups: those that are not up to date.
+            reporter: gets progress, figures, previews and warnings as in a local run.
+            finished: called after each group, in this thread.
+
+        Raises:
+            StudioError: a group failed; the others are cancelled.
             Cancelled: the run was cancelled.
         """
         ...

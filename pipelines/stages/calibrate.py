@@ -15,7 +15,7 @@ from pipelines.reports.calibration import (
     render_calibration,
 )
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.camera_file import camera_file
+from pipelines.stages.camera_file import camera_file, files_of
 from pipelines.stages.known_cameras import (
     at_footage_size,
     check_sizes,
@@ -320,7 +320,10 @@ def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.
 
 
 def _digest(path: Path) -> str | dict[str, str]:
-    """Digest of a file, or digests of the files in a folder by name."""
+    """Digest of a file, or digests of the files in a folder or of a pattern by name."""
+    several = files_of(path)
+    if several:
+        return {f"{file.parent.name}/{file.name}": digest_of_file(file) for file in several}
     if path.is_dir():
         return {file.name: digest_of_file(file) for file in sorted(path.iterdir()) if file.is_file()}
     return digest_of_file(path)

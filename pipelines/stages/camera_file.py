@@ -8,15 +8,26 @@ from studio.capture.settings import FileSettings
 from studio.errors import StudioError
 
 _FOLDERS = (
-    ".", "calibration", "cameras", "sparse/0", "sparse", "colmap/sparse/0", "sparse_full_resolution", "image_white",
+    ".", "calibration", "cameras", "cams", "sparse/0", "sparse", "colmap/sparse/0", "sparse_full_resolution",
+    "image_white",
 )  # fmt: skip
+_ONE_PER_CAMERA = tuple(
+    f"{stem}.{extension}"
+    for stem in (
+        "{camera}/config", "{camera}/calibration", "{camera}/camera", "{camera}/{camera}", "calibration/{camera}",
+        "cameras/{camera}",
+    )
+    for extension in ("xml", "yml", "yaml")
+)  # fmt: skip
+"""OpenCV's XML or YAML files."""
 
 
 def camera_file(settings: FileSettings) -> Path | None:
     """The calibration of a capture.
 
     Returns:
-        file or folder; None if the cameras must be calibrated from footage.
+        file, folder or, for one file per camera, a pattern with `{camera}`; None if the cameras must be calibrated from
+        footage.
 
     Raises:
         StudioError: the file in `capture.rig` does not exist (`settings.file_not_found`), or there are several under
@@ -26,7 +37,7 @@ def camera_file(settings: FileSettings) -> Path | None:
         return None
     if settings.rig != "auto":
         path = settings.root / settings.rig
-        if not path.exists():
+        if not path.exists() and not files_of(path):
             raise StudioError(
                 "settings.file_not_found",
                 "no such file",
@@ -36,14 +47,12 @@ def camera_file(settings: FileSettings) -> Path | None:
                 setting="capture.rig",
             )
         return path
-    from studio.camera_files import find_camera_files
-
-    found: list[Path] = []
-    for folder in (settings.root / name for name in _FOLDERS):
-        found += find_camera_files(folder) if folder.is_dir() else []
-    if not found:  # VideoGS: a folder per frame with its own transforms.json, the same in all
-        frames = [part for part in settings.root.glob("*/transforms.json") if part.parent.name.isdecimal()]
-        found = sorted(frames, key=lambda part: int(part.parent.name))[:1]
+    found = _in(settings.root)
+    if not found:
+        below = _folder_of_footage(settings)
+        found = _in(below) if below is not None else []
+    if not found and _is_named_above(settings.root):
+        found = [settings.root.parent / "transforms.json"]
     if len(found) > 1:
         names = [str(path.relative_to(settings.root)) for path in found]
         raise StudioError(
@@ -55,3 +64,51 @@ def camera_file(settings: FileSettings) -> Path | None:
             found=names,
         )
     return found[0] if found else None
+
+
+def _folder_of_footage(settings: FileSettings) -> Path | None:
+    """The folder of `root` that has all the footage, if there is one."""
+    from studio.capture.detect import detect_images
+
+    try:
+        pattern = detect_images(settings.root)[0] if settings.images == "auto" else settings.images
+    except StudioError:  # reported when the footage is opened
+        return None
+    folder, slash, _ = pattern.partition("/")
+    below = settings.root / folder
+    return below if slash and "{" not in folder and below.is_dir() else None
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files of a pattern with `{camera}`; empty for other paths."""
+    from studio.camera_files.opencv_storage import EXTENSIONS
+    from studio.capture.patterns import find_files
+
+    if "{camera}" not in str(path):
+        return []
+    fixed = next(parent for parent in path.parents if "{camera}" not in str(parent))
+    return [match.path for match in find_files(fixed, path.relative_to(fixed).as_posix(), EXTENSIONS)]
+
+
+def _in(root: Path) -> list[Path]:
+    """The calibrations of a capture's folder."""
+    from studio.camera_files import find_camera_files
+
+    found: list[Path] = []
+    for folder in (root / name for name in _FOLDERS):
+        found += find_camera_files(folder) if folder.is_dir() else []
+    if not found:  # VideoGS: a folder per frame with its own transforms.json, the same in all
+        frames = [part for part in root.glob("*/transforms.json") if part.parent.name.isdecimal()]
+        found = sorted(frames, key=lambda part: int(part.parent.name))[:1]
+    if not found:
+        found = [root / name for name in _ONE_PER_CAMERA if len(files_of(root / name)) > 1][:1]
+    return found
+
+
+def _is_named_above(root: Path) -> bool:
+    """Whether a transforms.json next to the folder names the images in it, as for HiFi4G's example/."""
+    from studio.capture.detect import named_in
+    from studio.capture.patterns import IMAGE_EXTENSIONS
+
+    names = named_in(root.parent / "transforms.json")
+    return len(names) > 1 and names <= {file.stem for file in root.iterdir() if file.suffix.lower() in IMAGE_EXTENSIONS}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,36 +12,24 @@ import numpy as np
 from pipelines.reports.evaluation import Sample, render_report
 from pipelines.reports.pictures import draw
 from pipelines.stages.base import Context, StageReporter
-from pipelines.stages.params import Params, settings_affecting
-from pipelines.takes.atomic_files import write_model, write_text
+from pipelines.stages.measured_groups import Measured, read_measured, write_measured
+from pipelines.stages.params import Params, key_of, settings_affecting
+from pipelines.takes.atomic_files import remove, write_model, write_text
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.groups import Group
+from pipelines.takes.records import result_of
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.gaussians import Gaussians
+    from studio.stream import StreamReader
 
 _HIGHEST_PSNR = 100.0  # dB; that of equal images is infinite
 
 
-@dataclass
-class Measured:
-    """Results of the comparison.
-
-    Attributes:
-        frames: quality per measured frame.
-        samples: images for the report.
-        unseen: (index, camera) pairs where the camera does not see the performer.
-    """
-
-    frames: list[FrameQuality] = field(default_factory=list)
-    samples: list[Sample] = field(default_factory=list)
-    unseen: list[tuple[int, str]] = field(default_factory=list)
-
-
 class EvaluateStage:
-    """The stage `evaluate`; it has no units."""
+    """The stage `evaluate`. What was measured of a group is kept until all groups are measured."""
 
     name = "evaluate"
     title = "Evaluation"
@@ -62,18 +50,15 @@ class EvaluateStage:
         return [context.take.evaluation, context.take.report]
 
     def units(self, context: Context) -> tuple[int, int, str] | None:
-        """None: the stage has no units."""
+        """None: its groups are only kept while it runs."""
         return None
 
     def run(self, context: Context, reporter: StageReporter) -> EvaluationSummary:
         """Decode, render and compare; write evaluation.json and report.html."""
-        from studio.stream import StreamReader
-
         footage, lpips = context.footage.calibrated, context.lpips
         if lpips is not None and lpips.remark:
             reporter.warn(lpips.remark)
-        held_out = bool(footage.held_out_cameras)
-        cameras = footage.held_out_cameras or footage.train_cameras
+        held_out, cameras = bool(footage.held_out_cameras), _cameras(context)
         if not held_out:
             reporter.warn(
                 Message(
@@ -84,24 +69,22 @@ class EvaluateStage:
                     fields={"setting": "capture.held_out"},
                 )
             )
-        reader = StreamReader.open(context.take.stream)
-        with reader:
+        if context.executor is not None:
+            todo = [group for group in context.groups if not self.group_done(context, group)]
+            if todo:
+                context.executor.run(self, context, todo, reporter)
+        with self._reader(context) as reader:
             manifest = reader.manifest
-            if reader.frame_count != len(footage.frames):
-                raise StudioError(
-                    "stream.frame_count",
-                    f"the stream has {reader.frame_count} frames, but the take has {len(footage.frames)}",
-                    file=context.take.stream,
-                    value=reader.frame_count,
-                    fix="Run `v3studio bake`.",
-                    expected=len(footage.frames),
-                )
-            sizes = {
-                frame: group.bytes / group.frame_count
-                for group in manifest.groups
-                for frame in range(group.first_frame, group.first_frame + group.frame_count)
-            }
-            measured = self._measure(context, reporter, cameras, reader, sizes)
+            measured = Measured()
+            key = self._key(context)
+            for group in context.groups:
+                found = read_measured(context.take, group.index, f"{key}-{group.index}")
+                if found is None:
+                    with context.take.group_locked(self.name, group.index, context.cancellation.check):
+                        share = [(group.first + frames) / len(footage.frames) for frames in (0, len(group.frames))]
+                        found = self._measure(context, group, reporter, reader, 0.95 * share[0], 0.95 * share[1])
+                        write_measured(context.take, group.index, f"{key}-{group.index}", found)
+                measured.add(found)
         if not measured.frames:
             raise StudioError(
                 "evaluation.nothing_visible",
@@ -158,44 +141,86 @@ class EvaluateStage:
             render_report(context.take, context.config, context.groups, evaluation, measured.samples),
         )
         write_model(context.take.evaluation, evaluation)
+        remove(context.take.work(self.name))
         reporter.metrics(summary.to_json())
         reporter.progress(1.0, "done")
         return summary
 
+    def group_key(self, context: Context, group: Group) -> str:
+        """See `GroupStage`."""
+        return f"{self._key(context)}-{group.index}"
+
+    def group_done(self, context: Context, group: Group) -> bool:
+        """See `GroupStage`."""
+        return read_measured(context.take, group.index, self.group_key(context, group)) is not None
+
+    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
+        """See `GroupStage`."""
+        with self._reader(context) as reader:
+            found = self._measure(context, group, reporter, reader, 0.0, 1.0)
+        write_measured(context.take, group.index, self.group_key(context, group), found)
+
+    def _key(self, context: Context) -> str:
+        """Digest of everything that the results of all groups are made from."""
+        results = [result_of(context.take, dependency) for dependency in self.dependencies]
+        return key_of(self.name, self.version, self.params(context), *results)
+
+    @contextmanager
+    def _reader(self, context: Context) -> Iterator[StreamReader]:
+        """The take's stream. Raises StudioError if it has not the take's frames."""
+        from studio.stream import StreamReader
+
+        with StreamReader.open(context.take.stream) as reader:
+            frames = len(context.footage.raw.frames)
+            if reader.frame_count != frames:
+                raise StudioError(
+                    "stream.frame_count",
+                    f"the stream has {reader.frame_count} frames, but the take has {frames}",
+                    file=context.take.stream,
+                    value=reader.frame_count,
+                    fix="Run `v3studio bake`.",
+                    expected=frames,
+                )
+            yield reader
+
     def _measure(
-        self, context: Context, reporter: StageReporter, cameras: Sequence[str], reader: Any, sizes: dict[int, float]
+        self, context: Context, group: Group, reporter: StageReporter, reader: StreamReader, start: float, stop: float
     ) -> Measured:
         from studio.metrics import psnr, ssim
 
-        measured = Measured()
+        measured, cameras = Measured(), _cameras(context)
+        sizes = {
+            frame: one.bytes / one.frame_count
+            for one in reader.manifest.groups
+            for frame in range(one.first_frame, one.first_frame + one.frame_count)
+        }
         total = len(context.footage.raw.frames)
         shown = set(np.linspace(0, total - 1, min(context.config.evaluate.report_frames, total)).round().astype(int))
-        for group in context.groups:
-            for index, frame in zip(group.indices, group.frames, strict=True):
-                trained = read_frame(context.take.trained_frame(group.index, index))
-                decoded = reader.gaussians(index)
-                views: dict[str, dict[str, float]] = {}
-                for number, camera in enumerate(cameras):
-                    done = (index + number / len(cameras)) / total
-                    reporter.progress(0.95 * done, f"frame {frame}", frame=frame, group=group.index)
-                    sample = self._compare(context, camera, frame, trained, decoded)
-                    if sample is None:
-                        measured.unseen.append((index, camera))
-                        continue
-                    views[camera] = {}
-                    for what in ("trained", "decoded"):
-                        image, truth = _tensor(getattr(sample, what)), _tensor(sample.truth)
-                        views[camera][f"psnr_{what}"] = round(min(float(psnr(image, truth)), _HIGHEST_PSNR), 4)
-                        views[camera][f"ssim_{what}"] = round(float(ssim(image, truth)), 5)
-                        if context.lpips is not None:
-                            pair = (_at_least(one, context.config.capture.background) for one in (image, truth))
-                            views[camera][f"lpips_{what}"] = round(context.lpips(*pair), 5)
-                    if index in shown and camera in cameras[:3]:
-                        measured.samples.append(sample)
-                if views:
-                    row = self._row(group, index, frame, views, sizes[index], trained)
-                    measured.frames.append(row)
-                    reporter.metrics(row.measures, group=group.index, frame=frame)
+        for position, (index, frame) in enumerate(zip(group.indices, group.frames, strict=True)):
+            trained = read_frame(context.take.trained_frame(group.index, index))
+            decoded = reader.gaussians(index)
+            views: dict[str, dict[str, float]] = {}
+            for number, camera in enumerate(cameras):
+                done = (position + number / len(cameras)) / len(group.frames)
+                reporter.progress(start + (stop - start) * done, f"frame {frame}", frame=frame, group=group.index)
+                sample = self._compare(context, camera, frame, trained, decoded)
+                if sample is None:
+                    measured.unseen.append((index, camera))
+                    continue
+                views[camera] = {}
+                for what in ("trained", "decoded"):
+                    image, truth = _tensor(getattr(sample, what)), _tensor(sample.truth)
+                    views[camera][f"psnr_{what}"] = round(min(float(psnr(image, truth)), _HIGHEST_PSNR), 4)
+                    views[camera][f"ssim_{what}"] = round(float(ssim(image, truth)), 5)
+                    if context.lpips is not None:
+                        pair = (_at_least(one, context.config.capture.background) for one in (image, truth))
+                        views[camera][f"lpips_{what}"] = round(context.lpips(*pair), 5)
+                if index in shown and camera in cameras[:3]:
+                    measured.samples.append(sample)
+            if views:
+                row = self._row(group, index, frame, views, sizes[index], trained)
+                measured.frames.append(row)
+                reporter.metrics(row.measures, group=group.index, frame=frame)
         return measured
 
     def _row(
@@ -238,6 +263,12 @@ class EvaluateStage:
             for gaussians in (trained, decoded)
         ]
         return Sample(frame, camera, truth, drawn[0], drawn[1])
+
+
+def _cameras(context: Context) -> tuple[str, ...]:
+    """Those that are compared: held-out ones; training cameras if none is held out."""
+    footage = context.footage.calibrated
+    return footage.held_out_cameras or footage.train_cameras
 
 
 def padded_box(matte: np.ndarray, padding: int) -> tuple[slice, slice] | None:

@@ -35,14 +35,18 @@ def groups_at_once(context: Context) -> int:
         return min(asked, groups)
     if context.device != "cpu":
         return 1
+    memory = psutil.virtual_memory().total // 2
+    return max(1, min(groups, context.threads, _MOST, memory // memory_of_group(context)))
+
+
+def memory_of_group(context: Context) -> int:
+    """Estimated bytes that training one group takes on a CPU, beyond the program itself."""
     from studio.training.views import CACHED_PIXELS
 
     footage = context.footage.calibrated
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
     each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
-    each += _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
-    memory = psutil.virtual_memory().total // 2
-    return max(1, min(groups, context.threads, _MOST, memory // each))
+    return each + _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
 
 
 def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
@@ -59,6 +63,11 @@ def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
     full = groups - groups % at_once
     last = max(1, threads // (groups % at_once)) if groups % at_once else 0
     return [max(1, threads // at_once) if index < full else last for index in range(groups)]
+
+
+def threads_of_groups(context: Context) -> list[int]:
+    """CPU threads that training uses for each group of the take, by index."""
+    return threads_by_group(len(context.groups), groups_at_once(context), context.threads)
 
 
 def run_groups(

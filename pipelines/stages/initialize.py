@@ -69,18 +69,23 @@ class InitializeStage:
     def units(self, context: Context) -> tuple[int, int, str] | None:
         """Groups with valid points."""
         groups = context.groups
-        return sum(self._is_done(context, group) for group in groups), len(groups), "groups"
+        return sum(self.group_done(context, group) for group in groups), len(groups), "groups"
 
     def run(self, context: Context, reporter: StageReporter) -> InitializeSummary:
         """Find groups, and sample points for groups that have none."""
         first = 0.0 if grouping.is_known(context.footage) else 0.3
         grouping.find_groups(context.footage, reporter.part("finding groups", 0.0, first))
         groups = context.groups
+        todo = [group for group in groups if not self.group_done(context, group)]
+        if context.executor is not None and todo:
+            context.executor.run(self, context, todo, reporter)
         counts = []
         for position, group in enumerate(groups):
             start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
-            if not self._is_done(context, group):
-                self._make(context, group, reporter, start, stop, f"group {group.index}")
+            if group in todo and context.executor is None:
+                with context.take.group_locked(self.name, group.index, context.cancellation.check):
+                    if not self.group_done(context, group):
+                        self._make(context, group, reporter, start, stop, f"group {group.index}")
             report = read_model(context.take.initialize_group(group.index) / "report.json", InitialPointsReport)
             counts.append(report.faces)
         self._drop_leftovers(context, groups)
@@ -88,17 +93,22 @@ class InitializeStage:
             groups=len(groups), points_per_group=context.config.initialize.points, faces=tuple(counts)
         )
 
-    def _key(self, context: Context, group: Group) -> str:
+    def group_key(self, context: Context, group: Group) -> str:
+        """See `GroupStage`."""
         parts = {**context.footage.seen_by_training(), **settings_affecting(context.config, "initial_points")}
         return key_of(self.name, self.version, parts, result_of(context.take, "calibrate"), group.index, group.keyframe)
 
-    def _is_done(self, context: Context, group: Group) -> bool:
+    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
+        """See `GroupStage`."""
+        self._make(context, group, reporter, 0.0, 1.0, f"group {group.index}")
+
+    def group_done(self, context: Context, group: Group) -> bool:
         """The report has the current key, and the files have the digests in it."""
         folder = context.take.initialize_group(group.index)
         if not (folder / "report.json").is_file():
             return False
         report = read_model(folder / "report.json", InitialPointsReport)
-        if report.key != self._key(context, group):
+        if report.key != self.group_key(context, group):
             return False
         return all(
             (folder / name).is_file() and digest_of_file(folder / name) == value for name, value in report.files.items()
@@ -125,7 +135,7 @@ class InitializeStage:
         with atomic_path(folder / "points.ply") as temporary:
             write_points(temporary, found.points, found.normals, np.round(found.colors * 255))
         report = InitialPointsReport(
-            key=self._key(context, group),
+            key=self.group_key(context, group),
             keyframe=int(group.keyframe),
             points=len(found.points),
             vertices=len(found.mesh.vertices),

@@ -58,7 +58,11 @@ class BakeSummary(Result):
     groups: int
     frames: int
 
+    renditions: int = 1
+    """Of which a player fetches one at a time."""
+
     bytes: int
-    """Size of the whole stream, including the manifest."""
+    """Size of the whole stream: all renditions, sound and manifest."""
 
     bytes_per_frame: int
+    """Bytes that playing the best rendition takes, with sound and manifest, divided by the number of frames."""

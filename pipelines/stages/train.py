@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pipelines.stages.base import Context, StageReporter, leftover
-from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_by_group
+from pipelines.stages.group_scheduler import groups_at_once, run_groups, threads_of_groups
 from pipelines.stages.live_bake import LiveBake
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
 from pipelines.stages.summaries import TrainSummary
@@ -68,23 +69,18 @@ class TrainStage:
                 setting="capture.held_out",
             )
         finished = {group.index: self._finished(context, group) for group in groups}
-        if context.config.train.check_footage:
+        todo = [group for group in groups if finished[group.index] < len(group.frames)]
+        if context.config.train.check_footage and context.executor is None:  # elsewhere each group checks its own
             self._check_footage(context, reporter, groups, finished)
         reporter.start_clock()
-        at_once = groups_at_once(context)
-        threads = threads_by_group(len(groups), at_once, context.threads)
         with LiveBake(context, reporter, finished) if context.config.bake.live else nullcontext() as live:
-            clock = TrainClock(groups, finished, context.config.train)
-            work = GroupWork(context, reporter, clock, *(() if live is None else (live.written,)))
-            jobs = {}
-            for group in groups:
-                if finished[group.index] < len(group.frames):
-                    reporter.log(
-                        f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already "
-                        "trained"
-                    )
-                    jobs[group.index] = partial(work.train, group, finished[group.index], self._keys(context, group))
-            run_groups(jobs, at_once, threads, work.stop)
+            written = (lambda group, frames: None) if live is None else live.written
+            if context.executor is None:
+                self._train_here(context, reporter, groups, finished, written)
+            elif todo:
+                context.executor.run(
+                    self, context, todo, reporter, lambda group: written(group.index, len(group.frames))
+                )
         splats = []
         for group in groups:
             self._drop_leftovers(context, group)
@@ -94,6 +90,49 @@ class TrainStage:
         ):
             remove(folder)
         return TrainSummary(groups=len(groups), frames=len(footage.frames), splats=tuple(splats))
+
+    def _train_here(
+        self,
+        context: Context,
+        reporter: StageReporter,
+        groups: Sequence[Group],
+        finished: Mapping[int, int],
+        written: Callable[[int, int], None],
+    ) -> None:
+        """Train the groups of `groups` that are not finished, several at once."""
+        work = GroupWork(context, reporter, TrainClock(groups, finished, context.config.train), written)
+        jobs = {}
+        for group in groups:
+            if finished[group.index] < len(group.frames):
+                reporter.log(
+                    f"group {group.index}: {finished[group.index]} of {len(group.frames)} frames are already trained"
+                )
+                jobs[group.index] = partial(self._train, context, work, group)
+        run_groups(jobs, groups_at_once(context), threads_of_groups(context), work.stop)
+
+    def _train(self, context: Context, work: GroupWork, group: Group) -> None:
+        with context.take.group_locked(self.name, group.index, work.check):
+            finished = self._finished(context, group)
+            if finished < len(group.frames):
+                work.train(group, finished, self._keys(context, group))
+
+    def group_key(self, context: Context, group: Group) -> str:
+        """See `GroupStage`: the key of the last frame covers those before it."""
+        return self._keys(context, group)[-1]
+
+    def group_done(self, context: Context, group: Group) -> bool:
+        """See `GroupStage`."""
+        return self._finished(context, group) == len(group.frames)
+
+    def run_group(self, context: Context, group: Group, reporter: StageReporter) -> None:
+        """See `GroupStage`."""
+        finished = self._finished(context, group)
+        if context.config.train.check_footage:
+            self._check_footage(context, reporter, (group,), {group.index: finished})
+        reporter.log(f"group {group.index}: {finished} of {len(group.frames)} frames are already trained")
+        work = GroupWork(context, reporter, TrainClock((group,), {group.index: finished}, context.config.train))
+        job = partial(work.train, group, finished, self._keys(context, group))
+        run_groups({group.index: job}, 1, threads_of_groups(context), work.stop)
 
     def _check_footage(
         self, context: Context, reporter: StageReporter, groups: tuple[Group, ...], finished: dict[int, int]

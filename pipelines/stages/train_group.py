@@ -60,6 +60,11 @@ class GroupWork:
         self._last_preview = time.monotonic()
         self._advised = False
 
+    def check(self) -> None:
+        """Raise Cancelled if the run was cancelled, or another group failed."""
+        self.stop.check()
+        self.context.cancellation.check()
+
     def train(self, group: Group, finished: int, keys: list[str]) -> None:
         """Train the frames of a group and write each as soon as it is finished.
 

@@ -41,7 +41,7 @@ class FrameQuality(Quality):
     splats: int
 
     bytes: float
-    """Size of the group's videos divided by its number of frames."""
+    """Size of the group's files divided by its number of frames; manifest and sound are not part of it."""
 
     cameras: dict[str, Quality]
     """By camera name; cameras that do not see the performer in this frame are left out."""
@@ -51,7 +51,7 @@ class EvaluationSummary(Quality):
     """Means over all frames."""
 
     bytes_per_frame: float
-    """Size of the whole stream, including the manifest, divided by its number of frames."""
+    """`protocol.total_bytes` divided by the number of frames: with manifest and sound, hence above the frames' mean."""
 
     psnr_trained_lowest_frame: float
     psnr_decoded_lowest_frame: float

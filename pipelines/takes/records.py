@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from pydantic import Field, JsonValue, ValidationError, model_validator
 
 from pipelines.config.renamed import RECORD_KEYS, REPORT_KEYS, current_name, current_names, current_path
@@ -115,6 +117,16 @@ def note_rewritten(take: Take, stage: str) -> None:
 
 def result_of(take: Take, stage: str) -> str | None:
     """Digest of a finished stage's results; None if it is not finished."""
+    try:
+        state = take.record(stage).stat()
+    except OSError:
+        return None
+    return _result_of(take, stage, state.st_ino, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _result_of(take: Take, stage: str, inode: int, written: int) -> str | None:
+    """Records of long takes are large, and every group asks. They are replaced as a whole, with a new inode."""
     record = read_record(take, stage)
     return record.result if record else None
 

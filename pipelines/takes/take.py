@@ -18,12 +18,14 @@ Layout::
 from __future__ import annotations
 
 import datetime
+import errno
 import fcntl
 import json
 import os
 import shlex
+import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -289,7 +291,7 @@ class Take:
                 )
             file.seek(0)
             file.truncate()
-            json.dump({"pid": os.getpid(), "command": command}, file)
+            json.dump({"pid": os.getpid(), "command": command, "host": socket.gethostname()}, file)
             file.flush()
             try:
                 sweep_partial(self.root)
@@ -298,8 +300,36 @@ class Take:
                 file.seek(0)
                 file.truncate()
 
+    @contextmanager
+    def group_locked(self, stage: str, group: int, waiting: Callable[[], None]) -> Iterator[None]:
+        """Lock one group of a stage, so that two workers never make the same files; the second waits.
+
+        On a file system without locks, nothing is locked: files are still written atomically, and both workers write
+        the same bytes.
+
+        Args:
+            stage: its name.
+            group: number of the group.
+            waiting: called every 0.2 s while another process holds the lock; may raise.
+        """
+        folder = self.private / "groups"
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / f"{stage}_{group:03d}.lock").open("a") as file:
+            while True:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                except BlockingIOError:
+                    waiting()
+                    time.sleep(0.2)
+                except OSError as error:
+                    if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
+                        raise
+                    break
+            yield
+
     def running(self) -> dict[str, object] | None:
-        """`pid` and `command` of the run that holds the lock; None if there is none."""
+        """`pid`, `command` and `host` of the run that holds the lock; None if there is none."""
         path = self.private / "lock"
         try:
             with path.open("r") as file:

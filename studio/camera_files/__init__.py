@@ -5,15 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
-from studio.camera_files import easymocap, rerf
+from studio.camera_files import annots_npy, easymocap, mvsnet, poses_bounds, rerf
 from studio.camera_files.actorshq import COLUMNS as ACTORSHQ_COLUMNS
 from studio.camera_files.actorshq import read_actorshq, write_actorshq
 from studio.camera_files.colmap_model import read_colmap, write_colmap
 from studio.camera_files.common import read_json, read_text
 from studio.camera_files.metashape import rig_from_metashape
+from studio.camera_files.opencv_storage import read_opencv_cameras
 from studio.camera_files.qualisys import rig_from_qualisys
 from studio.camera_files.realityscan import read_realityscan
 from studio.camera_files.rig_json import rig_from_values, write_rig_json
+from studio.camera_files.thuman import is_thuman, rig_from_thuman
 from studio.camera_files.toml_rigs import read_toml, write_toml
 from studio.camera_files.transforms_json import rig_from_transforms, write_transforms
 from studio.cameras import Rig
@@ -23,14 +25,16 @@ __all__ = ["find_camera_files", "read_rig", "write_rig"]
 
 _KNOWN = (
     "rig.json, cameras.json (K, R, t), transforms.json, a COLMAP model folder, intri.yml and extri.yml, "
-    "calibration.csv (ActorsHQ, RealityScan), *.toml (Pose2Sim, Caliscope), *.xml (Metashape), a Qualisys .qca.txt, or "
-    "CamPose.inf and Intrinsic.inf"
+    "calibration.csv (ActorsHQ, RealityScan), calibration.json (THuman4.0), *.toml (Pose2Sim, Caliscope), *.xml "
+    "(Metashape), a Qualisys .qca.txt, CamPose.inf and Intrinsic.inf, poses_bounds.npy (N3DV), annots.npy (ZJU-MoCap), "
+    "a folder of *_cam.txt (MVSNet), or OpenCV's XML or YAML with one file per camera, '{camera}/config.xml'"
 )
 _COLMAP_FILES = {f"{stem}.{suffix}" for stem in ("cameras", "images", "points3D") for suffix in ("bin", "txt")}
 _USUAL_NAMES = (
-    "rig.json", "cameras.json", "calibration.json", "transforms.json", "transforms_train.json", "calibration.csv",
-    "camera_array.toml", "cameras.xml", easymocap.INTRINSICS, rerf.POSES,
+    "rig.json", "cameras.json", "calibration.json", "calibration_full.json", "transforms.json",
+    "transforms_train.json", "calibration.csv", "camera_array.toml", "cameras.xml", easymocap.INTRINSICS, rerf.POSES,
 )  # fmt: skip
+_LESS_EXACT = (annots_npy.NAME, poses_bounds.NAME)  # often next to one of the above, with the same cameras
 _USUAL_PATTERNS = ("*.qca.txt", "Calib*.toml")
 
 
@@ -39,9 +43,10 @@ def find_camera_files(folder: Path) -> list[Path]:
     found = [folder / name for name in _USUAL_NAMES if (folder / name).is_file()]
     for pattern in _USUAL_PATTERNS:
         found += sorted(folder.glob(pattern))
-    if any((folder / f"cameras.{suffix}").is_file() for suffix in ("txt", "bin")):
+    colmap = any((folder / f"cameras.{suffix}").is_file() for suffix in ("txt", "bin"))
+    if colmap or any(folder.glob(f"*{mvsnet.SUFFIX}")):
         found.append(folder)
-    return found
+    return found or [folder / name for name in _LESS_EXACT if (folder / name).is_file()][:1]
 
 
 def read_rig(path: Path | str) -> Rig:
@@ -51,7 +56,9 @@ def read_rig(path: Path | str) -> Rig:
         path: rig.json, a cameras.json with K, R, t, a transforms.json (instant-ngp, nerfstudio, NeuS2, VideoGS), a
             COLMAP model folder (text or binary, or any file in it), intri.yml or extri.yml (EasyMocap), calibration.csv
             (ActorsHQ), RealityScan's CSV, a TOML of Pose2Sim or Caliscope, Metashape's XML, a Qualisys .qca.txt,
-            CamPose.inf (ReRF); or a folder with exactly one of these, or with one folder per frame (VideoGS).
+            CamPose.inf (ReRF, NHR), calibration.json (THuman4.0, AvatarReX), poses_bounds.npy (LLFF, N3DV), annots.npy
+            (ZJU-MoCap); a folder with exactly one of these, with *_cam.txt (MVSNet), or with one folder per frame
+            (VideoGS); or a pattern with {camera} of OpenCV's XML or YAML files, one per camera.
 
     Returns:
         the rig, in the conventions of `studio.cameras` (OpenCV axes, pixel origin at the image corner).
@@ -61,6 +68,9 @@ def read_rig(path: Path | str) -> Rig:
             of its cameras is invalid (camera.*). The error contains the file.
     """
     path = Path(path)
+    if "{camera}" in str(path):
+        fixed = next(parent for parent in path.parents if "{camera}" not in str(parent))
+        return read_opencv_cameras(fixed, path.relative_to(fixed).as_posix())
     if path.is_dir():
         return _read_folder(path)
     if not path.exists():
@@ -73,6 +83,8 @@ def read_rig(path: Path | str) -> Rig:
         return rerf.read_rerf(path.parent)
     if path.suffix.lower() == ".toml":
         return read_toml(path)
+    if path.suffix.lower() == ".npy":
+        return annots_npy.read_annots(path) if path.name == annots_npy.NAME else poses_bounds.read_poses_bounds(path)
     text = read_text(path)
     start = text.lstrip()[:1]
     if path.suffix.lower() == ".csv":
@@ -80,6 +92,8 @@ def read_rig(path: Path | str) -> Rig:
         return read_actorshq(path) if len(heads & set(ACTORSHQ_COLUMNS)) > 9 else read_realityscan(path)
     if start == "<":
         return _read_xml(path, text)
+    if text.startswith("%YAML:"):
+        raise _one_camera(path)
     if start not in "{[":
         raise _unknown_format("not a camera file of a supported format", path)
     values = read_json(path)
@@ -87,6 +101,8 @@ def read_rig(path: Path | str) -> Rig:
         return rig_from_values(path, values)
     if "frames" in values:
         return rig_from_transforms(path, values)
+    if is_thuman(values):
+        return rig_from_thuman(path, values)
     raise _unknown_format("the JSON object has neither 'cameras' nor 'frames'", path)
 
 
@@ -94,7 +110,19 @@ def _unknown_format(problem: str, path: Path) -> StudioError:
     return StudioError("camera_file.unknown_format", problem, file=path, fix=f"Supported are {_KNOWN}.")
 
 
+def _one_camera(path: Path) -> StudioError:
+    return StudioError(
+        "camera_file.one_camera",
+        "an OpenCV calibration, which describes one camera",
+        file=path,
+        fix="Set capture.rig to the pattern of all of them, for example '{camera}/config.xml'.",
+        setting="capture.rig",
+    )
+
+
 def _read_folder(folder: Path) -> Rig:
+    if any(folder.glob(f"*{mvsnet.SUFFIX}")):
+        return mvsnet.read_mvsnet(folder)
     files = find_camera_files(folder)
     if len(files) > 1:
         names = ", ".join(file.name for file in files)
@@ -129,6 +157,8 @@ def _read_xml(path: Path, text: str) -> Rig:
         ) from None
     if root.tag in ("document", "chunk"):
         return rig_from_metashape(path, root)
+    if root.tag == "opencv_storage":
+        raise _one_camera(path)
     return rig_from_qualisys(path, root)
 
 

@@ -7,91 +7,18 @@ the center of the first pixel. Newer files also have the image size, `H_<name>` 
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import naming, no_cameras, read_text, write_atomic, wrong_shape
+from studio.camera_files.common import naming, write_atomic
 from studio.camera_files.nearby import size_nearby
+from studio.camera_files.opencv_storage import Storage
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
-from studio.validation import check_finite, missing_key, whole
+from studio.validation import missing_key
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
-
-
-class _File:
-    """One of the two files, parsed by OpenCV and then validated."""
-
-    def __init__(self, path: Path) -> None:
-        import cv2
-
-        self.path = path
-        text = read_text(path)
-        try:
-            self.storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        except (cv2.error, SystemError) as error:  # OpenCV 5's bindings raise SystemError for some errors
-            reason = str(error.__cause__ or error).split("error:")[-1].strip().splitlines()[0]
-            raise StudioError(
-                "camera_file.syntax",
-                f"OpenCV cannot parse the file ({reason})",
-                file=path,
-                fix="The file may be truncated: export the cameras again.",
-            ) from None
-
-    def names(self) -> list[str]:
-        """Names of the cameras."""
-        node = self.storage.getNode("names")
-        if node.empty() or not node.size():
-            raise no_cameras("the list 'names' is missing or empty", self.path)
-        entries = [node.at(index) for index in range(node.size())]
-        return [entry.string() if entry.isString() else str(int(entry.real())) for entry in entries]
-
-    def matrix(self, key: str, camera: str, shapes: tuple[tuple[int, int], ...] = ()) -> np.ndarray | None:
-        """A finite matrix of one of the shapes (any if empty); None if the key is missing."""
-        import cv2
-
-        node = self.storage.getNode(key)
-        if node.empty():
-            return None
-        value: Any = None
-        if node.isMap():
-            with contextlib.suppress(cv2.error):
-                value = node.mat()
-        if value is None:
-            raise StudioError(
-                "camera.not_a_matrix",
-                f"Camera '{camera}': '{key}' is not a complete matrix",
-                file=self.path,
-                fix="Export the cameras again.",
-                camera=camera,
-                key=key,
-            )
-        matrix = np.asarray(value, np.float64)
-        with naming(self.path):
-            if shapes and matrix.shape not in shapes:
-                raise wrong_shape(key, camera, matrix.shape, shapes)
-            check_finite(matrix, key, camera)
-        return matrix
-
-    def needed(self, key: str, camera: str, shapes: tuple[tuple[int, int], ...] = ()) -> np.ndarray:
-        """A required matrix."""
-        matrix = self.matrix(key, camera, shapes)
-        if matrix is None:
-            with naming(self.path):
-                raise missing_key(key, camera)
-        return matrix
-
-    def whole(self, key: str, camera: str) -> int | None:
-        """An integer, or None if the key is missing."""
-        node = self.storage.getNode(key)
-        if node.empty():
-            return None
-        value = node.real() if node.isInt() or node.isReal() else node.string() if node.isString() else None
-        with naming(self.path):
-            return whole({key: value}, key, camera)
 
 
 def read_easymocap(folder: Path) -> Rig:
@@ -109,13 +36,13 @@ def read_easymocap(folder: Path) -> Rig:
                 file=folder / name,
                 fix=f"EasyMocap cameras need both {INTRINSICS} and {EXTRINSICS} in one folder.",
             )
-    intrinsics, pose = _File(folder / INTRINSICS), _File(folder / EXTRINSICS)
+    intrinsics, pose = Storage(folder / INTRINSICS), Storage(folder / EXTRINSICS)
     cameras = [_camera(folder, name, intrinsics, pose) for name in intrinsics.names()]
     with naming(folder / INTRINSICS):
         return Rig(tuple(cameras))
 
 
-def _camera(folder: Path, name: str, intrinsics: _File, pose: _File) -> Camera:
+def _camera(folder: Path, name: str, intrinsics: Storage, pose: Storage) -> Camera:
     import cv2
 
     K = intrinsics.needed(f"K_{name}", name, ((3, 3),)).copy()

@@ -7,7 +7,7 @@ from pathlib import Path
 from studio.capture.media import open_media
 from studio.errors import StudioError
 
-_FOLDERS = ("", "images", "image", "imgs", "videos", "video", "rgbs", "rgb")
+_FOLDERS = ("", "images", "image", "imgs", "img", "videos", "video", "rgbs", "rgb")
 _IMAGES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 _VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 
@@ -40,6 +40,21 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
         fix="Put the footage next to the camera file, or into a folder images/ or videos/ there.",
         camera=camera,
     )
+
+
+def size_within(folder: Path, camera: str) -> tuple[int, int] | None:
+    """Width and height in pixels of the footage in a camera's own folder; None if there is none.
+
+    Args:
+        folder: the folder, whose videos and images are all from that camera; a file named "video" is preferred.
+        camera: name of the camera, for the error.
+
+    Raises:
+        StudioError: the footage cannot be read (camera.footage_unreadable).
+    """
+    files = [file for file in folder.iterdir() if file.suffix.lower() in _IMAGES + _VIDEOS]
+    best = min(files, key=lambda file: (file.stem != "video", file.stem != camera, file.name), default=None)
+    return None if best is None else _size(best, camera)
 
 
 def _size(file: Path, camera: str) -> tuple[int, int]:

@@ -107,8 +107,9 @@ def _intrinsics(path: Path) -> list[np.ndarray]:
 
 def _footage(folder: Path, index: int) -> tuple[str, tuple[int, int]]:
     """Name and image size of a camera, from its footage."""
-    numbered = (part for part in (folder / "image").glob("[0-9]*") if part.is_dir() and part.name.isdecimal())
-    frames = sorted(numbered, key=lambda part: int(part.name))
-    if frames:
-        return f"{index:04d}", size_nearby(frames[0], f"img_{index:04d}", str(index))
+    for images in ("image", "img"):
+        numbered = (part for part in (folder / images).glob("[0-9]*") if part.is_dir() and part.name.isdecimal())
+        frames = sorted(numbered, key=lambda part: int(part.name))
+        if frames:
+            return f"{index:04d}", size_nearby(frames[0], f"img_{index:04d}", str(index))
     return f"{index:03d}", size_nearby(folder, f"{index:03d}", str(index))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -248,7 +249,8 @@ def _stem(name: str) -> str:
 
 
 def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
-    """Match the cameras of a rig with those of the footage, by name, or else by name without folder and extension.
+    """Match the cameras of a rig with those of the footage, by name, else by name without folder and extension, else by
+    the number in the name if that is unambiguous and both have the same numbers.
 
     Args:
         rig: the calibrated cameras.
@@ -271,6 +273,8 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
             stems[_stem(camera.name)] = camera
         if len(set(names) & set(stems)) > len(set(names) & set(cameras)):
             cameras = stems
+    if not set(names) <= set(cameras):
+        cameras = _by_number(cameras, names) or cameras
     without = [name for name in names if name not in cameras]
     if without:
         known = sorted(cameras, key=natural_key)
@@ -294,6 +298,20 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
             setting="capture.cameras",
         )
     return {name: replace(cameras[name], name=name) for name in names}
+
+
+def _by_number(cameras: Mapping[str, Camera], names: Sequence[str]) -> dict[str, Camera]:
+    """Cameras by the name in the footage that has the same, and only, number, as in `00000007` and `cam_7`; empty
+    unless this holds for all cameras of both."""
+    mine, others = ({_only_number(name): name for name in group} for group in (names, cameras))
+    if None in mine or None in others or set(mine) != set(others) or len(mine) != len(names):
+        return {}
+    return {name: cameras[others[number]] for number, name in mine.items()} if len(others) == len(cameras) else {}
+
+
+def _only_number(name: str) -> int | None:
+    numbers = re.findall(r"\d+", name)
+    return int(numbers[0]) if len(numbers) == 1 else None
 
 
 def _and_more(noun: str, names: Sequence[str]) -> str:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from studio.errors import StudioError
 
-IMAGE_EXTENSIONS = frozenset({".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp"})
+IMAGE_EXTENSIONS = frozenset({".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".exr", ".dpx"})
 VIDEO_EXTENSIONS = frozenset({".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mxf", ".ts", ".mpg", ".mpeg", ".wmv"})
 
 _TOKEN = re.compile(r"\{camera\}|\{frame(?::0?(\d*)d)?\}|\*\*/|\*|\?|\{[^}]*\}")
@@ -80,12 +80,20 @@ def walk(folder: Path, depth: int) -> Iterator[str]:
                 yield path
 
 
-def find_files(root: Path, pattern: str) -> list[Match]:
-    """All image and video files below `root` that match `pattern`, sorted by camera and frame.
+def find_files(
+    root: Path,
+    pattern: str,
+    extensions: Collection[str] = IMAGE_EXTENSIONS | VIDEO_EXTENSIONS,
+    listing: Callable[[], Sequence[str]] | None = None,
+) -> list[Match]:
+    """All files below `root` that match `pattern`, sorted by camera and frame.
 
     Args:
         root: the capture's folder.
         pattern: see `CaptureSettings`; must contain `{camera}`.
+        extensions: of the files to find, in lower case; by default images and videos.
+        listing: returns the paths below `root`, at least as deep as the pattern, when several patterns are tried on
+            the same folder; used if the pattern begins with a placeholder.
 
     Returns:
         the files; empty if nothing matches.
@@ -113,9 +121,9 @@ def find_files(root: Path, pattern: str) -> list[Match]:
         return []
     depth = 8 if "**/" in rest else rest.count("/")
     found: dict[tuple[str, int | None], Match] = {}
-    for relative in walk(base, depth):
+    for relative in listing() if listing is not None and fixed == 0 and "**/" not in rest else walk(base, depth):
         match = expression.fullmatch(relative)
-        if match is None or Path(relative).suffix.lower() not in IMAGE_EXTENSIONS | VIDEO_EXTENSIONS:
+        if match is None or Path(relative).suffix.lower() not in extensions:
             continue
         groups = match.groupdict()
         frame = int(groups["frame"]) if groups.get("frame") is not None else None

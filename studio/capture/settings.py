@@ -39,8 +39,8 @@ class FileSettings(Settings):
 
     rig: Annotated[str | None, Affects()] = "auto"
     """Calibration file or folder (rig.json, cameras.json, transforms.json, a COLMAP model, *.qca.txt), relative to
-    root. auto: the one found under a usual name; if there is none, calibrate from the footage. null: always calibrate
-    from the footage."""
+    root, or the pattern of OpenCV's files if there is one per camera: {camera}/config.xml. auto: the one found under a
+    usual name; if there is none, calibrate from the footage. null: always calibrate from the footage."""
 
     masks: MaskKind = "auto"
     """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.

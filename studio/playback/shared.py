@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from studio.errors import Message, StudioError
 from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import SkippedGroup
-from studio.stream import GroupDecoder, GroupEntry, StreamReader, fetch_group
+from studio.stream import GroupDecoder, GroupEntry, StreamReader
 
 _CACHED_GROUPS = 6  # so that scrubbing does not fetch them again
 _LOOK_AGAIN = 0.2  # seconds between two looks at whether a run is over that waits for new groups
@@ -110,7 +110,7 @@ class Shared:
                 self._files.move_to_end(key)
                 return self._files[key]
         began = time.perf_counter()
-        files = fetch_group(self.reader.source, group)
+        files = self.reader.fetch(group)
         if self.rule is not None:
             self.rule.fetched(group.bytes, time.perf_counter() - began)
         with self._lock:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 
+import numpy as np
+
 from studio.errors import Message
 from studio.json_types import JsonObject
 
@@ -69,7 +71,7 @@ class SkippedGroup:
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, median, 95th percentile and maximum of a quantity."""
+    """Mean, median, 95th percentile (interpolated linearly) and maximum of a quantity."""
 
     mean: float
     median: float
@@ -81,12 +83,8 @@ class Spread:
         """The statistics of any number of values; zeros if there are none."""
         if not values:
             return cls(0.0, 0.0, 0.0, 0.0)
-        ordered = sorted(values)
-
-        def at(share: float) -> float:
-            return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
-
-        return cls(sum(ordered) / len(ordered), at(0.5), at(0.95), ordered[-1])
+        median, p95 = np.percentile(values, [50, 95])
+        return cls(sum(values) / len(values), float(median), float(p95), max(values))
 
 
 @dataclass(frozen=True)

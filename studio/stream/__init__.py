@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from studio.stream.bake_ladder import ContributionFn, FinetunedFn
     from studio.stream.bake_sound import bake_sound
     from studio.stream.decode import DecodedFrame, GroupDecoder, open_decoder
+    from studio.stream.integrity import StreamDamage, StreamIntegrity, check_stream
     from studio.stream.ladder_models import AudioEntry, BakedGroup, GroupLadder, RenditionEntry, baked_group
     from studio.stream.manifest import FORMAT, MANIFEST_NAME, VERSION, Manifest
     from studio.stream.manifest_models import GroupEntry
@@ -40,12 +41,15 @@ __all__ = [
     "Rung",
     "Source",
     "SourceUnavailable",
+    "StreamDamage",
+    "StreamIntegrity",
     "StreamMetadata",
     "StreamReader",
     "StreamSound",
     "bake_group",
     "bake_sound",
     "baked_group",
+    "check_stream",
     "fetch_group",
     "group_folder_name",
     "is_address",

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from itertools import accumulate
 from typing import overload
 
@@ -36,10 +37,12 @@ class GroupIndex:
     Attributes:
         manifest: as given.
         starts: first frame of each group.
+        reading: makes a context around each read of a page, which may raise other errors instead.
     """
 
     def __init__(self, manifest: LadderManifest, source: Source, manifest_bytes: int) -> None:
         self.manifest = manifest
+        self.reading: Callable[[], AbstractContextManager[None]] = nullcontext
         self.starts = starts_of(manifest)
         self._source = source
         self._manifest_bytes = manifest_bytes
@@ -81,8 +84,9 @@ class GroupIndex:
     def _read(self, place: int) -> tuple[GroupLadder, ...]:
         page, first = self.manifest.pages[place - 1], self._page_starts[place]
         name = f"{self._source.name}/{page.path}"
-        data = self._source.read(page.path, page.bytes)
-        groups = parse_page(data, page, self.manifest, first, self.starts[first], name)
+        with self.reading():
+            data = self._source.read(page.path, page.bytes)
+            groups = parse_page(data, page, self.manifest, first, self.starts[first], name)
         with self._lock:
             groups = self._pages.setdefault(place, groups)  # another thread's are the same; keep one set
             while len(self._pages) > _KEPT_PAGES:

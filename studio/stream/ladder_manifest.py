@@ -338,7 +338,8 @@ def check_growth(old: LadderManifest, new: LadderManifest, name: str) -> None:
     changed = [key for key in fixed if getattr(old, key) != getattr(new, key)]
     if [one.id for one in old.renditions] != [one.id for one in new.renditions]:
         changed.append("renditions")
-    if new.frame_counts[: len(kept)] != kept:
+    same = all(before.files == after.files for before, after in zip(old.groups, new.groups, strict=False))
+    if new.frame_counts[: len(kept)] != kept or ("renditions" not in changed and not same):
         changed.append("groups")
     if changed:
         raise StudioError(

@@ -17,6 +17,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 _RGB = "rgb"
+_SHORTEST_QUAT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -206,8 +207,15 @@ class ComponentArrays:
         ]
 
     def gaussians(self) -> Gaussians:
-        """Gaussians that share the memory. Quaternions are as stored: close to unit length, not normalized."""
+        """Gaussians that share the memory. Quaternions are as stored: close to unit length, not normalized.
+
+        One that is too short to tell a rotation, which no baker writes, becomes the identity; its splat is not seen.
+        """
         opacities = np.clip(self._opacities, 1e-6, 1 - 1e-6)
+        none = np.einsum("ni,ni->n", self._quats, self._quats) < _SHORTEST_QUAT**2
+        if none.any():
+            self._quats[none] = (1, 0, 0, 0)
+            opacities[none] = 1e-6
         return Gaussians(
             means=torch.from_numpy(self._means),
             quats=torch.from_numpy(self._quats),

@@ -24,6 +24,9 @@ MAX_MANIFEST_BYTES = 64 << 20
 MAX_SIDE_BYTES = 256 << 20
 MAX_PICTURE = 16384
 MAX_VALUE = 1e9
+MAX_LOG_SCALE = math.log(MAX_VALUE)
+MAX_BLOCK_SPAN = 1e6
+"""Largest extent of the keyframe's lattice in units of `blocks.radius`; writers here stay below 65,537."""
 
 Part = Literal["all", "high", "low", "low_mirrored"]
 Number = Annotated[float, Field(ge=-MAX_VALUE, le=MAX_VALUE, allow_inf_nan=False)]
@@ -39,6 +42,11 @@ class InconsistentError(ValueError):
     def __init__(self, rule: str, problem: str) -> None:
         super().__init__(problem)
         self.rule = rule
+
+
+def largest(name: str) -> float:
+    """The largest value of a component or channel that can be drawn: scales end at `MAX_VALUE`, as positions do."""
+    return MAX_LOG_SCALE if name.startswith("log_scale") else MAX_VALUE
 
 
 class Model(BaseModel):
@@ -119,6 +127,10 @@ class ComponentEntry(Model):
     def _check(self) -> ComponentEntry:
         if self.min > self.max:
             raise InconsistentError("range_order", f"minimum {self.min} of {self.name} exceeds its maximum {self.max}")
+        if self.max > largest(self.name):
+            raise InconsistentError(
+                "value_range", f"maximum {self.max:g} of {self.name[:40]} exceeds {largest(self.name):g}"
+            )
         return self
 
 
@@ -227,6 +239,17 @@ class ChannelEntry(Model):
     offset: Number
     step: Step
 
+    @model_validator(mode="after")
+    def _check(self) -> ChannelEntry:
+        low, high = self.offset - 128 * self.step, self.offset + 127 * self.step
+        if low < -MAX_VALUE or high > largest(self.name):
+            raise InconsistentError(
+                "value_range",
+                f"values of {self.name[:40]} reach from {low:g} to {high:g}; they must be from {-MAX_VALUE:g} to "
+                f"{largest(self.name):g}",
+            )
+        return self
+
 
 class Lattice(Model):
     """Quantization of the keyframe's means: min + (cell + 1/2) * step for integer cells below 2^bits."""
@@ -294,6 +317,12 @@ class MotionGroup(GroupEntry):
             raise InconsistentError("block_count", f"{self.blocks.count} blocks for {self.splats} splats")
         if math.ldexp(self.positions.step, self.positions.bits) > 2 * MAX_VALUE:
             raise InconsistentError("position_range", f"positions exceed {MAX_VALUE:g}")
+        span = math.ldexp(self.positions.step, self.positions.bits)
+        if span > MAX_BLOCK_SPAN * self.blocks.radius:
+            raise InconsistentError(
+                "block_radius",
+                f"the blocks' radius is {self.blocks.radius:g}; a millionth of the positions' extent is {span / 1e6:g}",
+            )
         self.check_bytes()
         return self
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from studio.rotations import mrp_to_quats
-from studio.stream.manifest_models import MAX_VALUE, BlockTable, Lattice, MotionGroup
+from studio.stream.manifest_models import MAX_VALUE, BlockTable, ChannelEntry, Lattice, MotionGroup, largest
 from studio.stream.morton import deinterleave
 from studio.stream.motion_blocks import Blocks
 from studio.stream.octree import decode_octree, encode_octree
@@ -100,6 +101,8 @@ class Side:
         if np.abs(affine).max(initial=0) * group.blocks.step > MAX_VALUE:
             raise ValueError(f"a block moves by more than {MAX_VALUE:g}")
         rotation = _from_time_differences(cursor.integers(moved * 3 * blocks, _MOTION_BYTES), (moved, 3, blocks))
+        if np.abs(rotation).max(initial=0) * group.blocks.rotation_step > MAX_VALUE:
+            raise ValueError(f"the rotation of a block exceeds {MAX_VALUE:g}")
         count = int(cursor.integers(1, _ESCAPE_BYTES)[0])
         if count < 0:
             raise ValueError(f"the number of escapes is {count}")
@@ -113,6 +116,7 @@ class Side:
             if count and (values.min() < 0 or values.max() >= limit):
                 raise ValueError("an escape is outside the group")
         code = np.where(beyond < 0, beyond, beyond + 255)
+        _check_values(group.channels, channel, code)
         return cls(codes, labels, classes, affine, rotation, Escapes(channel, splat, frame, code))
 
 
@@ -124,6 +128,17 @@ def _time_differences(values: np.ndarray) -> np.ndarray:
 def _from_time_differences(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     result: np.ndarray = np.cumsum(np.cumsum(values.reshape(shape), axis=0), axis=0)
     return result
+
+
+def _check_values(channels: Sequence[ChannelEntry], channel: np.ndarray, code: np.ndarray) -> None:
+    """Raises ValueError for an escape whose value is out of the bounds of its channel, which cannot be drawn."""
+    bounds = np.array([(entry.offset, entry.step, largest(entry.name)) for entry in channels])
+    offset, step, high = bounds[channel].T
+    values = offset + (code - 128) * step
+    wrong = np.flatnonzero((values < -MAX_VALUE) | (values > high))
+    if len(wrong):
+        first = wrong[0]
+        raise ValueError(f"an escape in {channels[channel[first]].name} has the value {values[first]:g}")
 
 
 def compress(side: Side, bits: int) -> tuple[bytes, int]:

@@ -15,7 +15,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.stream.ladder_models import FILES
 from studio.stream.manifest import MANIFEST_NAME
 from studio.stream.manifest_models import FileEntry
-from studio.stream.reader import StreamReader, checked_file
+from studio.stream.reader import StreamReader
 
 IMMUTABLE = "public, max-age=31536000, immutable"
 """Cache-Control of files that are named by their content."""
@@ -81,7 +81,7 @@ def publish(
         progress(done, len(files))
 
         def copy(file: FileEntry) -> None:
-            place.put(file.path, checked_file(reader.source, file), IMMUTABLE)
+            place.put(file.path, reader.checked(file), IMMUTABLE)
 
         with ThreadPoolExecutor(_PARALLEL, thread_name_prefix="publish") as pool:
             try:

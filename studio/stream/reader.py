@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
@@ -20,7 +21,7 @@ from studio.stream.manifest import MANIFEST_NAME, Manifest, parse_head, parse_ma
 from studio.stream.manifest_models import MAX_MANIFEST_BYTES, FileEntry, GroupEntry
 from studio.stream.open_source import open_source
 from studio.stream.sound import StreamSound
-from studio.stream.source import BAKE_AGAIN, Source, close_source, read_files
+from studio.stream.source import BAKE_AGAIN, Source, SourceUnavailable, close_source, read_files
 
 
 def fetch_group(source: Source, group: GroupEntry) -> dict[str, bytes]:
@@ -113,6 +114,8 @@ class StreamReader:
             raise
         reader._owns_source = opened is not source
         reader.manifest_bytes = data
+        if reader.index is not None:
+            reader.index.reading = reader._reading
         return reader
 
     @property
@@ -144,11 +147,64 @@ class StreamReader:
         old, new = self.index.manifest, parse_ladder(data, name)
         check_growth(old, new, name)
         index = GroupIndex(new, self.source, len(data))
+        index.reading = self._reading
         rendition = self.manifest.rendition if isinstance(self.manifest, RenditionManifest) else None
         with self._lock:
             grown = len(index) - len(self.index)
             self.index, self.manifest, self.manifest_bytes = index, index.view(rendition), data
         return grown
+
+    def fetch(self, group: GroupEntry) -> dict[str, bytes]:
+        """Content by path of all files of a group, verified.
+
+        Raises:
+            StudioError: as `fetch_group`; `stream.replaced`: the stream was baked again since it was opened.
+        """
+        with self._reading():
+            return fetch_group(self.source, group)
+
+    def checked(self, file: FileEntry) -> bytes:
+        """Content of one file, verified. Raises StudioError as `fetch`."""
+        with self._reading():
+            return checked_file(self.source, file)
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Tells damaged files from those of another bake, which has replaced the stream since it was opened."""
+        try:
+            yield
+        except SourceUnavailable:
+            raise
+        except StudioError:
+            if self._replaced():
+                raise StudioError(
+                    "stream.replaced",
+                    "the stream was baked again since it was opened",
+                    file=f"{self.source.name}/{MANIFEST_NAME}",
+                    fix="Open it again.",
+                ) from None
+            raise
+
+    def _replaced(self) -> bool:
+        """Whether there is another manifest now, which does not only add groups."""
+        name = f"{self.source.name}/{MANIFEST_NAME}"
+        try:
+            data = self.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
+            if data == self.manifest_bytes or not self.manifest_bytes:
+                return False
+            if parse_head(data, name).get("version") != 3:
+                parse_manifest(data, name)
+                return True
+            new = parse_ladder(data, name)
+        except StudioError:
+            return False  # nothing that could be opened instead
+        if self.index is None or not self.index.manifest.live:
+            return True
+        try:
+            check_growth(self.index.manifest, new, name)
+        except StudioError:
+            return True
+        return False
 
     @property
     def files(self) -> tuple[FileEntry, ...]:
@@ -207,7 +263,7 @@ class StreamReader:
         entry = self.audio
         if entry is None:
             raise StudioError("stream.no_sound", "the stream has no sound", file=self.source.name)
-        return checked_file(self.source, entry)
+        return self.checked(entry)
 
     def sound(self) -> StreamSound | None:
         """The decoded sound, for random access; the caller closes it. None for silent streams.
@@ -232,7 +288,7 @@ class StreamReader:
 
     def open_group(self, group: GroupEntry, files: Mapping[str, bytes] | None = None) -> GroupDecoder:
         """A decoder at the first frame of the group, from `files` as returned by `fetch_group`, or fetched now."""
-        files = files or fetch_group(self.source, group)
+        files = files or self.fetch(group)
         return open_decoder(group, files, self._pool, self.source.name, self.manifest.codec.name, self._threads)
 
     def gaussians(self, frame: int) -> Gaussians:
@@ -247,7 +303,7 @@ class StreamReader:
             if decoder is None or decoder.group.index != group.index or decoder.next_frame > frame:
                 self._drop_decoder()
                 if self._files is None or self._files[0] is not group:
-                    self._files = (group, fetch_group(self.source, group))
+                    self._files = (group, self.fetch(group))
                 decoder = self._decoder = self.open_group(group, self._files[1])
             try:
                 while True:
@@ -268,16 +324,16 @@ class StreamReader:
         """Verify size and SHA-256 of every file, of all renditions. Raises StudioError for the first mismatch."""
         if self.index is None:
             for group in self.manifest.groups:
-                fetch_group(self.source, group)
+                self.fetch(group)
             return
         sizes: dict[str, int] = {}
         if self.audio is not None:
-            checked_file(self.source, self.audio)
+            self.checked(self.audio)
         for number in range(len(self.index)):
             ladder = self.index.ladder(number)
             sizes.update((file.path, file.bytes) for file in ladder.files)
             for one in ladder.renditions:
-                fetch_group(self.source, one)
+                self.fetch(one)
         self.index.check_total(sum(sizes.values()))
 
     def _drop_decoder(self) -> None:

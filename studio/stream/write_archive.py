@@ -9,7 +9,7 @@ from pathlib import Path
 from studio.progress import ProgressFn, no_progress
 from studio.stream.manifest import MANIFEST_NAME
 from studio.stream.manifest_models import FileEntry
-from studio.stream.reader import StreamReader, checked_file
+from studio.stream.reader import StreamReader
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
 
@@ -29,7 +29,6 @@ def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_pro
         StudioError: a file of the stream is missing or damaged.
         OSError: the file cannot be written.
     """
-    source = reader.source
     written = {MANIFEST_NAME}
     with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
 
@@ -44,7 +43,7 @@ def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_pro
             for file in files:
                 if file.path not in written:
                     written.add(file.path)
-                    add(file.path, checked_file(source, file))
+                    add(file.path, reader.checked(file))
             progress(number + 1, len(reader.manifest.groups))
     return out.stat().st_size
 

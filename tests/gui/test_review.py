@@ -1,4 +1,4 @@
-"""The presenters of the review on a real take: figures, ground truth, marks, timeline plots."""
+"""The presenters of the review on a real take: figures, footage, marks, timeline plots."""
 
 from __future__ import annotations
 

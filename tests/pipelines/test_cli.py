@@ -124,13 +124,38 @@ def test_a_second_run_on_the_take_is_refused_at_once(cli, project, start):
         os.kill(process.pid, signal.SIGCONT)
 
 
+def test_status_says_what_a_baking_take_is_doing(cli, start, finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "copy")
+    take = tmp_path / "copy" / "take"
+    process = start("bake", take, "--force", "--json")
+    while parse_event(process.stdout.readline()).kind != "stage_started":
+        pass
+    process.stdout.readline()  # the event before it is in the log now
+    os.kill(process.pid, signal.SIGSTOP)
+    try:
+        found = json.loads(cli("status", take, "--json").stdout)
+        assert found["running"]["pid"] == process.pid
+        assert (found["running"]["stage"], found["running"]["reason"]) == ("bake", "forced")
+        assert found["stages"]["bake"]["state"] == "running"
+        text = cli("status", take).stdout
+        assert "never run" not in text
+        assert any("bake" in line and "running" in line for line in text.splitlines())
+    finally:
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    found = json.loads(cli("status", take, "--json").stdout)
+    assert found["running"] is None
+    assert found["stages"]["bake"]["reason"] != "never run"
+
+
 def test_play_prints_a_row_a_frame_for_a_take_and_for_a_stream(cli, finished):
     for folder in (finished / "take", finished / "take" / "stream"):
         report = json.loads(cli("play", folder, "--headless", "--json").stdout)
         assert [row["frame"] for row in report["frames"]] == [0, 1, 2, 3, 4]
         assert all(row["decode_ms"] > 0 for row in report["frames"])
-    text = cli("play", finished / "take", "--headless").stdout
+    text = cli("play", finished / "take").stdout
     assert "fetch ms" in text
+    assert "v3studio-gui" in text
     assert "5 frames in" in text
     assert cli("play", finished / "capture", "--headless").returncode == 1
 

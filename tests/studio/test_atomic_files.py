@@ -4,7 +4,9 @@ import os
 import subprocess
 import sys
 
-from studio.atomic_files import PARTIAL, leftovers, remove_leftovers, temporary_path
+import pytest
+
+from studio.atomic_files import PARTIAL, exchange, leftovers, remove_leftovers, temporary_path
 
 
 def dead_pid():
@@ -30,3 +32,14 @@ def test_only_what_ended_processes_left_is_removed(tmp_path):
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {*kept, mine.name, f".turn.{dead}.old{PARTIAL}.mp4"}
     remove_leftovers(tmp_path / "nowhere", target)
+
+
+def test_folders_are_swapped_in_one_step(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).touch()
+    if not exchange(tmp_path / "a", tmp_path / "b"):
+        pytest.skip("this file system cannot swap folders")
+    assert [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.glob("*/*"))] == ["a/b", "b/a"]
+    with pytest.raises(FileNotFoundError):
+        exchange(tmp_path / "a", tmp_path / "missing")

@@ -1,1 +1,5 @@
 """Helpers shared by several test files."""
+
+from tests.support import mutant
+
+mutant.install()

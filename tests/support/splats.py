@@ -1,4 +1,4 @@
-"""The splats that the files in tests/data/splats were converted from, and drawing splats to compare them."""
+"""The splats that the files in tests/data/splats were converted from, and checks of splats: drawn, and finite."""
 
 from __future__ import annotations
 
@@ -34,3 +34,11 @@ def drawn(splats: Gaussians) -> torch.Tensor:
     eyes = ((3.0, 1.5, 2.0), (-1.0, -3.0, 1.5))
     pictures = [rasterize(splats, camera_at("a", eye, (0.4, -0.2, 0.1)), background=(0.2, 0.4, 0.6)) for eye in eyes]
     return torch.stack([picture.image for picture in pictures])
+
+
+def assert_drawable(splats: Gaussians) -> None:
+    """All that a renderer derives is finite: centers, axes of length 1, scales and their squares, opacities, colors."""
+    for name, values in splats.items():
+        assert torch.isfinite(values).all(), name
+    assert torch.isfinite(splats.log_scales.exp().square()).all()
+    assert torch.allclose(splats.unit_quats.norm(dim=-1), torch.ones(len(splats)), atol=1e-3)

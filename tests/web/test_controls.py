@@ -397,3 +397,55 @@ def test_all_controls_are_on_the_screen(stream, open_page, size):
     assert box["x"] >= 0
     assert box["y"] >= 0
     assert box["x"] + box["width"] <= size[0]
+
+
+def test_help_shows_gestures_to_fingers_and_keys_to_a_mouse(stream, open_page):
+    for options, shown, hidden in (
+        ({"has_touch": True, "is_mobile": True}, "drag with one finger", "Space"),
+        ({}, "left button", "pinch"),
+    ):
+        page = open_page("?t=0", **options)
+        page.click("settings")
+        page.handle.locator("v3-player .settings [data-act='help']").click()
+        text = page.handle.locator("v3-player .help").inner_text()
+        assert shown in text
+        assert hidden not in text
+        page.handle.keyboard.press("Shift")  # there is a keyboard after all
+        assert "Space" in page.handle.locator("v3-player .help").inner_text()
+
+
+@pytest.mark.parametrize("width", [320, 375])
+def test_a_notice_leaves_the_title_readable(stream, open_page, width):
+    page = open_page("?t=0", size=(width, 640))
+    page.evaluate(
+        "() => document.querySelector('v3-player').notice('The browser starts without sound. ' + 'x'.repeat(60))"
+    )
+    title, notice = (page.handle.locator(f"v3-player {name}").bounding_box() for name in (".title", ".notice"))
+    assert title["y"] + title["height"] <= notice["y"]
+    assert notice["x"] >= 0
+    assert notice["x"] + notice["width"] <= width
+    assert notice["y"] + notice["height"] < 200
+
+
+def test_a_link_is_copied_without_the_clipboard_api(stream, open_page):
+    """As on http pages; where the browser refuses that too, the link is there to be copied by hand."""
+
+    def without(handle):
+        handle.add_init_script("Object.defineProperty(navigator, 'clipboard', { value: undefined });")
+
+    page = open_page("?t=0", size=(640, 500), setup=without)
+    page.click("link")
+    page.wait("player.shadowRoot.querySelector('.notice.shown')?.textContent === 'Link to this time and view copied.'")
+    address = page.evaluate("() => location.href")
+    assert "view=" in address
+    page.evaluate("() => document.body.append(Object.assign(document.createElement('textarea'), { id: 'paste' }))")
+    page.handle.locator("#paste").focus()
+    page.handle.keyboard.press("Control+v")
+    assert page.evaluate("() => document.querySelector('#paste').value") == address
+    page.evaluate("() => { document.execCommand = () => false; }")
+    page.click("link")
+    field = page.handle.locator("v3-player .copy input")
+    assert field.input_value() == address
+    assert field.evaluate("one => [one.selectionStart, one.selectionEnd]") == [0, len(address)]
+    page.handle.keyboard.press("Escape")
+    assert not field.is_visible()

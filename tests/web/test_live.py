@@ -8,6 +8,7 @@ import shutil
 import pytest
 import support
 
+from studio.atomic_files import exchange
 from studio.stream import StreamReader
 from studio.stream.write_archive import write_archive
 
@@ -65,3 +66,19 @@ def test_a_paused_page_gets_the_best_rendition(site, baked, open_page):
     page.wait("(seen.time ?? []).length >= 2")  # drawn again
     assert first(f"/stream/{videos[1]}") < [path for path, _ in site.requests].index(f"/stream/{videos[0]}")
     assert page.state["frame"] == 1
+
+
+@pytest.mark.parametrize(("version", "host"), [(2, "player.test"), (3, "127.0.0.1")])
+def test_a_stream_that_is_baked_again_is_not_mixed(site, baked, open_page, version, host):
+    """The page has read the first group when another bake takes the stream's place; the second group is the new one's.
+    Pages without SHA-256 (a plain address of another host) tell by the manifest."""
+    kinds = [{"stream_version": version, "qp": qp} for qp in (16, 34)]
+    shutil.copytree(baked(**kinds[0]), site.stream)
+    new = shutil.copytree(baked(**kinds[1]), site.folder / "new")
+    site.bytes_per_second = 50_000
+    page = open_page(host=host, wait=False)
+    page.wait("document.querySelector('v3-player').engine?.info")
+    exchange(site.stream, new)
+    site.bytes_per_second = None
+    said = "The stream was baked again since it was opened; reload the page."
+    page.wait("[...(seen.error ?? []), ...(seen.notice ?? [])].some(one => one.includes(argument))", said)

@@ -131,6 +131,43 @@ void test("a damaged side file is refused, whatever byte is wrong", async () => 
   await assert.rejects(inflate(bytes("motion.bin").slice(9), motion.side.rawBytes), /./);
 });
 
+void test("all that is drawn is finite, whatever numbers the manifest has", async () => {
+  const text = new TextDecoder().decode(bytes("motion.json"));
+  const inflated = await inflate(bytes("motion.bin"), (group("motion") as MotionGroup).side.rawBytes);
+  const luma = bytes("motion.luma");
+  type Numbers = Record<string, number>;
+  const places: ((group: { positions: Numbers; blocks: Numbers; channels: Numbers[] }) => readonly [Numbers, string])[] = [
+    (g) => [g.positions, "step"],
+    ...["radius", "step", "rotation_step"].map((key) => (g: { blocks: Numbers }) => [g.blocks, key] as const),
+    ...[0, 3, 6, 10].flatMap((c) =>
+      ["offset", "step"].map((key) => (g: { channels: Numbers[] }) => [g.channels[c], key] as const),
+    ),
+  ];
+  let [drawn, refused] = [0, 0];
+  for (const place of places)
+    for (const value of [5e-324, 1e-300, 1e-9, 1e5, 1e8, 1e9, -1e9]) {
+      const values = JSON.parse(text) as { groups: Parameters<(typeof places)[0]>[0][] };
+      const [at, key] = place(values.groups[0]);
+      at[key] = value;
+      try {
+        const motion = parseManifest(JSON.stringify(values), bytes("motion.json").length).groups[0][0] as MotionGroup;
+        const tables = new MotionTables(motion, parseSideFile(inflated, motion));
+        const positions = new Float32Array(3 * motion.splats);
+        for (let index = 0; index < motion.frameCount; index++) {
+          const blocks = tables.blocks(index);
+          assert.ok(blocks.every(Number.isFinite), `${key} ${value}`);
+          tables.positions(index, luma.subarray(0, motion.rows * motion.columns * motion.tile ** 2), blocks, positions);
+          assert.ok(positions.every(Number.isFinite), `${key} ${value}`);
+        }
+        drawn++;
+      } catch (error) {
+        if ((error as Error).name !== "StreamError") throw error;
+        refused++;
+      }
+    }
+  assert.ok(drawn > 10 && refused > 10, `${drawn} drawn, ${refused} refused`);
+});
+
 void test("splats are sorted back to front, the later one first at equal depth", () => {
   let seed = 1;
   const random = (): number => (seed = (seed * 16807) % 2147483647) / 2147483647;
@@ -160,7 +197,16 @@ void test("manifests out of bounds are refused with the place", () => {
     const changed = JSON.stringify(values);
     assert.throws(() => parseManifest(changed, changed.length), message);
   };
-  type Edit = { version: number; groups: { splats: number; side: { path: string }; channels: { step: number }[]; bytes: number }[] };
+  type Edit = {
+    version: number;
+    groups: {
+      splats: number;
+      side: { path: string };
+      channels: { offset: number; step: number }[];
+      blocks: { radius: number };
+      bytes: number;
+    }[];
+  };
   const edit = (change: (values: Edit) => void) => (values: unknown) => {
     change(values as Edit);
   };
@@ -170,6 +216,9 @@ void test("manifests out of bounds are refused with the place", () => {
   refused(edit((v) => (v.groups[0].side.path = "/etc/passwd")), /groups\.0\.side\.path/);
   refused(edit((v) => (v.groups[1].side.path = v.groups[0].side.path)), /path twice/);
   refused(edit((v) => (v.groups[0].channels[2].step = 0)), /channels\.2\.step/);
+  refused(edit((v) => (v.groups[0].blocks.radius = 1e-300)), /groups\.0\.blocks\.radius/);
+  refused(edit((v) => (v.groups[0].channels[6].offset = 90)), /groups\.0.*log_scale_0 beyond/);
+  refused(edit((v) => (v.groups[0].channels[10].step = 1e9)), /groups\.0.*sh_0_y beyond/);
   refused(edit((v) => (v.groups[0].bytes += 1)), /sum of its file sizes/);
   assert.throws(() => parseManifest("[", 1), /not readable JSON/);
   assert.throws(() => parseManifest("{}", 2), /not the manifest/);

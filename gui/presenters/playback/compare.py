@@ -12,7 +12,7 @@ from gui.presenters.drawing.palette import ACCENT, GROUND, RGB, TEXT
 
 MODES = ("single", "side by side", "wipe", "difference")
 WHATS = ("truth", "trained", "decoded")
-LABELS = {"truth": "ground truth", "trained": "trained", "decoded": "decoded"}
+LABELS = {"truth": "footage", "trained": "trained", "decoded": "decoded"}
 
 HEAT_TOP = 48
 """Difference in 8-bit levels at the top of the heat map's scale."""

@@ -1,4 +1,4 @@
-"""Renders what the viewport shows, on its worker thread: Gaussians, ground truth, comparisons."""
+"""Renders what the viewport shows, on its worker thread: Gaussians, footage, comparisons."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class RenderRequest:
         size: (width, height).
         background: RGB in 0 to 1.
         wipe: position of the wipe, 0 to 1.
-        context: the take, for ground truth; None for a bare stream.
+        context: the take, for footage; None for a bare stream.
         rig: the capture cameras, used if the footage cannot be opened.
     """
 
@@ -90,7 +90,7 @@ class Picture:
         image: (H, W, 3) uint8 RGB.
         frame: counted from 0.
         source: "decoded", "trained" or "truth".
-        splats: number of Gaussians drawn; 0 for ground truth.
+        splats: number of Gaussians drawn; 0 for footage.
         load_seconds, draw_seconds: total time to load and to render the Gaussians of all parts.
         mode: one of `compare.MODES`.
         box: rectangle of the (left) picture in the image; the wipe moves within it.
@@ -221,9 +221,9 @@ def ground_truth(request: RenderRequest, width: int, height: int) -> np.ndarray:
             or an unreadable image.
     """
     if request.context is None:
-        raise StudioError("playback.no_footage", "a stream has no ground truth", fix="Open its take.")
+        raise StudioError("playback.no_footage", "a stream has no footage", fix="Open its take.")
     if not request.camera:
-        raise StudioError("playback.no_camera_selected", "ground truth needs a capture camera", fix="Select one (C).")
+        raise StudioError("playback.no_camera_selected", "footage needs a capture camera", fix="Select one (C).")
     footage = request.context.footage.calibrated
     if request.frame >= len(footage.frames):
         raise StudioError(

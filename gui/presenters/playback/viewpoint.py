@@ -52,7 +52,7 @@ class Viewpoint:
 
     @property
     def source(self) -> FrameSource | None:
-        """Source of the Gaussians on screen; for ground truth, the source it is compared with."""
+        """Source of the Gaussians on screen; for footage, the source it is compared with."""
         if self.opened is None:
             return None
         return self.opened.sources.get(self.what) or self.opened.default
@@ -73,15 +73,15 @@ class Viewpoint:
             return NOTHING_OPEN
         if what == "truth":
             if self.context is None:
-                return "Ground truth needs the footage; open the take instead of the stream."
-            return "" if self.camera_names else "Ground truth needs cameras. Run Calibrate."
+                return "A stream has no footage; open its take instead."
+            return "" if self.camera_names else "Footage needs cameras. Run Calibrate."
         if what in self.opened.sources:
             return ""
         return f"Nothing {what} yet. Run {'Train' if what == 'trained' else 'Bake'}."
 
     @property
     def reference(self) -> str:
-        """What a comparison compares with: ground truth in a capture camera's view, else the other source."""
+        """What a comparison compares with: footage in a capture camera's view, else the other source."""
         if self.camera and not self.why_not("truth"):
             return "truth"
         return "trained" if self.what == "decoded" else "decoded"

@@ -20,13 +20,13 @@ from gui.presenters.stages.train import TrainView
 Choice = tuple[str, str, str]
 
 REVIEW_CHOICES: tuple[Choice, ...] = (
-    ("truth", "Ground truth", "Footage of a capture camera, matted (1)"),
+    ("truth", "Footage", "Footage of a capture camera, matted (1)"),
     ("trained", "Trained", "Trained Gaussians (2)"),
     ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
     ("", "", ""),
     ("side by side", "Side by side", "Show sources side by side (S)"),
-    ("wipe", "Wipe", "Wipe against ground truth or trained; drag the line (W)"),
-    ("difference", "Difference", "Difference heat map against ground truth or trained (D)"),
+    ("wipe", "Wipe", "Wipe against footage or trained; drag the line (W)"),
+    ("difference", "Difference", "Difference heat map against footage or trained (D)"),
 )
 
 TOOLTIPS = {

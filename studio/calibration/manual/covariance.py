@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from studio.calibration.alignment import align_points
 from studio.calibration.manual.bootstrap import Observations, TieRig
 from studio.calibration.manual.bundle_adjustment import Accuracy, Problem
 from studio.errors import StudioError
@@ -49,6 +50,32 @@ def check_plausible(rig: TieRig, observations: Observations) -> None:
         raise StudioError(
             "tie_points.behind", "the points would be behind the cameras that fit the marks", fix="Check the marks."
         )
+
+
+def check_handedness(rig: TieRig, observations: Observations, accuracy: Accuracy) -> None:
+    """Check that the measured positions are not a mirror image of what the marks say.
+
+    Raises:
+        StudioError: they fit four times better after a reflection (tie_points.contradiction).
+    """
+    which = observations.measured & rig.triangulated
+    if which.sum() < 4:
+        return
+    points3d, world = rig.points3d[which], observations.world[which]
+    proper, mirrored = (_misfit(points3d, world * signs) for signs in ([1, 1, 1], [1, 1, -1]))
+    if proper > 3 * accuracy.world and mirrored < proper / 4:
+        raise StudioError(
+            "tie_points.contradiction",
+            "the measured positions are a mirror image of what the marks say",
+            value=round(proper, 3),
+            fix="Check the measured positions; their axes must be right-handed with z up.",
+        )
+
+
+def _misfit(points3d: np.ndarray, world: np.ndarray) -> float:
+    """Root mean square distance after the best similarity transform."""
+    off = align_points(points3d, world).points(points3d) - world
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 def uncertainty(

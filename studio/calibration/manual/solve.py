@@ -16,7 +16,7 @@ from studio.calibration.alignment import align_points, scale_to_distance, uprigh
 from studio.calibration.checks import check_intrinsics_size
 from studio.calibration.manual.bootstrap import LEAST_KNOWN, LEAST_SHARED, Observations, TieRig, initial_rigs
 from studio.calibration.manual.bundle_adjustment import Accuracy, adjust
-from studio.calibration.manual.covariance import check_plausible, spread_of_positions, uncertainty
+from studio.calibration.manual.covariance import check_handedness, check_plausible, spread_of_positions, uncertainty
 from studio.calibration.manual.file import TiePoint
 from studio.calibration.report import RejectedMark, TiePointReport
 from studio.calibration.result import CalibrationResult, reprojection_report
@@ -92,6 +92,7 @@ def calibrate_from_tie_points(
     if best is None or len(best.cameras) < len(sizes):
         raise _unregistered(observations, sizes, best)
     best, left_out = _adjust_without_outliers(best, observations, groups, settings)
+    check_handedness(best, observations, accuracy)
     uncertain = uncertainty(best, observations, groups, accuracy, radial=settings.has_distortion)
     vague = [name for name in sizes if uncertain[name] > _VAGUE]
     if vague:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -72,12 +72,12 @@ def mask_source(
             setting="capture.masks",
         )
     if kind in ("files", "auto"):
-        found = _mask_files(spec, names, required=kind == "files")
+        found = _mask_files(spec, sources, required=kind == "files")
         if found is not None:
             pattern, matches = found
             return _file_matte_source(matches, names, frames, pool, "mask", spec.offsets), f"Masks: files '{pattern}'."
     if kind in ("clean_plate", "auto"):
-        found = _plates(spec, names, required=kind == "clean_plate")
+        found = _plates(spec, sources, required=kind == "clean_plate")
         if found is not None:
             pattern, matches = found
             without = sorted(set(names) - {match.camera for match in matches}, key=natural_key)
@@ -183,9 +183,26 @@ def _model(
     )
 
 
-def _mask_files(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+def _beside(root: Path, folders: Sequence[str], sources: Mapping[str, FrameSource]) -> tuple[str, list[Match]] | None:
+    """Masks or clean plates below `root`, or else in the folder of `root` that has all the footage."""
+    found = detect_beside(root, folders, tuple(sources))
+    if found is not None:
+        return found
+    files = [path for source in sources.values() for path in source.files()]
+    within = [path.relative_to(root).parts for path in files if path.is_relative_to(root)]
+    first = {parts[0] for parts in within if len(parts) > 1}
+    if len(within) < len(files) or len(first) != 1:
+        return None
+    folder = first.pop()
+    found = detect_beside(root / folder, folders, tuple(sources))
+    return (f"{folder}/{found[0]}", found[1]) if found is not None else None
+
+
+def _mask_files(
+    spec: CaptureSettings, sources: Mapping[str, FrameSource], required: bool
+) -> tuple[str, list[Match]] | None:
     if spec.mask_files != "auto":
-        matches = [match for match in find_files(spec.root, spec.mask_files) if match.camera in names]
+        matches = [match for match in find_files(spec.root, spec.mask_files) if match.camera in sources]
         if not matches:
             raise StudioError(
                 "matte.not_found",
@@ -196,7 +213,7 @@ def _mask_files(spec: CaptureSettings, names: tuple[str, ...], required: bool) -
                 setting="capture.mask_files",
             )
         return spec.mask_files, matches
-    found = detect_beside(spec.root, MASK_FOLDERS, names)
+    found = _beside(spec.root, MASK_FOLDERS, sources)
     if found is None and required:
         raise StudioError(
             "matte.not_found",
@@ -208,9 +225,11 @@ def _mask_files(spec: CaptureSettings, names: tuple[str, ...], required: bool) -
     return found
 
 
-def _plates(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tuple[str, list[Match]] | None:
+def _plates(
+    spec: CaptureSettings, sources: Mapping[str, FrameSource], required: bool
+) -> tuple[str, list[Match]] | None:
     if spec.clean_plates != "auto":
-        matches = [match for match in find_files(spec.root, spec.clean_plates) if match.camera in names]
+        matches = [match for match in find_files(spec.root, spec.clean_plates) if match.camera in sources]
         if not matches:
             raise StudioError(
                 "matte.plates_not_found",
@@ -221,7 +240,7 @@ def _plates(spec: CaptureSettings, names: tuple[str, ...], required: bool) -> tu
                 setting="capture.clean_plates",
             )
         return spec.clean_plates, matches
-    found = detect_beside(spec.root, PLATE_FOLDERS, names)
+    found = _beside(spec.root, PLATE_FOLDERS, sources)
     if found is None and required:
         raise StudioError(
             "matte.plates_not_found",

@@ -21,6 +21,8 @@ from studio.capture.per_camera_cache import PerCameraCache
 from studio.capture.settings import DifferenceSettings
 from studio.errors import StudioError
 
+_MOST_LABELS = 24  # more than any labeling of body parts, and invisible as a matte
+
 
 class MatteSource(Protocol):
     """Computes mattes of raw frames. Must be thread safe and deterministic."""
@@ -91,6 +93,7 @@ class AlphaMatteSource:
 class FileMatteSource:
     """A `MatteSource` that reads mask images, one per camera and frame, or mask videos; white is foreground.
 
+    In a PNG file whose values are all small, they are labels: 0 is the background, any other the performer.
     If a file has an alpha channel and all its pixels have the same color, the alpha channel is used. Masks that differ
     in size from the images are resized if the aspect ratio is the same.
 
@@ -125,6 +128,9 @@ class FileMatteSource:
             matte = mask[:, :, 3]
         else:
             matte = mask[:, :, :3].max(axis=2)
+            # labels of body parts instead of white, as in ZJU-MoCap
+            if 0 < matte.max() <= _MOST_LABELS and all(path.suffix == ".png" for path in source.files([frame])):
+                matte = np.where(matte > 0, 255, 0).astype(np.uint8)
         height, width = image.shape[:2]
         if matte.shape != (height, width):
             if abs(matte.shape[1] * height - matte.shape[0] * width) > max(height, width):

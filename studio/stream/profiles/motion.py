@@ -27,6 +27,8 @@ LUMA_STEP = 0.0069
 CHROMA_STEP = 0.0072
 
 _TAIL = 1e-4  # fraction of values at either end that may become escapes instead of widening the range
+_OUTLIERS = 4  # splats at either end that may do so if they would at least double the step, in channels of any size
+_MAX_CODE = float(1 << 30)  # of an escape; the side file has 32 bits
 
 Values = TypeVar("Values", np.ndarray, Tensor)
 
@@ -54,11 +56,31 @@ def channel_steps(sh_degree: int, position_step: float, settings: BakeSettings) 
 
 
 def channel_range(values: np.ndarray, step: float) -> tuple[float, float]:
-    """Offset and step of a channel: the whole range if 255 steps hold it, otherwise all but the tails."""
-    low, high = float(values.min()), float(values.max())
+    """Offset and step of a channel: the whole range if 255 steps hold it, otherwise all but the tails.
+
+    Args:
+        values: (N,) of one frame, or (F, N) of a group.
+        step: the finest step that is wanted.
+    """
+    least, most = low, high = float(values.min()), float(values.max())
     if high - low > 254 * step:
         low, high = (float(end) for end in np.quantile(values, [_TAIL, 1 - _TAIL]))
-    return (low + high) / 2, max(step, (high - low) / 254)
+        inner = _without_outliers(values)
+        if high - low > 2 * max(inner[1] - inner[0], 254 * step):
+            low, high = inner
+    return (low + high) / 2, max(step, (high - low) / 254, (most - least) / _MAX_CODE)
+
+
+def _without_outliers(values: np.ndarray) -> tuple[float, float]:
+    """Range of the values without a few splats that are far from all others: farther than the range of these."""
+    splats = values.reshape(-1, values.shape[-1])
+    if splats.shape[1] <= 2 * _OUTLIERS:
+        return float(values.min()), float(values.max())
+    low = float(np.partition(splats.min(axis=0), _OUTLIERS)[_OUTLIERS])
+    high = float(np.partition(splats.max(axis=0), -_OUTLIERS - 1)[-_OUTLIERS - 1])
+    width = high - low
+    near = splats[(splats >= low - width) & (splats <= high + width)]
+    return float(near.min()), float(near.max())
 
 
 def to_ycocg(red: Values, green: Values, blue: Values) -> tuple[Values, Values, Values]:

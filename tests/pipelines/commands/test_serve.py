@@ -202,6 +202,17 @@ def test_a_title_that_utf_8_cannot_hold(tmp_path):
         assert (status, "<title>a?b</title>" in body.decode()) == (200, True)
 
 
+def test_a_title_for_one_stream(stream, tmp_path, here):
+    with running(build_app(find_streams(str(stream)), PLAYER, title="Walk <1>")) as port:
+        page = ask(port, "/", Accept=BROWSER)[2].decode()
+        assert "<title>Walk &lt;1&gt;</title>" in page
+        assert 'data-title="Walk &lt;1&gt;"' in page
+    for name in "ab":
+        shutil.copytree(stream, tmp_path / "several" / name, symlinks=True)
+    done = here("serve", tmp_path / "several", "--title", "Walk", "--port", "0")
+    assert (done.returncode, "--title" in done.stderr) == (1, True)
+
+
 BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
 
 
@@ -299,7 +310,7 @@ def test_ctrl_c_ends_it_within_two_seconds_whoever_is_connected(start, tmp_path)
     folder = bake(tmp_path / "stream")
     (folder / "big.bin").write_bytes(bytes(50_000_000))
     process, address = served(start, folder)
-    assert "v3studio play --headless " + address in process.stdout.readline()
+    assert "v3studio play " + address in process.stdout.readline()
     port = int(address.rstrip("/").rpartition(":")[2])
     with socket.create_connection(("127.0.0.1", port)) as idle, socket.create_connection(("127.0.0.1", port)) as slow:
         idle.sendall(b"GET /manifest.json HTTP/1.1\r\nHost: localhost\r\n\r\n")
@@ -354,6 +365,8 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     assert report["skipped"][0]["frame_count"] == 5
     assert done.returncode == 1
     assert done.stderr.startswith("warning: Group 2, frames 10 to 14, was skipped: http://127.0.0.1:")
+    done = here("check", address)
+    assert (done.returncode, done.stdout.splitlines()[0].partition(":")[0]) == (1, "group_002/opacity.mp4 (group 2)")
     done = here("play", "--headless", address + "nowhere")
     assert done.returncode == 1
     assert "404" in done.stderr

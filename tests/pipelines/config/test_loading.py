@@ -71,6 +71,25 @@ def test_settings_keep_their_order():
     assert names.index("capture.mask_model_sigmoid") + 1 == names.index("capture.fps")
 
 
+@pytest.mark.parametrize("given", ["{camera}/video.avi", "'{camera}/video.avi'", '"{camera}/video.avi"'])
+def test_text_needs_no_quotes_on_the_command_line(given: str) -> None:
+    assert parse_override(f"capture.images={given}") == ("capture.images", "{camera}/video.avi")
+    assert parse_override("capture.images={camera}") == ("capture.images", "{camera}")
+    assert parse_override("capture.root=2024")[1] == "2024"
+    assert parse_override("capture.rig=null")[1] is None
+    assert parse_override("capture.cameras=[a, b]")[1] == ["a", "b"]
+    assert parse_override("calibrate.known={a}.json") == ("calibrate.known", "{a}.json")  # an old name
+    with refuses("settings.override_syntax", setting="capture.cameras"):
+        parse_override("capture.cameras=[a")
+
+
+def test_a_brace_without_quotes_in_a_file_says_so(tmp_path: Path) -> None:
+    path = write(tmp_path, "capture:\n  images: {camera}/video.avi\n")
+    with refuses("settings.not_yaml", file=path, line=2) as caught:
+        load_config(path)
+    assert "images: '{camera}/video.avi'" in str(caught.value)
+
+
 def test_description_is_a_configuration_with_the_same_values(tmp_path):
     text = describe(Config.model_validate({"train": {"max_splats": 1234}, "bake": {"attribute_qps": {"sh": 30}}}))
     config = load_config(write(tmp_path, text))

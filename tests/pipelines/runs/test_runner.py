@@ -12,6 +12,8 @@ from PIL import Image
 from pipelines.config import load_config, parse_override
 from pipelines.events import Event, Metrics, Progress, RunFinished, RunStarted, StageFinished, StageStarted
 from pipelines.runs.runner import ALL_STAGES, run, status
+from pipelines.stages import stage_named
+from pipelines.stages.base import Context
 from pipelines.stages.evaluate import padded_box
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.point_files import read_points
@@ -206,13 +208,14 @@ def test_a_changed_image_is_noticed(project):
     assert project.found["initialize"].reason == "the footage changed"
 
 
-def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project):
+@pytest.mark.parametrize("place", [(1, 4), (0, 2)])  # group and frame: after one frame, and after two with a velocity
+def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project, place):
     before = project.bytes_of("train", "stream")
-    project.take.trained_frame(1, 4).unlink()
+    project.take.trained_frame(*place).unlink()
     assert project.states()["train"] == "partial"
     assert (project.found["train"].units_done, project.found["train"].units) == (4, 5)
     events = project.run()
-    assert trained(events) == [4]
+    assert trained(events) == [place[1]]
     assert ran(events) == ["train"]  # the same result as before, so nothing after it is stale
     assert {name: data for name, data in project.bytes_of("train", "stream").items() if "json" not in name} == {
         name: data for name, data in before.items() if "json" not in name
@@ -247,10 +250,19 @@ def test_one_stage_alone_needs_those_before_it(project):
         project.run(stages=("bake",), force=True)
 
 
-def test_force_runs_a_stage_that_is_up_to_date_and_gives_the_same(project):
-    before = project.bytes_of("stream")
-    assert ran(project.run(stages=("bake",), force=True)) == ["bake"]
-    assert project.bytes_of("stream") == before
+@pytest.mark.parametrize("name", ALL_STAGES)
+def test_force_makes_all_results_of_a_stage_anew_and_gives_the_same(project, name):
+    config = load_config(project.folder / "ball.yaml", [])
+    paths = stage_named(name).results(Context(project.take, config))
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in paths}
+    assert before
+    events = project.run(stages=(name,), force=True)
+    assert ran(events) == [name]
+    for path, (data, written) in before.items():
+        assert path.stat().st_mtime_ns > written, path
+        assert name == "evaluate" or path.read_bytes() == data, path  # reports hold times
+    if name == "train":
+        assert trained(events) == [0, 1, 2, 3, 4]
 
 
 def test_another_seed_trains_again_and_differs(project):

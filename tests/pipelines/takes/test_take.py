@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -62,7 +63,7 @@ def test_a_second_run_is_told_who_holds_the_take_and_a_kill_frees_it(tmp_path):
     try:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
-        assert take.running() == {"pid": holder.pid, "command": "v3studio run"}
+        assert take.running() == {"pid": holder.pid, "command": "v3studio run", "host": socket.gethostname()}
         with (
             refuses("take.locked", file=take.root, pid=holder.pid, command="v3studio run"),
             take.locked("v3studio bake"),

@@ -124,3 +124,14 @@ def test_bad_input(tmp_path: Path) -> None:
             check_sync(footage, seconds=seconds)
     with refuses("sync.one_camera"):
         check_sync(open_footage(CaptureSettings(root=tmp_path, masks="none", cameras=("a",))))
+
+
+@pytest.mark.parametrize("late", [-20, -7, 7, 20])
+def test_lags_up_to_the_largest_one_searched(late: int) -> None:
+    """A lag at either end of the search has no neighbor for the parabola."""
+    signal = np.random.default_rng(3).normal(size=200)
+    start = 40
+    signals = {"a": signal[start : start + 100], "b": signal[start - late : start - late + 100]}
+    lags, best = offsets_of(signals, most=20)
+    assert lags["b"] - lags["a"] == pytest.approx(late, abs=0.05)
+    assert min(best.values()) > 0.99

@@ -14,6 +14,7 @@ from studio.errors import StudioError
 from studio.stream import BakeSettings, GroupEntry, StreamReader, bake_group
 from studio.stream.manifest import parse_manifest, seal
 from tests.support.errors import refuses
+from tests.support.splats import assert_drawable
 from tests.support.streams import set_at
 
 
@@ -72,6 +73,10 @@ DAMAGE = {
     "range the wrong way": (
         set_at(("groups", 0, "components", 3, "min"), 1e6),
         ("groups.0.components.3", "range_order"),
+    ),
+    "scales without end": (
+        set_at(("groups", 0, "components", 7, "max"), 90.0),
+        ("groups.0.components.7", "value_range"),
     ),
     "a rate of zero": (set_at(("fps",), 0), ("fps", "greater_than")),
     "a rate that is not a number": (set_at(("fps",), float("nan")), ("fps", "finite_number")),
@@ -198,6 +203,21 @@ def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(stream, edit_manifes
         path.write_bytes(original)
     assert time.perf_counter() - began < 5
     assert message is None or str(stream) in message
+
+
+def test_rotations_of_nothing_are_not_seen(stream, edit_manifest):
+    """All four numbers of the quaternions are 0: no rotation can be told."""
+
+    def change(values):
+        for component in values["groups"][0]["components"][-4:]:
+            component.update(min=0.0, max=0.0)
+
+    edit_manifest(stream, change)
+    with StreamReader.open(stream) as reader:
+        frame = reader.gaussians(0)
+        assert_drawable(frame)
+        assert (frame.opacities < 1 / 255).all()
+        assert (reader.gaussians(5).opacities > 1 / 255).any()
 
 
 def test_group_entry_goes_through_json(stream):

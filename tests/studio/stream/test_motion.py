@@ -112,6 +112,27 @@ def test_sh_degrees(tmp_path, make_frames, degree):
     check(make_frames(2, 100, degree), tmp_path)
 
 
+@pytest.mark.parametrize("frames", [1, 4])
+def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path, turning_bodies, frames):
+    """A single odd color among 3,000 is an escape, however few values the channel has; it stays what it is."""
+    plain = turning_bodies(frames, 3000)
+    for frame in plain:
+        frame.sh.clamp_(-0.8, 0.8)
+    colored = [Gaussians(f.means, f.quats, f.log_scales, f.logit_opacities, f.sh.clone()) for f in plain]
+    for frame in colored:
+        frame.sh[17, 0] = torch.tensor([60.0, 40.0, -50.0])
+    wanted, _ = bake(tmp_path / "plain", plain, qp=20)
+    found, decoded = bake(tmp_path / "colored", colored, qp=20)
+    for before, after in zip(wanted.channels, found.channels, strict=True):
+        assert after.step == pytest.approx(before.step, rel=0.02), after.name
+    index = matches(plain[0], decoded[0])
+    odd = int(np.flatnonzero(index == 17)[0])
+    for frame in decoded:
+        assert torch.allclose(frame.sh[odd, 0], torch.tensor([60.0, 40.0, -50.0]), atol=0.03)
+        others = np.arange(3000) != odd
+        assert (frame.sh[others] - plain[0].sh[index[others]]).abs().mean() < 0.02
+
+
 def test_constant_channels(tmp_path):
     frame = Gaussians(
         means=torch.full((50, 3), 1.5),

@@ -5,7 +5,6 @@ import time
 import zlib
 
 import pytest
-import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +12,7 @@ from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.sidefile import deflate
 from tests.support.errors import refuses
+from tests.support.splats import assert_drawable
 from tests.support.streams import damage, replace_file, set_at
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -70,6 +70,16 @@ DAMAGE = {
     "a channel of another name": (set_at((*GROUP, "channels", 3, "name"), "mean_x"), ("groups.0", "channels")),
     "a position far away": (set_at((*GROUP, "positions", "step"), 1e9), ("groups.0", "position_range")),
     "bytes that do not add up": (set_at((*GROUP, "bytes"), 12), ("groups.0", "bytes_sum")),
+    "a radius of almost nothing": (set_at((*GROUP, "blocks", "radius"), 1e-300), ("groups.0", "block_radius")),
+    "scales without end": (
+        set_at((*GROUP, "channels", 6, "offset"), 90.0),
+        ("groups.0.channels.6", "value_range"),
+    ),
+    "a step that takes scales too far": (
+        set_at((*GROUP, "channels", 7, "step"), 0.5),
+        ("groups.0.channels.7", "value_range"),
+    ),
+    "colors without end": (set_at((*GROUP, "channels", 10, "step"), 1e9), ("groups.0.channels.10", "value_range")),
 }
 
 
@@ -125,7 +135,7 @@ def outcome(stream):
     assert time.perf_counter() - began < 5
     for frame in frames:
         assert len(frame) == 80
-        assert all(torch.isfinite(tensor).all() for _, tensor in frame.items())
+        assert_drawable(frame)
 
 
 @QUICK
@@ -218,3 +228,48 @@ def test_motion_without_bounds_is_refused(tmp_path, turning_bodies, edit_manifes
     assert str(caught.value) == (
         f"{file}: the side file is damaged: a block moves by more than 1e+09. Bake the stream again, or copy it again."
     )
+
+
+EXTREMES = (5e-324, 1e-300, 1e-9, 1e5, 1e8, 1e9, -1e9)
+PLACES = (
+    *(("positions", "min", axis) for axis in range(3)),
+    ("positions", "step"),
+    *(("blocks", name) for name in ("radius", "step", "rotation_step")),
+    *(("channels", channel, name) for channel in (0, 3, 6, 9, 10) for name in ("offset", "step")),
+)
+
+
+def test_all_that_is_drawn_is_finite(stream, edit_manifest):
+    """An extreme number at any place of a group is refused, or all frames have finite centers, scales and rotations."""
+    path = stream / "manifest.json"
+    original = path.read_bytes()
+    drawn = refused = 0
+    for place in PLACES:
+        for value in EXTREMES:
+            path.write_bytes(original)
+            edit_manifest(stream, set_at((*GROUP, *place), value))
+            try:
+                with StreamReader.open(stream) as reader:
+                    for frame in reader.iterate(0, 4):
+                        assert_drawable(frame)
+                drawn += 1
+            except StudioError:
+                refused += 1
+    assert drawn > 20
+    assert refused > 20
+
+
+def test_escapes_without_bounds_are_refused(tmp_path, turning_bodies, edit_manifest):
+    """The codes of escapes have 32 bits: a step that suits the pixels can take them anywhere."""
+    frames = turning_bodies(3, 200)
+    for frame in frames:
+        frame.sh[9, 0, :] = 2000.0
+    baking = BakeSettings(preset="ultrafast", stream_version=2)
+    write_manifest(tmp_path, [bake_group(frames, tmp_path, 0, 0, baking)], 25, baking)
+    with StreamReader.open(tmp_path) as reader:
+        assert_drawable(reader.gaussians(1))
+    edit_manifest(tmp_path, set_at(("groups", 0, "channels", 10, "step"), 7e6))
+    file = tmp_path / "group_000" / "motion.bin"
+    with StreamReader.open(tmp_path) as reader, refuses("stream.side_file_damaged", file=file) as caught:
+        reader.gaussians(1)
+    assert "an escape in sh_0_y has the value" in str(caught.value)

@@ -1,4 +1,4 @@
-/** PSNR and size of each frame below the timeline, on the same scale; a click seeks. */
+/** PSNR and size of each frame below the timeline, on the same time axis; a click seeks. */
 
 import { clock } from "../ui/format.ts";
 import type { Mark, QualityCurves } from "./api.ts";
@@ -7,6 +7,9 @@ import { draw, make } from "./dom.ts";
 
 const WIDTH = 1000;
 
+/** The color of a curve, in a legend. */
+const key = (kind: string): HTMLElement => make("i", { class: kind });
+
 export class Plots {
   readonly element = make("div", { class: "plots" });
   /** Figures of a frame as text. */
@@ -14,6 +17,11 @@ export class Plots {
   private readonly area = make("div", { class: "area" });
   private readonly head = make("div", { class: "line head" });
   private readonly pointer = make("div", { class: "line pointer", hidden: "" });
+  private readonly axis = make("div", { class: "axis" });
+  /** PSNR of the camera that is compared with. */
+  private readonly own = draw("path", { class: "own" });
+  private readonly ownLegend = make("span", { hidden: "" });
+  private range: readonly [number, number] | null = null;
   private readonly strip = make("div", { class: "strip" });
   private readonly quality: QualityCurves | null;
   private readonly count: number;
@@ -26,25 +34,32 @@ export class Plots {
     this.quality = quality;
     this.count = count;
     this.fps = fps;
-    this.element.append(this.area, this.strip);
+    this.element.append(this.area, this.axis, this.strip);
     if (quality !== null) {
-      const range = decibelRange(quality.psnr_trained, quality.psnr_decoded);
-      const cameras = `mean over ${quality.held_out ? "held-out" : "training"} cameras`;
+      const range = decibelRange(quality.psnr_trained, quality.psnr_decoded, ...Object.values(quality.by_camera));
       if (range !== null) {
-        const title = `PSNR, ${cameras}: trained and decoded, ${range[0]} to ${range[1]} dB`;
-        const plot = this.plot("psnr", title, `${range[1]} dB`, `${range[0]}`);
+        const title = `PSNR of each frame, ${this.cameras}: before baking and decoded, ${range[0]} to ${range[1]} dB`;
+        const legend = [
+          `PSNR, ${this.cameras}:`, key("decoded"), "decoded", key("trained"), "trained (before baking)", this.ownLegend,
+        ];
+        const plot = this.plot("psnr", title, legend, `${range[1]} dB`, `${range[0]} dB`);
         plot.append(
           draw("path", { class: "trained", d: linePath(quality.psnr_trained, range, WIDTH) }),
           draw("path", { class: "decoded", d: linePath(quality.psnr_decoded, range, WIDTH) }),
+          this.own,
         );
+        this.range = range;
       }
       const kilobytes = quality.bytes.map((value) => (value === null ? null : value / 1000));
       const sizes = sizeRange(kilobytes);
       if (sizes !== null) {
-        const plot = this.plot("size", `kB per frame, 0 to ${sizes[1]} kB`, `${sizes[1]} kB`, "0");
+        const title = `Size of each frame, 0 to ${sizes[1]} kB`;
+        const plot = this.plot("size", title, ["size: the group's files, divided by its frames"], `${sizes[1]} kB`, "0 kB");
         plot.append(draw("path", { class: "bytes", d: areaPath(kilobytes, sizes[1], WIDTH) }));
       }
     }
+    const ends = [0, count - 1].map((frame) => make("span", {}, `frame ${frame} · ${clock(frame / fps)}`));
+    this.axis.append(...ends);
     this.area.append(this.head, this.pointer);
     const at = (event: PointerEvent): number => {
       const box = this.area.getBoundingClientRect();
@@ -78,10 +93,28 @@ export class Plots {
     if (this.hovered === null) this.write();
   }
 
-  /** Also shows the figure of this camera; null for none. */
+  /** Also shows curve and figure of this camera; null for none. */
   compare(camera: string | null): void {
     this.camera = camera;
+    // the only camera's curve is the mean
+    const series = camera === null || !this.several ? undefined : this.quality?.by_camera[camera];
+    this.own.setAttribute("d", series === undefined || this.range === null ? "" : linePath(series, this.range, WIDTH));
+    this.ownLegend.hidden = series === undefined;
+    this.ownLegend.replaceChildren(key("own"), `decoded, ${camera ?? ""} only`);
     this.write();
+  }
+
+  private get several(): boolean {
+    return Object.keys(this.quality?.by_camera ?? {}).length > 1;
+  }
+
+  /** Whose mean the figures are. */
+  private get cameras(): string {
+    const { quality } = this;
+    if (quality === null) return "";
+    const count = Object.keys(quality.by_camera).length;
+    const kind = quality.held_out ? "held-out" : "training";
+    return count === 1 ? `${kind} camera ${Object.keys(quality.by_camera)[0]}` : `mean of ${count} ${kind} cameras`;
   }
 
   mark(marks: readonly Mark[], seek: (frame: number) => void): void {
@@ -99,11 +132,10 @@ export class Plots {
     );
   }
 
-  private plot(kind: string, title: string, top: string, bottom: string): SVGElement {
+  private plot(kind: string, title: string, legend: readonly (Node | string)[], top: string, bottom: string): SVGElement {
     const svg = draw("svg", { viewBox: `0 0 ${WIDTH} 100`, preserveAspectRatio: "none", role: "img", "aria-label": title });
     const labels = make("div", { class: "labels" }, make("span", {}, top), make("span", {}, bottom));
-    const names = kind === "psnr" ? [make("i", { class: "trained" }), "trained ", make("i", { class: "decoded" }), "decoded, PSNR"] : ["kB per frame"];
-    this.area.append(make("div", { class: `plot ${kind}` }, svg, labels, make("div", { class: "name" }, ...names)));
+    this.area.append(make("div", { class: "name" }, ...legend), make("div", { class: `plot ${kind}` }, svg, labels));
     return svg;
   }
 
@@ -127,9 +159,10 @@ export class Plots {
       return value === null ? "not measured" : `${(value * scale).toFixed(digits)} ${unit}`;
     };
     if (quality !== null) {
-      parts.push(`trained ${figure(quality.psnr_trained, 2, "dB")}`, `decoded ${figure(quality.psnr_decoded, 2, "dB")}`);
-      if (camera !== null) parts.push(`${camera} ${figure(quality.by_camera[camera], 2, "dB")}`);
-      parts.push(figure(quality.bytes, 1, "kB", 1e-3));
+      const [decoded, trained] = [figure(quality.psnr_decoded, 2, "dB"), figure(quality.psnr_trained, 2, "dB")];
+      parts.push(`PSNR, ${this.cameras}: decoded ${decoded}, trained ${trained}`);
+      if (camera !== null && this.several) parts.push(`${camera} only: ${figure(quality.by_camera[camera], 2, "dB")}`);
+      parts.push(`size ${figure(quality.bytes, 1, "kB", 1e-3)}`);
     }
     this.readout.replaceChildren(...parts.map((text) => make("span", {}, text)));
   }

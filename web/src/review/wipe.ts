@@ -10,7 +10,10 @@ import { Pictures } from "./pictures.ts";
 const GROUND = "#0b0d10";
 const STEP = 0.02;
 
-const LABEL = "position:absolute;padding:3px 9px;border-radius:8px;background:rgb(18 21 26/72%);font-size:12px;white-space:nowrap;pointer-events:none;top:calc(50% + 30px)";
+/** In the upper corners, below the title: the performer stands in the middle. */
+const LABEL = "position:absolute;top:64px;padding:3px 9px;border-radius:8px;background:rgb(18 21 26/72%);font-size:clamp(12px,0.85vw,24px);line-height:1.3;pointer-events:none";
+/** Pixels between a label and the edge of the picture. */
+const EDGE = 12;
 
 export class Wipe {
   private readonly player: Player;
@@ -19,8 +22,8 @@ export class Wipe {
   private readonly layer: HTMLElement;
   private readonly canvas = make("canvas", { style: "position:absolute;inset:0;width:100%;height:100%;pointer-events:none" });
   private readonly line: HTMLElement;
-  private readonly left = make("span", { style: `${LABEL};right:calc(50% + 10px)` });
-  private readonly right = make("span", { style: `${LABEL};left:calc(50% + 10px)` }, "decoded");
+  private readonly left = make("span", { style: `${LABEL};left:${EDGE}px` });
+  private readonly right = make("span", { style: `${LABEL};right:${EDGE}px;text-align:right` }, "decoded stream");
   private readonly changed: () => void;
   private camera: ReviewCamera | null = null;
   private part: Part | null = null;
@@ -49,7 +52,6 @@ export class Wipe {
       make("div", { style: "position:absolute;left:12px;width:20px;top:calc(50% - 20px);height:40px;border-radius:10px;background:#8fb8ff;pointer-events:none" }),
     );
     const divider = make("div", { style: "position:absolute;inset:0;overflow:hidden;pointer-events:none" });
-    // labels keep to their side of the line
     divider.append(this.left, this.right);
     this.layer = make("div", { class: "wipe", style: "position:absolute;inset:0;touch-action:none;cursor:ew-resize;color:#eef1f4", hidden: "" });
     this.layer.append(this.canvas, divider, this.line);
@@ -118,8 +120,11 @@ export class Wipe {
     const percent = `${(100 * this.at).toFixed(2)}%`;
     this.line.style.left = percent;
     this.line.setAttribute("aria-valuenow", String(Math.round(100 * this.at)));
-    this.left.style.right = `calc(${(100 - 100 * this.at).toFixed(2)}% + 18px)`;
-    this.right.style.left = `calc(${percent} + 18px)`;
+    // Each label is on its side of the line, and goes where there is no room.
+    for (const [label, share] of [[this.left, this.at], [this.right, 1 - this.at]] as const) {
+      label.style.maxWidth = `calc(${(100 * share).toFixed(2)}% - ${EDGE + 8}px)`;
+      label.style.visibility = share < 0.2 ? "hidden" : "";
+    }
     this.draw();
   }
 
@@ -157,7 +162,7 @@ export class Wipe {
     context.fillRect(0, bottom, width, height - bottom);
     context.fillRect(0, 0, box.x, height);
     context.fillRect(right, 0, width - right, height);
-    const what = `ground truth, ${camera.name}${camera.undistorted ? ", lens distortion removed" : ""}`;
+    const what = `footage of ${camera.name}${camera.undistorted ? ", without lens distortion" : ""}`;
     const missing = this.pictures.problem === "" ? "loading" : `not available: ${this.pictures.problem}`;
     this.left.textContent = picture === null ? `${what}: ${missing}` : what;
     this.layer.dataset["frame"] = picture === null ? "" : String(frame);

@@ -20,6 +20,14 @@ export const MAX_MANIFEST_BYTES = 64 << 20;
 const MAX_SIDE_BYTES = 2 ** 28;
 const MAX_PICTURE = 16384;
 const MAX_VALUE = 1e9;
+const MAX_LOG_SCALE = Math.log(MAX_VALUE);
+/** Largest extent of the keyframe's lattice in units of the blocks' radius. */
+const MAX_BLOCK_SPAN = 1e6;
+
+/** Bounds of a component's or channel's values, so that all that is drawn is finite: scales end where positions do. */
+export function valueBounds(name: string): readonly [low: number, high: number] {
+  return [-MAX_VALUE, name.startsWith("log_scale") ? MAX_LOG_SCALE : MAX_VALUE];
+}
 const PATH = /^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(\/[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}){0,7}$/;
 /** Version 3: files are named by the first digits of their SHA-256. */
 export const HASHED = /^files\/([0-9a-f]{32})\.[a-z0-9]{1,8}$/;
@@ -377,6 +385,13 @@ function readMotion(group: Reader, common: GroupCommon, place: string, version: 
     throw wrong(place, `has ${result.blocks.count} blocks for ${result.splats} splats`, null);
   if (result.positions.step * 2 ** result.positions.bits > 2 * MAX_VALUE)
     throw wrong(place, `has positions beyond ${MAX_VALUE}`, null);
+  if (result.positions.step * 2 ** result.positions.bits > MAX_BLOCK_SPAN * result.blocks.radius)
+    throw wrong(`${place}.blocks.radius`, "is less than a millionth of the positions' extent", result.blocks.radius);
+  for (const { name, offset, step } of result.channels) {
+    const [low, high] = valueBounds(name);
+    if (offset - 128 * step < low || offset + 127 * step > high)
+      throw wrong(place, `has values of ${name} beyond ${low} to ${high}`, null);
+  }
   return result;
 }
 
@@ -393,7 +408,8 @@ function readPlanes(group: Reader, common: GroupCommon, place: string, version: 
     };
     const parts = component.planes.map((plane) => plane.part).join(" ");
     const allowed = component.name.startsWith("mean_") ? ["high low", "high low_mirrored"] : ["all"];
-    if (component.min > component.max || !allowed.includes(parts)) throw wrong(place, `has an invalid component ${component.name}`, null);
+    if (component.min > component.max || component.max > valueBounds(component.name)[1] || !allowed.includes(parts))
+      throw wrong(place, `has an invalid component ${component.name}`, null);
     return component;
   });
   const side = group.integer("side", 8, MAX_PICTURE);
@@ -678,6 +694,8 @@ export function whatChanged(old: Manifest, now: Manifest): string | null {
   const ids = (manifest: Manifest): string => manifest.renditions.map(({ id }) => id).join();
   if (ids(old) !== ids(now)) return "renditions";
   if (!old.spans.every(({ frameCount }, i) => frameCount === now.spans[i]?.frameCount)) return "groups";
+  const paths = (renditions: readonly Group[]): string => renditions.flatMap(({ files }) => files.map(({ path }) => path)).join();
+  if (old.groups.some((group, i) => i < now.groups.length && paths(group) !== paths(now.groups[i]))) return "groups";
   return null;
 }
 

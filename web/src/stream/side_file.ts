@@ -1,7 +1,7 @@
 /** Decompresses and parses the side file of the profile `motion` (docs/STREAM.md, "The side file"). */
 
 import { messageOf, StreamError } from "./errors.ts";
-import type { MotionGroup } from "./manifest.ts";
+import { type MotionGroup, valueBounds } from "./manifest.ts";
 
 const MAX_CLASS = 15;
 const MAX_MOVE = 1e9;
@@ -153,6 +153,8 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   if (motions.some((value) => Math.abs(value) * group.blocks.step > MAX_MOVE))
     throw new StreamError(`a block moves farther than ${MAX_MOVE}`);
   const turns = integrate(cursor.numbers(moved * 3 * blocks, 4), moved, 3 * blocks);
+  if (turns.some((value) => Math.abs(value) * group.blocks.rotationStep > MAX_MOVE))
+    throw new StreamError(`the rotation of a block exceeds ${MAX_MOVE}`);
   const count = cursor.numbers(1, 4)[0];
   if (count < 0 || count > cursor.left) throw new StreamError(`the number of escapes is ${count}`);
   const outside = "an escape is outside the group";
@@ -162,7 +164,18 @@ export function parseSideFile(raw: Uint8Array, group: MotionGroup): SideFile {
   const frame = accumulate(cursor.numbers(count, 4), group.frameCount, outside);
   const beyond = cursor.numbers(count, 4);
   if (cursor.left > 0) throw new StreamError(`${cursor.left} bytes are left over`);
+  checkValues(group, channel, beyond);
   return { cells, labels, classes, motions, turns, escapes: byFrame(channel, splat, frame, beyond, group.frameCount) };
+}
+
+/** Refuses escapes whose values are out of the bounds of their channel: they cannot be drawn. */
+function checkValues({ channels }: MotionGroup, channel: Uint8Array, beyond: Int32Array): void {
+  for (let i = 0; i < channel.length; i++) {
+    const { name, offset, step } = channels[channel[i]];
+    const [low, high] = valueBounds(name);
+    const value = offset + ((beyond[i] < 0 ? beyond[i] : beyond[i] + 255) - 128) * step;
+    if (value < low || value > high) throw new StreamError(`an escape in ${name} has the value ${value}`);
+  }
 }
 
 /** Sorts escapes by frame, with a counting sort. */

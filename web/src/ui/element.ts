@@ -12,6 +12,7 @@ import { acceptDrops } from "./drop.ts";
 import { clock } from "./format.ts";
 import { ICONS } from "./icons.ts";
 import { Intro, readPath } from "./intro.ts";
+import { copyText } from "./copy.ts";
 import { Motion } from "./motion.ts";
 import { linkTo } from "./link.ts";
 import { Panel } from "./panel.ts";
@@ -385,6 +386,7 @@ export class V3PlayerElement extends HTMLElement {
     if (act === "settings") this.toggleSettings();
     if (act === "info") this.toggleInfo();
     if (act === "link") void this.copyLink();
+    if (act === "copy-close") this.showCopy(null);
     if (act === "full") void this.toggleFull();
     if (act === "vr" || act === "ar") void this.toggleImmersion(act);
     if (act === "again") {
@@ -400,6 +402,10 @@ export class V3PlayerElement extends HTMLElement {
     if (event.key !== "Shift" && event.key !== "Tab") this.endIntro();
     const from = event.composedPath()[0] as Element;
     motion.shift = event.shiftKey;
+    // The link to copy by hand is selected and copied with keys.
+    if (from.tagName === "INPUT" && event.key !== "Escape") return;
+    // Whoever has a keyboard may want to know its keys.
+    this.classList.add("has-keys");
     // Space also presses a focused button.
     const onButton = from.tagName === "BUTTON";
     const actions: Record<string, () => void> = {
@@ -456,6 +462,7 @@ export class V3PlayerElement extends HTMLElement {
       Escape: () => {
         this.toggleSettings(false);
         this.toggleHelp(false);
+        this.showCopy(null);
         this.panel?.toggle(false);
       },
     };
@@ -650,25 +657,26 @@ export class V3PlayerElement extends HTMLElement {
     const other = this.getAttribute("data-link");
     const base = other === null ? location.href : new URL(other, document.baseURI).href;
     const address = linkTo(base, player.seconds, player.view);
-    let shown = other === null;
     try {
-      if (shown) history.replaceState(null, "", address);
+      if (other === null) history.replaceState(null, "", address);
     } catch {
-      shown = false; // some browsers forbid it on pages that were opened from the disk
+      // some browsers forbid it on pages that were opened from the disk
     }
     this.toggleSettings(false);
-    try {
-      await navigator.clipboard.writeText(address);
+    if (await copyText(address, this.root)) {
+      this.showCopy(null);
       this.notice("Link to this time and view copied.");
-    } catch {
-      this.notice(
-        shown
-          ? "Copy the link to this time and view from the address bar."
-          : other === null
-            ? `This page may not copy to the clipboard. Add to its address: ${new URL(address).search}`
-            : `This page may not copy to the clipboard. The link: ${address}`,
-      );
-    }
+    } else this.showCopy(address);
+  }
+
+  /** Shows a link to be copied by hand; null hides it. */
+  private showCopy(address: string | null): void {
+    this.part_<HTMLElement>(".copy").hidden = address === null;
+    if (address === null) return;
+    const field = this.part_<HTMLInputElement>(".address");
+    field.value = address;
+    field.focus({ preventScroll: true });
+    field.select();
   }
 
   /** Whether playback starts over at the end. */

@@ -30,24 +30,32 @@ const swatches = Object.entries(BACKGROUNDS)
 
 const key = (names: string): string => names.split(" ").map((name) => `<kbd>${name}</kbd>`).join(" ");
 
-/** What the controls do; docs/WEB.md lists the same. */
-const HELP: readonly (readonly [string, string])[] = [
-  ["Orbit", `one finger, left button, ${key("← → ↑ ↓")}`],
-  ["Pan", `two fingers, right button, ${key("Shift")} with the above`],
-  ["Zoom", `pinch, wheel, ${key("+ −")}`],
-  ["Reset view", `double tap, ${key("R")}`],
-  ["Play, pause", key("Space K")],
-  ["Back, forward 1 s", key("J L")],
-  ["Previous, next frame", key(", .")],
-  ["Slower, faster", key("&lt; &gt;")],
-  ["Sound", key("M")],
-  ["Background", key("B")],
-  ["Full screen", key("F")],
-  ["Statistics", key("I")],
-  ["Copy link", key("C")],
-  ["Help", key("?")],
-  ["Gamepad", "left stick orbits, right stick pans, triggers zoom; A plays, B resets the view"],
+/** What the controls do with fingers, and with mouse and keys; docs/WEB.md lists the same. */
+const HELP: readonly { readonly what: string; readonly touch?: string; readonly keys?: string }[] = [
+  { what: "Orbit", touch: "drag with one finger", keys: `left button, ${key("← → ↑ ↓")}` },
+  { what: "Pan", touch: "drag with two fingers", keys: `right button, ${key("Shift")} with the above` },
+  { what: "Zoom", touch: "pinch", keys: `wheel, ${key("+ −")}` },
+  { what: "Reset view", touch: "double tap", keys: `double click, ${key("R")}` },
+  { what: "Controls", touch: "tap: show or hide" },
+  { what: "Seek", touch: "drag the knob of the timeline" },
+  { what: "Play, pause", keys: key("Space K") },
+  { what: "Back, forward 1 s", keys: key("J L") },
+  { what: "Previous, next frame", keys: key(", .") },
+  { what: "Slower, faster", keys: key("&lt; &gt;") },
+  { what: "Sound", keys: key("M") },
+  { what: "Background", keys: key("B") },
+  { what: "Full screen", keys: key("F") },
+  { what: "Statistics", keys: key("I") },
+  { what: "Copy link", keys: key("C") },
+  { what: "Help", keys: key("?") },
+  { what: "Gamepad", keys: "left stick orbits, right stick pans, triggers zoom; A plays, B resets the view" },
 ];
+
+const helpRow = ({ what, touch, keys }: (typeof HELP)[number]): string => {
+  const only = touch === undefined ? "keys" : keys === undefined ? "touch" : "";
+  const cells = [touch && `<span class="touch">${touch}</span>`, keys && `<span class="keys">${keys}</span>`].join("");
+  return `<tr class="${only}"><th scope="row">${what}</th><td>${cells}</td></tr>`;
+};
 
 /** Shown where the device has them. */
 const immersions = (more: string): string =>
@@ -63,7 +71,10 @@ export const TEMPLATE = `
 </div>
 <img class="poster" alt="" hidden>
 <div class="veil"><div class="spinner" role="status" aria-label="Loading"></div></div>
-<header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
+<div class="top">
+  <header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
+  <div class="notice" role="status" aria-live="polite"></div>
+</div>
 <div class="bar" part="controls">
   <div class="timeline" role="slider" tabindex="0" aria-label="Time" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
   <div class="buttons">
@@ -99,12 +110,16 @@ export const TEMPLATE = `
 </div>
 <div class="sheet help" role="dialog" aria-label="Help" tabindex="-1" hidden>
   <h2>Help <button type="button" class="close" data-act="help" aria-label="Close help">${ICONS.close}</button></h2>
-  <table><tbody>${HELP.map(([what, how]) => `<tr><th scope="row">${what}</th><td>${how}</td></tr>`).join("")}</tbody></table>
+  <table><tbody>${HELP.map(helpRow).join("")}</tbody></table>
 </div>
 <section class="sheet info" aria-label="Statistics" hidden>
   <h2>Statistics <button type="button" class="close" data-act="info" aria-label="Close statistics">${ICONS.close}</button></h2>
   <table><tbody></tbody></table>
 </section>
-<div class="notice" role="status" aria-live="polite"></div>
+<div class="sheet copy" role="dialog" aria-label="Link" hidden>
+  <h2>Link to this time and view <button type="button" class="close" data-act="copy-close" aria-label="Close">${ICONS.close}</button></h2>
+  <input class="address" readonly aria-label="Link">
+  <p>This browser does not let the page copy: copy the selected link yourself.</p>
+</div>
 <div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">Try again</button></p></div></div>
 `;

@@ -142,7 +142,7 @@ export class Session {
       if (!videoMayBeExact(manifest)) throw new StreamError(needsWebCodecs(manifest));
     }
     this.manifest = manifest;
-    const table = new GroupTable(manifest, (page) => this.readPage(source, page, manifest));
+    const table = new GroupTable(manifest, (page) => this.sameBake(source, name, () => this.readPage(source, page, manifest)));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
     this.table = table;
     const choice = {
@@ -157,6 +157,7 @@ export class Session {
       table,
       choice,
       source,
+      (reads) => this.sameBake(source, name, reads),
       () => {
         this.tellFetched();
       },
@@ -193,6 +194,35 @@ export class Session {
     if (digest !== null && digest !== manifest.sha256)
       throw new StreamError("The stream's manifest is damaged: its content does not match its own SHA-256.");
     return { manifest, checked: digest !== null };
+  }
+
+  /**
+   * Runs what reads files of the stream. Damaged or missing files are told from those of another bake, which has replaced
+   * the stream since it was opened. Where the browser has no SHA-256, files of versions 1 and 2, which change under their
+   * names, are those of the manifest only if it has not changed by the time they are there.
+   */
+  private async sameBake<T>(source: Source, name: string, reads: () => Promise<T>): Promise<T> {
+    let found: T;
+    try {
+      found = await reads();
+    } catch (error) {
+      if (error instanceof StreamError && !error.transient && (await this.replaced(source, name))) throw replacedError();
+      throw error;
+    }
+    const unchecked = !this.checked && this.manifest!.version < 3 && !(source instanceof EmbeddedSource);
+    if (unchecked && (await this.replaced(source, name))) throw replacedError();
+    return found;
+  }
+
+  /** Whether the stream has another manifest now, which does not only add groups. */
+  private async replaced(source: Source, name: string): Promise<boolean> {
+    const { manifest: old } = this;
+    try {
+      const { manifest } = await this.readManifest(source, name);
+      return manifest.sha256 !== old!.sha256 && !(old!.live && whatChanged(old!, manifest) === null);
+    } catch {
+      return false; // nothing that could be opened instead
+    }
   }
 
   /** Reads the manifest of a live stream again until it is complete. */
@@ -662,6 +692,10 @@ export class Session {
       cached: this.store!.bytes,
     });
   }
+}
+
+function replacedError(): StreamError {
+  return new StreamError("The stream was baked again since it was opened; reload the page.");
 }
 
 /** Width and height of the picture that holds all of a group's numbers of one frame. */

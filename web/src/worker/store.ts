@@ -25,6 +25,9 @@ export interface Choice {
   readonly fits: (group: Group) => boolean;
 }
 
+/** Runs what reads from the stream; may throw another error in place of its own. */
+export type Checked = <T>(reads: () => Promise<T>) => Promise<T>;
+
 /** Bytes kept in memory: played groups are kept as long as they fit, so that loops do not fetch again. */
 const KEPT_BYTES = 192 << 20;
 /** Maximum bytes fetched ahead of the playhead. */
@@ -34,6 +37,7 @@ export class GroupStore {
   private readonly groups: GroupTable;
   private readonly choice: Choice;
   private readonly source: Source;
+  private readonly checked: Checked;
   private readonly changed: () => void;
   private readonly improved: (group: number) => void;
   /** Groups that this device gets no better than they are, with the rendition that was wanted. */
@@ -50,6 +54,7 @@ export class GroupStore {
   private playing = false;
 
   /**
+   * @param checked - makes a context around what is read of a group
    * @param changed - called after a group was fetched
    * @param improved - called after a group was fetched again in a better rendition
    */
@@ -57,6 +62,7 @@ export class GroupStore {
     groups: GroupTable,
     choice: Choice,
     source: Source,
+    checked: Checked,
     changed: () => void,
     improved: (group: number) => void,
   ) {
@@ -64,6 +70,7 @@ export class GroupStore {
     this.groups = groups;
     this.choice = choice;
     this.source = source;
+    this.checked = checked;
     this.changed = changed;
   }
 
@@ -155,13 +162,15 @@ export class GroupStore {
   private async fetchAs(index: number, group: Group): Promise<Fetched> {
     const began = performance.now();
     const files = new Map<string, Uint8Array<ArrayBuffer>>();
-    const contents = await inTurns(group.files, 6, async (file) => {
-      const data = await this.source.read(file.path, file.bytes, this.stop.signal);
-      const digest = await sha256(data);
-      if (digest !== null && digest !== file.sha256)
-        throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);
-      return data;
-    });
+    const contents = await this.checked(() =>
+      inTurns(group.files, 6, async (file) => {
+        const data = await this.source.read(file.path, file.bytes, this.stop.signal);
+        const digest = await sha256(data);
+        if (digest !== null && digest !== file.sha256)
+          throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);
+        return data;
+      }),
+    );
     group.files.forEach((file, i) => files.set(file.path, contents[i]));
     this.choice.rule?.fetched(group.bytes, (performance.now() - began) / 1000);
     const fetched = { group, files };

@@ -1,0 +1,84 @@
+"""`v3studio work`: one stage of one group, for clusters and render farms."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from studio.errors import StudioError
+
+_EPILOG = """settings:
+  --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
+  Overrides a setting; example: --run.threads 4.
+
+Then `v3studio run TAKE` puts the groups together, does what is missing, and evaluates.
+"""
+_STAGES = ("initialize", "train", "bake", "evaluate")
+_CHAIN = _STAGES[:3]
+_FORMATS = ("plain", "sbatch", "cuecmd", "deadline", "parallel")
+
+
+def register(commands: Any) -> None:
+    """Add the command to the parser."""
+    parser = commands.add_parser(
+        "work",
+        help="do the work on one group of a take, or print the commands for all groups",
+        description="Do the work on one group of a take. Does nothing where the results are up to date, and goes on "
+        "from the last finished frame or checkpoint, so it can be started again anywhere that sees the take and the "
+        "footage.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take; its cameras must be calibrated")
+    parser.add_argument(
+        "--stage",
+        action="append",
+        choices=_STAGES,
+        metavar="STAGE",
+        help=f"{', '.join(_STAGES)}; may be repeated (default: {', '.join(_CHAIN)})",
+    )
+    parser.add_argument("--group", type=int, metavar="N", help="number of the group, counted from 0")
+    parser.add_argument("--print-commands", action="store_true", help="print a command for each unfinished group")
+    parser.add_argument(
+        "--format",
+        choices=_FORMATS,
+        default="plain",
+        help="what --print-commands prints: one command a line, for GNU parallel, OpenCue's cuecmd, or Deadline's "
+        "CommandScript, or a batch file for Slurm (default: plain)",
+    )
+    parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of progress bars")
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    parser.set_defaults(command=_work)
+
+
+def _work(arguments: argparse.Namespace) -> int:
+    from pipelines.config import load_config
+    from pipelines.takes.take import Take
+
+    if (arguments.group is None) == (not arguments.print_commands):
+        raise StudioError(
+            "command.group_or_commands",
+            "specify either --group or --print-commands",
+            fix="Example: v3studio work takes/first --group 0.",
+            option="--group",
+        )
+    take = Take.open(arguments.take)
+    config = load_config(take.config, arguments.overrides)
+    stages = tuple(arguments.stage or _CHAIN)
+    if arguments.print_commands:
+        from pipelines.runs.print_commands import printed_commands
+
+        print(printed_commands(take, config, stages, arguments.format), end="", file=arguments.output)
+        return 0
+
+    from pipelines.runs.console import Bars, JsonLines
+    from pipelines.runs.work_run import run_work
+
+    with JsonLines(arguments.output) if arguments.json else Bars() as show:
+        try:
+            run_work(take, config, stages, arguments.group, show)
+        finally:
+            arguments.reported = isinstance(show, JsonLines) and show.finished
+    return 0

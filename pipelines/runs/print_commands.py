@@ -1,0 +1,82 @@
+"""The work on a take's groups as commands for the queue that a studio has: Slurm, OpenCue, Deadline, GNU parallel."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+
+from pipelines.config import Config
+from pipelines.runs.work import CHAIN, cpus_of_group, known_groups
+from pipelines.stages import GROUP_STAGES
+from pipelines.stages.base import Context
+from pipelines.stages.group_scheduler import groups_at_once
+from pipelines.takes.take import Take
+
+FORMATS = ("plain", "sbatch", "cuecmd", "deadline", "parallel")
+
+
+def printed_commands(take: Take, config: Config, stages: Sequence[str] = CHAIN, form: str = "plain") -> str:
+    """The text that `v3studio work --print-commands` prints.
+
+    The commands name the CPU threads of a group, because the bytes of training depend on them, and on another machine
+    they would be others.
+
+    Args:
+        take: the take; its cameras must be calibrated before the commands run.
+        config: its settings.
+        stages: what each command does of its group.
+        form: one of `FORMATS`: plain, cuecmd and parallel are one command a line; deadline is the same for Deadline's
+            plugin CommandScript; sbatch is a Slurm batch file with an array of tasks.
+
+    Returns:
+        text that ends with a newline; "" if all groups are finished.
+
+    Raises:
+        StudioError: the footage cannot be read, or where groups begin is not known yet (`work.groups_unknown`).
+    """
+    context = Context(take, config)
+    groups = known_groups(context)
+    chosen = [stage for stage in GROUP_STAGES if stage.name in stages]
+    todo = [group.index for group in groups if not all(stage.group_done(context, group) for stage in chosen)]
+    if not todo:
+        return ""
+    command = _command(take, context, [stage.name for stage in chosen])
+    if form == "sbatch":
+        cpus = cpus_of_group("train" if "train" in stages else chosen[0].name, context, todo[0])
+        return _sbatch(take, command, todo, cpus, gpu=config.run.device not in ("auto", "cpu"))
+    return "".join(f"{command} --group {group}\n" for group in todo)
+
+
+def _command(take: Take, context: Context, stages: Sequence[str]) -> str:
+    words = ["v3studio", "work", str(take.root)]
+    for stage in stages:
+        words += ["--stage", stage]
+    words += ["--run.threads", str(context.threads), "--run.groups_at_once", str(groups_at_once(context))]
+    return shlex.join(words)
+
+
+def _sbatch(take: Take, command: str, todo: Sequence[int], cpus: int, gpu: bool) -> str:
+    lines = [
+        "#!/bin/bash",
+        f"#SBATCH --job-name={shlex.quote(f'v3studio {take.root.name}')}",
+        f"#SBATCH --array={ranges(todo)}",
+        "#SBATCH --ntasks=1",
+        f"#SBATCH --cpus-per-task={cpus}",
+        *(["#SBATCH --gpus-per-task=1"] if gpu else []),
+        "#SBATCH --requeue",
+        "#SBATCH --open-mode=append",
+        f"#SBATCH --output={shlex.quote(f'{take.private}/slurm_%a.log')}",
+        f"exec {command} --group $SLURM_ARRAY_TASK_ID",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Ascending numbers as Slurm writes them: 0-3,7."""
+    found: list[list[int]] = []
+    for number in numbers:
+        if found and number == found[-1][1] + 1:
+            found[-1][1] = number
+        else:
+            found.append([number, number])
+    return ",".join(str(first) if first == last else f"{first}-{last}" for first, last in found)

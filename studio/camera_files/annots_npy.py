@@ -1,0 +1,94 @@
+"""annots.npy of ZJU-MoCap.
+
+A pickled dictionary: `cams` has lists K (3 x 3), D (OpenCV distortion), R (3 x 3, world to camera) and T (3 x 1, in
+millimeters), one entry per camera; `ims` has the names of the images of each frame, `Camera_B1/000000.jpg`. The pixel
+origin is OpenCV's, the center of the first pixel.
+"""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from studio.camera_files.common import naming, no_cameras
+from studio.camera_files.nearby import size_nearby
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+from studio.json_types import JsonObject
+from studio.validation import array, check_finite, missing_key
+
+NAME = "annots.npy"
+_SAFE = {
+    ("numpy", "ndarray"),
+    ("numpy", "dtype"),
+    *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
+}
+
+
+class _OnlyArrays(pickle.Unpickler):
+    """Loads arrays, lists, dictionaries and plain values: a pickle may otherwise run any code."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) in _SAFE:
+            return super().find_class(module, name)
+        raise pickle.UnpicklingError(f"it contains {module}.{name}")
+
+
+def read_annots(path: Path) -> Rig:
+    """Read the cameras, in meters; image sizes come from the images next to the file.
+
+    Raises:
+        StudioError: the file is not such a dictionary (camera_file.*), or a value is invalid or there are no images
+            (camera.*).
+    """
+    values = _load(path)
+    with naming(path):
+        cams, frames = values.get("cams"), values.get("ims")
+        if not isinstance(cams, dict) or not isinstance(frames, list) or not frames:
+            raise no_cameras("the file has no 'cams' and 'ims'")
+        images = frames[0].get("ims") if isinstance(frames[0], dict) else None
+        lists: dict[str, Any] = {key: cams.get(key) for key in ("K", "D", "R", "T")}
+        for key, value in lists.items():
+            if not isinstance(value, list | np.ndarray):
+                raise missing_key(key, "0")
+        count = min(len(value) for value in lists.values())
+        if images is None or not 0 < len(images) <= count:
+            raise no_cameras(f"the file has {count} cameras, but {len(images or ())} images per frame")
+        return Rig(tuple(_camera(path.parent, str(image), lists, index) for index, image in enumerate(images)))
+
+
+def _camera(folder: Path, image: str, lists: JsonObject, index: int) -> Camera:
+    name = PurePosixPath(image.replace("\\", "/")).parts[0]
+    K, D, R, T = (array(np.asarray(lists[key][index]).tolist(), key, name).astype(np.float64) for key in "KDRT")
+    for key, value, size in (("K", K, 9), ("R", R, 9), ("T", T, 3)):
+        check_finite(value, key, name)
+        if value.size != size:
+            raise missing_key(key, name)
+    K = K.reshape(3, 3).copy()
+    K[:2, 2] += 0.5
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R.reshape(3, 3), T.ravel() / 1000
+    return Camera(name, *size_nearby(folder, name, name), K, pose, D.ravel() if D.any() else np.zeros(0))
+
+
+def _load(path: Path) -> JsonObject:
+    try:
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            read(file)
+            value = _OnlyArrays(file, encoding="latin1").load()
+    except Exception as error:  # whatever a damaged pickle raises
+        raise StudioError(
+            "camera_file.syntax",
+            f"not a dictionary saved by NumPy ({error})",
+            file=path,
+            fix="Copy the file again.",
+        ) from None
+    value = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+    if not isinstance(value, dict):
+        raise no_cameras("the file has no 'cams' and 'ims'", path)
+    return value

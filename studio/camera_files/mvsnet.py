@@ -1,0 +1,71 @@
+"""NAME_cam.txt of MVSNet, one file per camera, as in PKU-DyMVHumans.
+
+The word `extrinsic`, a 4 x 4 matrix (world to camera, OpenCV axes), the word `intrinsic`, a 3 x 3 matrix, and a range
+of depths, which is not used. The principal point is relative to the image corner. The images are undistorted.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from studio.camera_files.common import naming, no_cameras, read_text
+from studio.camera_files.nearby import size_nearby
+from studio.cameras import Camera, Rig
+from studio.errors import StudioError
+from studio.validation import array, check_finite
+
+SUFFIX = "_cam.txt"
+
+
+def read_mvsnet(folder: Path) -> Rig:
+    """Read all files of a folder; image sizes come from the footage around it.
+
+    Raises:
+        StudioError: there is no file, one is truncated (camera_file.*), or a value is invalid or there is no footage
+            (camera.*).
+    """
+    files = sorted(folder.glob(f"*{SUFFIX}"))
+    if not files:
+        raise no_cameras(f"no file *{SUFFIX} in the folder", folder)
+    with naming(folder):
+        return Rig(tuple(_camera(file) for file in files))
+
+
+def _camera(path: Path) -> Camera:
+    name = path.name.removesuffix(SUFFIX)
+    text = read_text(path)
+    with naming(path):
+        matrices = []
+        for word, count in (("extrinsic", 16), ("intrinsic", 9)):
+            found = re.search(rf"(?<![a-z]){word}((?:\s+[-+.\deE]+){{{count}}})", text)
+            if found is None:
+                raise StudioError(
+                    "camera_file.truncated",
+                    f"no {count} numbers after '{word}'",
+                    fix="The file may be truncated: copy it again.",
+                )
+            value = array(found.group(1).split(), word, name)
+            check_finite(value, word, name)
+            matrices.append(value)
+        root = path.parent.parent
+        number = re.findall(r"\d+", name)
+        stems = (
+            [name, *(f"cam_{int(number[-1])}", f"cam{int(number[-1])}", f"cam{int(number[-1]):02d}")]
+            if number
+            else [name]
+        )
+        size = _size(root, stems, name)
+        return Camera(name, *size, matrices[1].reshape(3, 3), matrices[0].reshape(4, 4))
+
+
+def _size(root: Path, stems: list[str], name: str) -> tuple[int, int]:
+    problem: StudioError | None = None
+    for stem in stems:
+        for folder, inner in ((root, stem), (root / "per_view" / stem, "images")):
+            try:
+                return size_nearby(folder, inner, name)
+            except StudioError as error:
+                problem = problem or error
+    assert problem is not None
+    raise problem

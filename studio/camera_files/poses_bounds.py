@@ -1,0 +1,80 @@
+"""poses_bounds.npy of LLFF, as in Neural 3D Video (N3DV).
+
+One row of 17 numbers per camera: a 3 x 5 matrix, row by row, and the nearest and farthest depth. The matrix is camera
+to world with the axes down, right, back, the center, and image height, width and focal length. There is no lens
+distortion, and the principal point is the center of the image. The rows are in the order of the videos' names.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from studio.camera_files.common import naming, rigid_inverse
+from studio.cameras import Camera, Rig
+from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
+from studio.errors import StudioError
+from studio.validation import check_finite
+
+NAME = "poses_bounds.npy"
+_FOLDERS = ("", "videos", "images", "frames")
+
+
+def read_poses_bounds(path: Path) -> Rig:
+    """Read the cameras; their names are those of the videos, images or folders next to the file.
+
+    Raises:
+        StudioError: the file is not such an array (camera_file.*), there are not as many videos or images as rows
+            (camera_file.camera_count), or a value is invalid (camera.*).
+    """
+    try:
+        rows = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise _invalid(path, f"not a NumPy array ({error})") from None
+    if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind not in "fiu" or not len(rows):
+        raise _invalid(path, f"the array is {'x'.join(map(str, rows.shape))} of {rows.dtype}, expected Nx17 numbers")
+    names = _names(path.parent, len(rows))
+    cameras = []
+    with naming(path):
+        for name, row in zip(names, rows.astype(np.float64), strict=True):
+            check_finite(row, "row", name)
+            matrix = row[:15].reshape(3, 5)
+            down, right, back, center = matrix[:, :4].T
+            pose = np.eye(4)
+            pose[:3] = np.column_stack([right, down, -back, center])
+            height, width, focal = matrix[:, 4]
+            K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+            cameras.append(Camera(name, round(width), round(height), K, rigid_inverse(pose)))
+        return Rig(tuple(cameras))
+
+
+def _names(folder: Path, count: int) -> list[str]:
+    found = []
+    for part in _FOLDERS:
+        if not (folder / part).is_dir():
+            continue
+        entries = sorted((folder / part).iterdir(), key=lambda entry: entry.name)
+        groups = (
+            [entry.stem for entry in entries if entry.suffix.lower() in VIDEO_EXTENSIONS],
+            [entry.stem for entry in entries if entry.suffix.lower() in IMAGE_EXTENSIONS],
+            [entry.name for entry in entries if entry.is_dir() and part],
+        )
+        for names in groups:
+            if len(names) == count:
+                return names
+            if len(names) > 1:
+                found.append(len(names))
+    raise StudioError(
+        "camera_file.camera_count",
+        f"the file has {count} cameras, but the footage next to it has {found[0] if found else 'none'}",
+        file=folder / NAME,
+        value=count,
+        fix="The rows belong to the videos in the order of their names: put back missing videos, or set capture.rig "
+        "to null to calibrate from the footage.",
+        setting="capture.rig",
+    )
+
+
+def _invalid(path: Path, problem: str) -> StudioError:
+    return StudioError("camera_file.syntax", problem, file=path, fix="Copy the file again.")

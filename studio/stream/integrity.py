@@ -1,0 +1,98 @@
+"""Finds the damaged files of a stream: compares all of them with the sizes and checksums of its manifest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from studio.errors import StudioError
+from studio.progress import ProgressFn, no_progress
+from studio.stream.manifest_models import FileEntry
+from studio.stream.reader import StreamReader, checked_file
+from studio.stream.source import SourceUnavailable
+
+
+@dataclass(frozen=True)
+class StreamDamage:
+    """A file that is missing or not what the manifest says.
+
+    Attributes:
+        file: path relative to the stream.
+        problem: what is wrong, without the file's name.
+        groups: numbers of the groups that cannot be played without it, at least in one rendition; empty for the sound.
+    """
+
+    file: str
+    problem: str
+    groups: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class StreamIntegrity:
+    """What `check_stream` found.
+
+    Attributes:
+        files: number of files checked, including the manifest.
+        bytes: their size according to the manifest.
+        damage: the damaged ones.
+    """
+
+    files: int
+    bytes: int
+    damage: tuple[StreamDamage, ...]
+
+
+def check_stream(reader: StreamReader, progress: ProgressFn = no_progress) -> StreamIntegrity:
+    """Read every file of all renditions and compare it with the size and the SHA-256 in the manifest.
+
+    The manifest itself was checked when the stream was opened. Files of groups whose page of the index is damaged
+    cannot be checked, because only the page lists them.
+
+    Args:
+        reader: an open stream.
+        progress: called with the bytes checked so far, and with how many are known of.
+
+    Raises:
+        SourceUnavailable: the server does not answer.
+    """
+    damage: list[StreamDamage] = []
+    files: dict[str, FileEntry] = {}
+    groups: dict[str, list[int]] = {}
+    if reader.audio is not None:
+        files[reader.audio.path] = reader.audio
+    for entries, number in _files_by_group(reader, damage):
+        for entry in entries:
+            files[entry.path] = entry
+            groups.setdefault(entry.path, []).append(number)
+    total, done = sum(entry.bytes for entry in files.values()), 0
+    for path, entry in files.items():
+        try:
+            checked_file(reader.source, entry)
+        except SourceUnavailable:
+            raise
+        except StudioError as error:
+            damage.append(StreamDamage(path, error.problem, tuple(groups.get(path, ()))))
+        done += entry.bytes
+        progress(done, total)
+    return StreamIntegrity(files=len(files) + 1, bytes=total + len(reader.manifest_bytes), damage=tuple(damage))
+
+
+def _files_by_group(reader: StreamReader, damage: list[StreamDamage]) -> Iterator[tuple[tuple[FileEntry, ...], int]]:
+    """Files of each group and the group's number; damaged pages of the index are appended to `damage`."""
+    if reader.index is None:
+        for group in reader.manifest.groups:
+            yield group.files, group.index
+        return
+    lost: dict[str, tuple[str, list[int]]] = {}
+    for number in range(len(reader.index)):
+        page = reader.index.page_of(number)
+        try:
+            files = reader.index.ladder(number).files
+        except SourceUnavailable:
+            raise
+        except StudioError as error:
+            assert page is not None  # groups in the manifest itself need no file
+            lost.setdefault(page.path, (error.problem, []))[1].append(number)
+            continue
+        yield (*files, *(() if page is None else (page,))), number
+    damage += [StreamDamage(path, problem, tuple(numbers)) for path, (problem, numbers) in lost.items()]

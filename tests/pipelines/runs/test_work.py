@@ -1,0 +1,132 @@
+"""`v3studio work`: one group at a time, in any process, with the results of a local run."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from pipelines.events import Metrics, StageFinished, StageStarted, read_line
+from pipelines.runs.print_commands import ranges
+
+
+def events_in(text: str) -> list:
+    return [event for event, _ in map(read_line, text.splitlines()) if event is not None]
+
+
+def results(take: Path) -> dict[str, bytes]:
+    """Trained frames, initial points, the stream and the evaluation; not the reports, which tell the time."""
+    folders = [take / name for name in ("initialize", "train", "stream")]
+    files = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.name != "group.json"]
+    return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}
+
+
+def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, project, start, cli, here):
+    take = project / "take"
+    done = cli("calibrate", project / "ball.yaml", "--take", take)
+    assert done.returncode == 0, done.stderr
+    missing = here("work", take, "--stage", "train", "--group", "1")
+    assert missing.returncode == 1
+    assert "group 1 has no results of the stage initialize that are up to date" in missing.stderr
+
+    # two workers with the same group, and a third that is killed after the first frame of another one
+    same = [start("work", take, "--group", "0", "--json") for _ in range(2)]
+    killed = start("work", take, "--group", "1", "--json")
+    for line in killed.stdout:
+        if any(isinstance(event, Metrics) and event.stage == "train" for event in events_in(line)):
+            killed.send_signal(signal.SIGKILL)
+            break
+    killed.communicate()
+    assert killed.returncode == -signal.SIGKILL
+    told = [process.communicate() for process in same]
+    assert [process.returncode for process in same] == [0, 0], told
+    frames = [
+        e.values["index"] for out, _ in told for e in events_in(out) if isinstance(e, Metrics) and e.frame is not None
+    ]
+    assert sorted(frames) == [0, 1, 2], "each frame is trained once"
+    again = cli("work", take, "--group", "1", "--json")
+    assert again.returncode == 0, again.stderr
+    trained = [
+        event.values["index"]
+        for event in events_in(again.stdout)
+        if isinstance(event, Metrics) and event.frame is not None
+    ]
+    assert trained == [4], "the frame that was finished before the kill is kept"
+
+    up_to_date = here("work", take, "--group", "1", "--json")
+    assert [e.summary["done"] for e in events_in(up_to_date.stdout) if isinstance(e, StageFinished)] == ["before"] * 3
+    assert here("work", take, "--print-commands").stdout == ""
+
+    baked = cli("run", take, "--until", "bake", "--json")
+    assert baked.returncode == 0, baked.stderr
+    evaluated = [here("work", take, "--stage", "evaluate", "--group", group) for group in (0, 1)]
+    assert [one.returncode for one in evaluated] == [0, 0], evaluated
+    last = cli("run", take, "--json")
+    assert last.returncode == 0, last.stderr
+    told = events_in(last.stdout)
+    assert [event.stage for event in told if isinstance(event, StageStarted)] == ["evaluate"]
+    assert not [event for event in told if isinstance(event, Metrics) and event.frame is not None]
+    assert results(take) == results(finished / "take")
+    assert not list(take.rglob("*.partial*"))
+    assert not (take / ".v3studio" / "work" / "evaluate").exists()
+
+
+def test_commands_are_printed_for_each_kind_of_queue(project, here, tmp_path):
+    take = project / "a take"
+    assert here("calibrate", project / "ball.yaml", "--take", take).returncode == 0
+    plain = here("work", take, "--print-commands").stdout.splitlines()
+    assert [shlex.split(line)[:3] for line in plain] == [["v3studio", "work", str(take)]] * 2
+    assert [line.endswith(f" --group {group}") for group, line in enumerate(plain)] == [True, True]
+    assert "--run.threads 1" in plain[0]
+    for form in ("cuecmd", "deadline", "parallel"):
+        assert here("work", take, "--print-commands", "--format", form).stdout.splitlines() == plain
+    batch = here("work", take, "--stage", "train", "--print-commands", "--format", "sbatch").stdout
+    assert "#SBATCH --array=0-1\n" in batch
+    assert "#SBATCH --cpus-per-task=1\n" in batch
+    assert "#SBATCH --requeue\n" in batch
+
+    # what the shell makes of the last line
+    shown = tmp_path / "v3studio"
+    shown.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')
+    shown.chmod(0o755)
+    script = batch.replace("exec v3studio", f"exec {shlex.quote(str(shown))}")
+    words = subprocess.run(
+        ["bash", "-c", script], env={"SLURM_ARRAY_TASK_ID": "1"}, capture_output=True, text=True, check=True
+    ).stdout.split("\n")
+    assert words[:4] == ["work", str(take), "--stage", "train"]
+    assert words[-3:-1] == ["--group", "1"]
+
+
+def test_what_cannot_be_done_is_refused(project, here):
+    take = project / "take"
+    made = here("run", project / "ball.yaml", "--take", take, "--until", "calibrate")
+    assert made.returncode == 0, made.stderr
+    for arguments, expected in {
+        ("--group", "2"): "there is no group 2: the take has 2 groups, numbered from 0. Choose 0 to 1.",
+        (): "specify either --group or --print-commands",
+        ("--stage", "evaluate", "--group", "0"): "the stage evaluate needs train, which is missing",
+        (
+            "--group",
+            "0",
+            "--train.grouping",
+            "motion",
+        ): "where groups begin is not known yet (train.grouping is motion)",
+    }.items():
+        done = here("work", take, *arguments)
+        assert done.returncode == 1
+        assert expected in done.stderr
+    (take / "calibrate" / "rig.json").unlink()
+    done = here("work", take, "--group", "0", "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout.splitlines()[-1])["code"] == "stage.dependency"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "text"), [([0], "0"), ([0, 1, 2], "0-2"), ([0, 2, 3, 7], "0,2-3,7"), ([5, 6], "5-6")]
+)
+def test_numbers_of_an_array(numbers, text):
+    assert ranges(numbers) == text

@@ -1,0 +1,105 @@
+"""The time left on a simulated run: long keyframes, noisy frames, one that hangs."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pytest
+
+from pipelines.config import Config
+from pipelines.stages.base import Context, StageReporter
+from pipelines.stages.time_left import Countdown
+from pipelines.stages.train_clock import TrainClock
+from pipelines.takes.groups import Group
+from pipelines.takes.take import Take
+
+
+def simulated(tmp_path: Path, seed: int) -> list[tuple[float, float, float]]:
+    """(true seconds left, shown, as it was shown before there was a countdown) at each progress event of `train`."""
+    chance, config = random.Random(seed), Config()
+    groups = [
+        Group(index=number, first=15 * number, frames=tuple(range(15 * number, 15 * number + 15))) for number in (0, 1)
+    ]
+    now = [0.0]
+    events = []
+    context = Context(Take.create(tmp_path / str(seed)), config, events.append, clock=lambda: now[0])
+    reporter = StageReporter("train", context, 85, 8)
+    clock = TrainClock(groups, {0: 0, 1: 0}, config.train)
+    times, plain = [], []
+    for group in groups:
+        for position in range(15):
+            # 12,000 + 2,000 steps, and 500 of motion + 2,000, on a machine where motion is slower than expected
+            seconds = (350.0 if position == 0 else 140.0) * chance.lognormvariate(0, 0.3)
+            if (group.index, position) == (0, 9):
+                seconds = 600.0  # the machine is busy
+            parts = max(1, round(seconds / 5))
+            for part in range(1, parts + 1):
+                now[0] += seconds / parts
+                clock.reached(group, position, part / parts)
+                reporter.progress(clock.fraction)
+                times.append(now[0])
+                plain.append(now[0] * (1 - clock.fraction) / clock.fraction)
+            clock.finished(group, position, seconds)
+    assert len(events) == len(times)
+    return [
+        (now[0] - time, event.seconds_left, before)
+        for time, event, before in zip(times, events, plain, strict=True)
+        if event.seconds_left is not None
+    ]
+
+
+def jumps(left: list[float], true: list[float]) -> list[float]:
+    """How far each figure is from the one before it and the time that has passed."""
+    return [abs((b - a) - (d - c)) for a, b, c, d in zip(left, left[1:], true, true[1:], strict=False)]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_it_does_not_jump_and_is_right_in_the_end(tmp_path: Path, seed: int) -> None:
+    rows = simulated(tmp_path, seed)
+    true, shown, before = (list(column) for column in zip(*rows, strict=True))
+    assert max(jumps(shown, true)) < 0.1 * max(jumps(before, true))
+    assert max(jumps(shown, true)) < 0.05 * true[0]
+    late = [abs(left - right) for right, left in zip(true, shown, strict=True) if right < 0.5 * true[0]]
+    assert max(late) < 0.2 * true[0]
+    last = [abs(left - right) for right, left in zip(true, shown, strict=True) if right < 60]
+    assert max(last) < 30
+
+
+def test_a_countdown_goes_with_the_clock_and_comes_to_new_estimates() -> None:
+    countdown = Countdown()
+    assert countdown.at(5) is None
+    assert countdown.estimate(10, 100) == 100
+    assert countdown.at(30) == 80
+    assert countdown.at(500) == 0
+    assert countdown.estimate(30, 80) == 80
+    left = [countdown.estimate(30 + second, 300 - second) for second in range(1, 121)]
+    assert left[0] < 130  # a single estimate changes little
+    assert left[-1] == pytest.approx(180, rel=0.02)
+
+
+def test_the_whole_run_keeps_its_countdown_across_stages(tmp_path: Path) -> None:
+    now, events = [0.0], []
+    context = Context(Take.create(tmp_path / "take"), Config(), events.append, clock=lambda: now[0])
+    countdown = Countdown()
+    first = StageReporter("initialize", context, 10, 90, run=countdown)
+    for step in range(1, 101):
+        now[0] += 1
+        first.progress(step / 100)
+    assert events[-1].seconds_left == 0
+    assert events[-1].total_seconds_left == pytest.approx(900, rel=0.01)
+    now[0] += 1
+    second = StageReporter("train", context, 90, 0, now[0], first.total_fraction, 10, countdown)
+    now[0] += 1
+    second.progress(0.0001)  # too early to tell from this stage
+    assert events[-1].seconds_left is None
+    assert events[-1].total_seconds_left == pytest.approx(898, rel=0.01)
+    for step in range(1, 451):  # this stage is twice as fast as its weight says
+        now[0] += 1
+        second.progress(step / 450)
+        if step == 225:
+            assert events[-1].total_seconds_left == pytest.approx(225, rel=0.1)
+    assert events[-1].total_seconds_left == 0
+    fractions = [event.total_fraction for event in events]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(1)

@@ -1,0 +1,284 @@
+"""Layouts of published data sets, each as a tiny capture: footage, masks and cameras are found without settings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pipelines.stages.camera_file import camera_file
+from studio.camera_files import read_rig
+from studio.cameras import Rig
+from studio.capture import CaptureSettings, open_footage
+from tests.support.errors import refuses
+
+WIDTH, HEIGHT = 96, 64
+# world to camera: turned about y and z, one meter to the side
+POSE = np.array([[0.0, -0.8, 0.6, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.6, 0.8, 3.0], [0, 0, 0, 1]])
+K = np.array([[90.0, 0, 47.5], [0, 91.0, 31.5], [0, 0, 1]])  # OpenCV's pixel coordinates
+MASK = np.zeros((HEIGHT, WIDTH), np.uint8)
+MASK[20:40, 30:60] = 255
+
+Make = Callable[[Path, SimpleNamespace], None]
+
+
+def hifi4g(root: Path, make: SimpleNamespace) -> None:
+    camera_to_world = np.linalg.inv(POSE) @ np.diag([1.0, -1, -1, 1])
+    frames = [
+        {"file_path": f"images/{name}.png", "transform_matrix": camera_to_world.tolist(), "w": WIDTH, "h": HEIGHT,
+         "fl_x": 90, "fl_y": 91, "cx": 48, "cy": 32}
+        for name in ("0", "1", "2")
+    ]  # fmt: skip
+    (root / "transforms.json").write_text(json.dumps({"frames": frames}))
+    for name in ("0", "1", "2"):
+        make.image(root / "example" / f"{name}.png", make.numbered(int(name)))
+
+
+def opencv_xml(path: Path, scale: float = 1.0) -> None:
+    import cv2
+
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("CameraMatrix", K)
+    storage.write("DistortionCoeffs", np.zeros((5, 1)))
+    storage.write("RotationValues", cv2.Rodrigues(POSE[:3, :3])[0])
+    storage.write("TranslationValues", POSE[:3, 3:] * scale)
+    storage.release()
+
+
+def video_per_folder(root: Path, make: SimpleNamespace) -> None:
+    room = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+    actor = room.copy()
+    actor[MASK > 0] = 250
+    for name in ("cam1", "cam2"):
+        make.video(root / name / "video.avi", [actor] * 3, codec="mpeg4", options={"q": "2"})
+        make.video(root / name / "background.avi", [room, room, actor, room, room], codec="mpeg4", options={"q": "2"})
+        make.video(root / name / "checkerboard.avi", [room] * 2, codec="mpeg4", options={"q": "2"})
+        opencv_xml(root / name / "config.xml")
+
+
+def actorshq(root: Path, make: SimpleNamespace) -> None:
+    import cv2
+
+    vector = cv2.Rodrigues(POSE[:3, :3].T)[0].ravel()
+    center = -POSE[:3, :3].T @ POSE[:3, 3]
+    rows = ["name,w,h,rx,ry,rz,tx,ty,tz,fx,fy,px,py"]
+    for name in ("Cam001", "Cam002"):
+        values = [*vector, *center, 90 / WIDTH, 91 / HEIGHT, 0.5, 0.5]
+        rows.append(",".join([name, str(WIDTH), str(HEIGHT), *map(repr, map(float, values))]))
+        for frame in range(2):
+            make.image(root / "rgbs" / name / f"{name}_rgb{frame:06d}.jpg", make.numbered(frame))
+            make.image(root / "masks" / name / f"{name}_mask{frame:06d}.png", MASK)
+    (root / "calibration.csv").write_text("\n".join(rows))
+
+
+def zju_mocap(root: Path, make: SimpleNamespace) -> None:
+    cameras: dict[str, list[object]] = {"K": [], "D": [], "R": [], "T": []}
+    for name in ("Camera_B1", "Camera_B2"):
+        for key, value in (("K", K), ("D", np.zeros((5, 1))), ("R", POSE[:3, :3]), ("T", POSE[:3, 3:] * 1000)):
+            cameras[key].append(value.tolist() if key == "R" else value)
+        for frame in range(2):
+            make.image(root / name / f"{frame:06d}.jpg", make.numbered(frame))
+            make.image(root / "mask_cihp" / name / f"{frame:06d}.png", MASK // 255 * 13)  # labels of body parts
+    frames = [{"ims": [f"{name}/{frame:06d}.jpg" for name in ("Camera_B1", "Camera_B2")]} for frame in range(2)]
+    np.save(root / "annots.npy", {"cams": cameras, "ims": np.array(frames, dtype=object).tolist()}, allow_pickle=True)
+
+
+def easymocap(root: Path, make: SimpleNamespace) -> None:
+    import cv2
+
+    for file, values in (("intri.yml", {"K": K, "dist": np.zeros((1, 5))}), ("extri.yml", {"R": None, "T": None})):
+        storage = cv2.FileStorage(str(root / file), cv2.FILE_STORAGE_WRITE)
+        storage.startWriteStruct("names", cv2.FileNode_SEQ)
+        for name in ("01", "02"):
+            storage.write("", name)
+        storage.endWriteStruct()
+        for name in ("01", "02"):
+            for key, value in values.items():
+                vector = cv2.Rodrigues(POSE[:3, :3])[0] if key == "R" else POSE[:3, 3:]
+                storage.write(f"{key}_{name}", value if value is not None else vector)
+        storage.release()
+    for name in ("01", "02"):
+        for frame in range(2):
+            make.image(root / "images" / name / f"{frame:06d}.jpg", make.numbered(frame))
+            make.image(root / "mask" / name / f"{frame:06d}.png", MASK)
+
+
+def n3dv(root: Path, make: SimpleNamespace) -> None:
+    right, down, forward = POSE[0, :3], POSE[1, :3], POSE[2, :3]
+    center = -POSE[:3, :3].T @ POSE[:3, 3]
+    matrix = np.column_stack([down, right, -forward, center, [HEIGHT, WIDTH, 90.5]])
+    np.save(root / "poses_bounds.npy", np.tile([*matrix.ravel(), 1.0, 9.0], (2, 1)))
+    for name in ("cam00", "cam01"):
+        make.video(root / f"{name}.mp4", [make.numbered(frame) for frame in range(3)])
+
+
+def thuman(root: Path, make: SimpleNamespace) -> None:
+    entry = {"K": K.tolist(), "R": POSE[:3, :3].ravel().tolist(), "T": POSE[:3, 3:].tolist()}
+    (root / "calibration.json").write_text(json.dumps({"cam00": entry, "cam01": entry}))
+    for name in ("cam00", "cam01"):
+        make.image(root / "images" / name / "00000000.jpg", make.numbered(0))
+        make.image(root / "masks" / name / "00000000.png", MASK)
+
+
+def nhr(root: Path, make: SimpleNamespace) -> None:
+    pose = np.linalg.inv(POSE)
+    line = " ".join(str(float(value)) for value in [*pose[:3, 2], *pose[:3, 0], *pose[:3, 1], *pose[:3, 3]])
+    (root / "CamPose.inf").write_text(f"{line}\n{line}\n")
+    rows = "\n".join(" ".join(map(str, row)) for row in K)
+    (root / "Intrinsic.inf").write_text(f"0\n{rows}\n\n1\n{rows}\n")
+    for frame in range(2):
+        for index in range(2):
+            make.image(root / "img" / str(frame) / f"img_{index:04d}.jpg", make.numbered(frame))
+            make.image(root / "img" / str(frame) / "mask" / f"img_{index:04d}.png", MASK)
+
+
+def pose2sim(root: Path, make: SimpleNamespace) -> None:
+    import cv2
+
+    vector = cv2.Rodrigues(POSE[:3, :3])[0].ravel().tolist()
+    text = ""
+    for name in ("cam01", "cam02"):
+        text += (
+            f"[{name}]\nname = '{name}'\nsize = [{WIDTH}.0, {HEIGHT}.0]\nmatrix = {K.tolist()}\n"
+            f"distortions = [0.0, 0.0, 0.0, 0.0]\nrotation = {vector}\ntranslation = {POSE[:3, 3].tolist()}\n"
+            "fisheye = false\n"
+        )
+        make.video(root / "videos" / f"{name}.mp4", [make.numbered(frame) for frame in range(2)])
+    (root / "calibration").mkdir()
+    (root / "calibration" / "Calib_scene.toml").write_text(text)
+
+
+def pku_dymvhumans(root: Path, make: SimpleNamespace) -> None:
+    pose = "\n".join(" ".join(map(str, row)) for row in POSE)
+    intrinsics = f"90.0 0.0 {WIDTH / 2}\n0.0 91.0 {HEIGHT / 2}\n0.0 0.0 1.0"
+    (root / "cams").mkdir()
+    for index in range(2):
+        (root / "cams" / f"{index:08d}_cam.txt").write_text(
+            f"extrinsic\n{pose}\n\nintrinsic\n{intrinsics}\n\n1 2 3 4\n"
+        )
+        for frame in range(2):
+            make.image(root / "per_view" / f"cam_{index}" / "images" / f"{frame:06d}.png", make.numbered(frame))
+            make.image(root / "per_view" / f"cam_{index}" / "pha" / f"{frame:06d}.png", MASK)
+
+
+def folder_per_frame(root: Path, make: SimpleNamespace) -> None:
+    cameras = [
+        {"name": name, "width": WIDTH, "height": HEIGHT, "K": [[90, 0, 48], [0, 91, 32], [0, 0, 1]],
+         "R": POSE[:3, :3].tolist(), "t": POSE[:3, 3].tolist()}
+        for name in ("left", "right")
+    ]  # fmt: skip
+    (root / "cameras.json").write_text(json.dumps({"cameras": cameras}))
+    for frame in range(2):
+        for name in ("left", "right"):
+            make.image(root / f"frame{frame:06d}" / f"{name}.png", make.numbered(frame))
+
+
+@pytest.mark.parametrize(
+    ("build", "pattern", "masks", "cameras"),
+    [
+        (hifi4g, "example/{camera}.png", "", ("0", "1", "2")),
+        (video_per_folder, "{camera}/video.avi", "{camera}/background.avi", ("cam1", "cam2")),
+        (actorshq, "rgbs/{camera}/{camera}_rgb{frame}.jpg", "masks/{camera}/{camera}_mask{frame}.png", None),
+        (zju_mocap, "{camera}/{frame}.jpg", "mask_cihp/{camera}/{frame}.png", ("Camera_B1", "Camera_B2")),
+        (easymocap, "images/{camera}/{frame}.jpg", "mask/{camera}/{frame}.png", ("01", "02")),
+        (n3dv, "{camera}.mp4", "", ("cam00", "cam01")),
+        (thuman, "images/{camera}/{frame}.jpg", "masks/{camera}/{frame}.png", ("cam00", "cam01")),
+        (nhr, "img/{frame}/img_{camera}.jpg", "img/{frame}/mask/img_{camera}.png", ("0000", "0001")),
+        (pose2sim, "videos/{camera}.mp4", "", ("cam01", "cam02")),
+        (pku_dymvhumans, "per_view/{camera}/images/{frame}.png", "per_view/{camera}/pha/{frame}.png", None),
+        (folder_per_frame, "frame{frame}/{camera}.png", "", ("left", "right")),
+    ],
+)
+@pytest.mark.parametrize("level", [0, 1])
+def test_data_sets_are_found_without_settings(
+    tmp_path: Path,
+    make: SimpleNamespace,
+    build: Make,
+    pattern: str,
+    masks: str,
+    cameras: tuple[str, ...] | None,
+    level: int,
+) -> None:
+    """Also if the capture's folder is set one level too high."""
+    inner = tmp_path / "take" if level else tmp_path
+    inner.mkdir(exist_ok=True)
+    build(inner, make)
+    settings = CaptureSettings(root=tmp_path, masks="auto" if masks else "none")
+    path = camera_file(settings)
+    assert path is not None
+    footage = open_footage(settings, read_rig(path))
+    prefix = "take/" if level else ""
+    assert f"'{prefix}{pattern}'" in footage.description
+    if cameras is not None:
+        assert footage.camera_names == cameras
+    for camera in footage.rig:
+        np.testing.assert_allclose(camera.world_to_camera, POSE, atol=1e-6)
+        np.testing.assert_allclose([camera.cx, camera.cy], [48, 32], atol=1e-6)
+        assert abs(camera.fx - 90) < 0.6
+        assert (camera.width, camera.height) == (WIDTH, HEIGHT)
+    if masks:
+        assert f"'{prefix}{masks}'" in footage.description
+        matte = footage.matte(footage.camera_names[0], footage.frames[0])
+        inside, outside = matte[24:36, 34:56], np.concatenate([matte[:14].ravel(), matte[46:].ravel()])
+        assert inside.min() > 250
+        assert outside.max() < 10
+
+
+def test_the_folder_of_images_itself_has_its_cameras_one_level_up(tmp_path: Path, make: SimpleNamespace) -> None:
+    hifi4g(tmp_path, make)
+    settings = CaptureSettings(root=tmp_path / "example", masks="none")
+    path = camera_file(settings)
+    assert path == tmp_path / "transforms.json"
+    assert open_footage(settings, read_rig(path)).camera_names == ("0", "1", "2")
+
+
+def test_containers_that_cannot_be_read_say_how_to_unpack_them(tmp_path: Path) -> None:
+    (tmp_path / "0012_11_main.smc").write_bytes(b"\x89HDF\r\n")
+    with refuses("footage.container", file=tmp_path / "0012_11_main.smc"):
+        open_footage(CaptureSettings(root=tmp_path))
+
+
+def test_a_file_of_one_camera_names_the_pattern(tmp_path: Path, make: SimpleNamespace) -> None:
+    video_per_folder(tmp_path, make)
+    with refuses("camera_file.one_camera", file=tmp_path / "cam1" / "config.xml", setting="capture.rig") as caught:
+        read_rig(tmp_path / "cam1" / "config.xml")
+    assert "'{camera}/config.xml'" in str(caught.value)
+    assert camera_file(CaptureSettings(root=tmp_path, rig="{camera}/config.xml")) == tmp_path / "{camera}/config.xml"
+    with refuses("settings.file_not_found"):
+        camera_file(CaptureSettings(root=tmp_path, rig="{camera}/other.xml"))
+    (tmp_path / "cam2" / "config.xml").write_text('<?xml version="1.0"?><opencv_storage><a>1</a></opencv_storage>')
+    with refuses("camera.missing_key", camera="cam2"):
+        read_rig(tmp_path / "{camera}/config.xml")
+
+
+def test_pickles_run_no_code(tmp_path: Path) -> None:
+    import os
+
+    class Evil:
+        def __reduce__(self) -> tuple[object, tuple[str]]:
+            return os.mkdir, (str(tmp_path / "made"),)
+
+    np.save(tmp_path / "annots.npy", np.array({"cams": Evil()}, dtype=object), allow_pickle=True)
+    with refuses("camera_file.syntax", file=tmp_path / "annots.npy"):
+        read_rig(tmp_path / "annots.npy")
+    assert not (tmp_path / "made").exists()
+
+
+def test_rows_without_their_video_are_refused(tmp_path: Path, make: SimpleNamespace) -> None:
+    n3dv(tmp_path, make)
+    (tmp_path / "cam01.mp4").unlink()
+    with refuses("camera_file.camera_count", value=2, setting="capture.rig"):
+        read_rig(tmp_path / "poses_bounds.npy")
+
+
+def test_numbers_match_names_only_if_unambiguous(make: SimpleNamespace) -> None:
+    from studio.capture import match_rig
+
+    rig = Rig((make.camera("00000000"), make.camera("00000007")))
+    assert match_rig(rig, ("cam_7", "cam_0"))["cam_7"].name == "cam_7"
+    with refuses("calibration.camera_missing"):
+        match_rig(rig, ("cam_7", "cam_8"))

@@ -1,0 +1,90 @@
+"""Every damaged file of a stream is found and named, whatever the stream is kept in."""
+
+from __future__ import annotations
+
+import pytest
+
+from pipelines.cli import execute
+from studio.stream import StreamReader, check_stream, write_ladder
+from studio.stream.write_archive import write_archive
+from tests.support.streams import bake_numbered
+
+
+@pytest.fixture
+def ladder(make_ladder, monkeypatch):
+    """Version 3: two renditions, and the second and third group in a page of the index."""
+    monkeypatch.setattr(write_ladder, "INLINE_BYTES", 1)
+    return make_ladder((2, 2, 1), splats=60)
+
+
+def flip(path, place=-5):
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+
+
+def checked(place):
+    with StreamReader.open(place) as reader:
+        return check_stream(reader)
+
+
+def test_a_stream_as_it_was_written_is_whole(ladder, tmp_path):
+    files = [path for path in ladder.rglob("*") if path.is_file()]
+    found = checked(ladder)
+    assert (found.files, found.damage) == (len(files), ())
+    assert found.bytes == sum(path.stat().st_size for path in files)
+    with StreamReader.open(ladder) as reader:
+        write_archive(reader, tmp_path / "one.v3s")
+    assert checked(tmp_path / "one.v3s") == found
+    assert checked(bake_numbered(tmp_path / "old", (2, 2), 25.0)).damage == ()
+
+
+def test_each_file_is_named_once_with_the_groups_that_need_it(ladder):
+    with StreamReader.open(ladder) as reader:
+        pages = {page.path for page in reader.index.manifest.pages}
+        users = {}
+        for number in range(3):
+            for file in reader.index.ladder(number).files:
+                users.setdefault(file.path, []).append(number)
+    for path, numbers in users.items():
+        flip(ladder / path)
+        (damage,) = checked(ladder).damage
+        assert (damage.file, damage.groups) == (path, tuple(numbers))
+        assert "SHA-256" in damage.problem
+        flip(ladder / path)
+    for path in pages:
+        flip(ladder / path)
+        (damage,) = checked(ladder).damage
+        assert damage.file == path
+        assert damage.groups
+        flip(ladder / path)
+
+
+def test_one_damaged_file_does_not_hide_another(ladder):
+    first, second, *_ = sorted(path for path in (ladder / "files").iterdir() if path.suffix == ".mp4")
+    first.unlink()
+    second.write_bytes(second.read_bytes()[:-1])
+    found = {damage.file: damage.problem for damage in checked(ladder).damage}
+    assert set(found) == {f"files/{first.name}", f"files/{second.name}"}
+    assert "missing" in found[f"files/{first.name}"]
+
+
+def test_the_command_checks_a_folder_a_file_and_refuses_to_remove(ladder, tmp_path, capsys):
+    with StreamReader.open(ladder) as reader:
+        write_archive(reader, tmp_path / "one.v3s")
+    assert execute(["check", str(ladder)]) == 0
+    assert execute(["check", str(tmp_path / "one.v3s")]) == 0
+    video = sorted(path for path in (ladder / "files").iterdir() if path.suffix == ".mp4")[0]
+    data = (tmp_path / "one.v3s").read_bytes()
+    place = data.index(video.read_bytes())
+    (tmp_path / "one.v3s").write_bytes(data[: place + 9] + bytes([data[place + 9] ^ 1]) + data[place + 10 :])
+    flip(video)
+    for place in (ladder, tmp_path / "one.v3s"):
+        capsys.readouterr()
+        assert execute(["check", str(place)]) == 1
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[0].startswith(f"files/{video.name} (group")
+        assert "1 damaged" in lines[1]
+    assert execute(["check", str(ladder), "--remove"]) == 1
+    assert video.exists()
+    assert "--remove" in capsys.readouterr().err
