@@ -212,7 +212,7 @@ def _fine_tune(
     stepper = Stepper(views, settings, generator)
     if settings.final_iterations:
         stepper.dropout = min(settings.dropout, settings.final_dropout)
-    refinement = Refinement(stepper, settings)
+    refinement = Refinement(stepper, settings, moved=True)
     coding = coding_of(settings.regularize, previous)
     before = coding.coded_values(previous).detach()
     quantizer = coding.quantizer(before)

@@ -7,6 +7,7 @@ one is wrong.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -60,32 +61,44 @@ class Refinement:
     Args:
         stepper: its views are replaced.
         settings: see `TrainSettings`.
+        moved: the splats come from another frame. If they are far from the mattes, it is they that are wrong.
 
     Attributes:
         refined: whether the mattes are refined; None before `begin`.
     """
 
-    def __init__(self, stepper: Stepper, settings: TrainSettings) -> None:
+    def __init__(self, stepper: Stepper, settings: TrainSettings, moved: bool = False) -> None:
         self._stepper, self._settings = stepper, settings
+        self._highest = settings.refine_moved_below if moved else math.inf
         self.refined: bool | None = None
         self._splats: Gaussians | None = None
         self._siting_shift = 0.0
 
     def begin(self, gaussians: Gaussians) -> None:
         """Decide whether the mattes need it, refine them, and set the weights of the steps that follow."""
-        views, settings = self._stepper.views, self._settings
-        never = settings.refine_mattes == "never"
-        drawn = [] if never else [drawn_matte(gaussians, view) for view in views]
-        self.refined = not never and (
-            settings.refine_mattes == "always" or disagreement(drawn, views) > settings.refine_above
-        )
-        self._siting_shift = chroma_shift(gaussians, views, settings.chroma_siting)
+        self._siting_shift = chroma_shift(gaussians, self._stepper.views, self._settings.chroma_siting)
+        drawn = self._drawn(gaussians)
+        self.refined = self._wants(drawn)
         self._set(gaussians, drawn)
 
     def refresh(self, gaussians: Gaussians) -> None:
-        """Draw the mattes again, after `begin`."""
+        """Draw the mattes again, after `begin`. Moved splats that were too far off may have come closer."""
+        drawn = self._drawn(gaussians)
+        if not self.refined and self._highest < math.inf:
+            self.refined = self._wants(drawn)
         if self.refined:
-            self._set(gaussians, [drawn_matte(gaussians, view) for view in self._stepper.views])
+            self._set(gaussians, drawn)
+
+    def _drawn(self, gaussians: Gaussians) -> list[Tensor]:
+        if self._settings.refine_mattes == "never":
+            return []
+        return [drawn_matte(gaussians, view) for view in self._stepper.views]
+
+    def _wants(self, drawn: list[Tensor]) -> bool:
+        settings = self._settings
+        if settings.refine_mattes != "auto":
+            return settings.refine_mattes == "always"
+        return settings.refine_above < disagreement(drawn, self._stepper.views) < self._highest
 
     def _set(self, gaussians: Gaussians, drawn: list[Tensor]) -> None:
         stepper, settings = self._stepper, self._settings

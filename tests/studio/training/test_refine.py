@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,7 +127,12 @@ def test_refined_mattes_are_closer_to_the_truth(plates: bool) -> None:
 def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians) -> None:
     views, exact = shadowed(plates=False)
     settings = SETTINGS.replace(
-        alpha_weight=1.0, motion_iterations=0, finetune_iterations=60, hash_levels=4, hash_log2_size=8
+        alpha_weight=1.0,
+        refine_moved_below=2.0,
+        motion_iterations=0,
+        finetune_iterations=60,
+        hash_levels=4,
+        hash_log2_size=8,
     )
 
     def error(which: TrainSettings) -> float:
@@ -149,6 +155,18 @@ def test_auto_keeps_exact_mattes_and_refines_others(trained: Gaussians) -> None:
         found = [view.matte for view in stepper.views]
         assert errors(found, exact) <= errors(mattes, exact)
         assert all(torch.equal(one, other) for one, other in zip(found, mattes, strict=True)) != refined
+
+
+def test_splats_that_were_moved_badly_do_not_replace_mattes(trained: Gaussians) -> None:
+    views, exact = shadowed(plates=True)
+    views = [view.with_matte(matte) for view, matte in zip(views, exact, strict=True)]
+    stepper = Stepper(views, SETTINGS, torch.Generator())
+    refinement = Refinement(stepper, SETTINGS.replace(refine_above=0.0, refine_moved_below=0.8), moved=True)
+    refinement.begin(replace(trained, means=trained.means + 0.1))
+    assert refinement.refined is False
+    assert stepper.views is views
+    refinement.refresh(trained)
+    assert refinement.refined is True, "once they are where the performer is, they do"
 
 
 def test_a_new_matte_changes_the_target_only_without_a_plate() -> None:
